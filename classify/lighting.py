@@ -1,0 +1,144 @@
+"""Where the lights stand. The project's only home for axes, tilt, slant and their signs.
+
+x points right, y up (against the row index), z towards the camera. Tilt is anticlockwise from +x,
+slant from the z axis. Gradients are p = dz/dx and q = dz/dy; as rows grow downwards, q = -dz/drow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import InputError
+
+__all__ = ["RING_TILTS_DEG", "Lighting", "light_vectors"]
+
+RING_TILTS_DEG = (0.0, 90.0, 180.0, 270.0)
+
+
+def light_vectors(tilts_deg: npt.ArrayLike, slants_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Unit vectors towards the lights, (N, 3): (cos t sin s, sin t sin s, cos s)."""
+    tilt, slant = np.broadcast_arrays(np.radians(tilts_deg), np.radians(slants_deg))
+    vectors = (np.cos(tilt) * np.sin(slant), np.sin(tilt) * np.sin(slant), np.cos(slant))
+    return np.stack(vectors, axis=-1).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """N distant lights: unit vectors from the surface towards them, and relative intensities.
+
+    Parameters
+    ----------
+    directions
+        (N, 3) vectors towards the lights; normalised here. All must be above the surface (z > 0).
+    intensities
+        (N,) relative intensities, 1 by default; an image is divided by its light's intensity.
+
+    Raises
+    ------
+    InputError
+        For another shape, a zero or non-finite vector, a light at or below the horizon, or an
+        intensity that is not positive.
+    """
+
+    directions: npt.NDArray[np.float64]
+    intensities: npt.NDArray[np.float64] = field(default=None)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        directions = np.array(self.directions, dtype=np.float64)
+        if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) == 0:
+            raise InputError(
+                f"light directions have shape {directions.shape}; give one (x, y, z) row per light"
+            )
+        lengths = np.linalg.norm(directions, axis=1)
+        if not np.isfinite(directions).all() or (lengths < 1e-9).any():
+            raise InputError("a light direction is zero or not finite; give (x, y, z) towards it")
+        directions /= lengths[:, None]
+        if (directions[:, 2] <= 1e-3).any():
+            low = int(np.argmin(directions[:, 2]))
+            raise InputError(
+                f"light {low} stands at or below the horizon (z = {directions[low, 2]:.3f}); "
+                "directions point from the surface to the light, z towards the camera"
+            )
+        given = np.ones(len(directions)) if self.intensities is None else self.intensities
+        intensities = np.array(given, dtype=np.float64)
+        if intensities.shape != (len(directions),):
+            raise InputError(
+                f"{intensities.size} light intensities for {len(directions)} lights; give one each"
+            )
+        if not np.isfinite(intensities).all() or (intensities <= 0).any():
+            raise InputError("light intensities must be positive numbers")
+        directions.flags.writeable = False
+        intensities.flags.writeable = False
+        object.__setattr__(self, "directions", directions)
+        object.__setattr__(self, "intensities", intensities)
+
+    @classmethod
+    def ring(cls, slant_deg: float = 45.0, tilts_deg: Sequence[float] = RING_TILTS_DEG) -> Lighting:
+        """A ring of lights at one slant; the four of PS4 unless other tilts are given.
+
+        Examples
+        --------
+        >>> Lighting.ring(slant_deg=45.0).tilts_deg.tolist()
+        [0.0, 90.0, 180.0, 270.0]
+        """
+        return cls.from_angles(tilts_deg, slant_deg)
+
+    @classmethod
+    def from_angles(
+        cls, tilts_deg: Sequence[float], slants_deg: float | Sequence[float]
+    ) -> Lighting:
+        """Lights at the given tilts and slants, both in degrees; slants within [0, 90)."""
+        slants = np.broadcast_to(np.asarray(slants_deg, dtype=np.float64), np.shape(tilts_deg))
+        if not ((slants >= 0) & (slants < 89.9)).all():
+            raise InputError(f"slant {slants_deg} is outside 0 to 89.9 degrees from the z axis")
+        return cls(light_vectors(tilts_deg, slants))
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Lighting)
+            and np.array_equal(self.directions, other.directions)
+            and np.array_equal(self.intensities, other.intensities)
+        )
+
+    @property
+    def tilts_deg(self) -> npt.NDArray[np.float64]:
+        """(N,) tilts in degrees, [0, 360), rounded to a billionth of a degree."""
+        x, y = self.directions[:, 0], self.directions[:, 1]
+        tilts: npt.NDArray[np.float64] = np.round(np.degrees(np.arctan2(y, x)), 9) % 360.0
+        return tilts
+
+    @property
+    def slants_deg(self) -> npt.NDArray[np.float64]:
+        """(N,) slants in degrees from the z axis, rounded to a billionth of a degree."""
+        across = np.hypot(self.directions[:, 0], self.directions[:, 1])
+        return np.round(np.degrees(np.arctan2(across, self.directions[:, 2])), 9)
+
+    @property
+    def matrix(self) -> npt.NDArray[np.float64]:
+        """(N, 3) matrix L with image = L (albedo * normal): directions times intensities."""
+        matrix: npt.NDArray[np.float64] = self.directions * self.intensities[:, None]
+        return matrix
+
+    def light_nearest_tilt(self, tilt_deg: float, within_deg: float = 30.0) -> int:
+        """Index of the light whose tilt is nearest to `tilt_deg`.
+
+        Raises
+        ------
+        InputError
+            If none stands within `within_deg` of it.
+        """
+        apart = np.abs((self.tilts_deg - tilt_deg + 180.0) % 360.0 - 180.0)
+        nearest = int(np.argmin(apart))
+        if apart[nearest] > within_deg:
+            raise InputError(
+                f"no light stands near tilt {tilt_deg:g}; the tilts are "
+                + ", ".join(f"{tilt:g}" for tilt in self.tilts_deg)
+            )
+        return nearest
