@@ -35,7 +35,7 @@ class Lighting:
     directions
         (N, 3) vectors towards the lights; normalised here. All must be above the surface (z > 0).
     intensities
-        (N,) relative intensities, 1 by default; an image is divided by its light's intensity.
+        (N,) relative intensities, all 1 if empty; an image is divided by its light's intensity.
 
     Raises
     ------
@@ -45,7 +45,7 @@ class Lighting:
     """
 
     directions: npt.NDArray[np.float64]
-    intensities: npt.NDArray[np.float64] = field(default=None)  # type: ignore[assignment]
+    intensities: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         directions = np.array(self.directions, dtype=np.float64)
@@ -63,8 +63,9 @@ class Lighting:
                 f"light {low} stands at or below the horizon (z = {directions[low, 2]:.3f}); "
                 "directions point from the surface to the light, z towards the camera"
             )
-        given = np.ones(len(directions)) if self.intensities is None else self.intensities
-        intensities = np.array(given, dtype=np.float64)
+        intensities = np.array(self.intensities, dtype=np.float64)
+        if intensities.size == 0:
+            intensities = np.ones(len(directions))
         if intensities.shape != (len(directions),):
             raise InputError(
                 f"{intensities.size} light intensities for {len(directions)} lights; give one each"
@@ -111,20 +112,13 @@ class Lighting:
     def tilts_deg(self) -> npt.NDArray[np.float64]:
         """(N,) tilts in degrees, [0, 360), rounded to a billionth of a degree."""
         x, y = self.directions[:, 0], self.directions[:, 1]
-        tilts: npt.NDArray[np.float64] = np.round(np.degrees(np.arctan2(y, x)), 9) % 360.0
-        return tilts
+        return _rounded(np.degrees(np.arctan2(y, x))) % 360.0
 
     @property
     def slants_deg(self) -> npt.NDArray[np.float64]:
         """(N,) slants in degrees from the z axis, rounded to a billionth of a degree."""
         across = np.hypot(self.directions[:, 0], self.directions[:, 1])
-        return np.round(np.degrees(np.arctan2(across, self.directions[:, 2])), 9)
-
-    @property
-    def matrix(self) -> npt.NDArray[np.float64]:
-        """(N, 3) matrix L with image = L (albedo * normal): directions times intensities."""
-        matrix: npt.NDArray[np.float64] = self.directions * self.intensities[:, None]
-        return matrix
+        return _rounded(np.degrees(np.arctan2(across, self.directions[:, 2])))
 
     def light_nearest_tilt(self, tilt_deg: float, within_deg: float = 30.0) -> int:
         """Index of the light whose tilt is nearest to `tilt_deg`.
@@ -142,3 +136,8 @@ class Lighting:
                 + ", ".join(f"{tilt:g}" for tilt in self.tilts_deg)
             )
         return nearest
+
+
+def _rounded(degrees: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    # Sines and cosines are exact to 1e-16, so that 90 comes back as 90 and not 90.00000000000001.
+    return np.asarray(np.round(degrees, 9), dtype=np.float64)

@@ -1,0 +1,117 @@
+"""The ``.ps4lib`` file: a zip of one JSON header and plain numpy arrays."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from .durable_file import durable_file
+from .errors import LibraryError
+from .scheme import Reference
+from .spectra import ANGLES, MAX_SEGMENT_PX, MIN_SEGMENT_PX, RADII
+
+__all__ = ["VERSION", "read", "write"]
+
+VERSION = 1
+_HEADER = "library.json"
+_ARRAY = "signatures.npy"
+_MAX_HEADER_BYTES = 64 * 2**20
+_MAX_ARRAY_BYTES = 4 * 2**30
+
+
+class _ReferenceHeader(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    label: str = Field(min_length=1)
+    orientation_deg: FiniteFloat
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    format: Literal["ps4lib"] = "ps4lib"
+    version: int = VERSION
+    segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
+    references: tuple[_ReferenceHeader, ...] = Field(min_length=1)
+
+
+def write(path: Path, references: Sequence[Reference], segment_px: int) -> None:
+    """Write a library to `path`, whole or not at all."""
+    header = _Header(
+        segment_px=segment_px,
+        references=tuple(
+            _ReferenceHeader(label=reference.label, orientation_deg=reference.orientation_deg)
+            for reference in references
+        ),
+    )
+    array = io.BytesIO()
+    signatures = np.stack([reference.signature for reference in references])
+    np.save(array, signatures.astype("<f4"), allow_pickle=False)
+    with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(_HEADER, header.model_dump_json(indent=1))
+        archive.writestr(_ARRAY, array.getvalue())
+
+
+def read(path: Path) -> tuple[tuple[Reference, ...], int]:
+    """References and segment side; every cause of failure is a `LibraryError` naming the file."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            header = _checked_header(_member(archive, path, _HEADER, _MAX_HEADER_BYTES), path)
+            content = _member(archive, path, _ARRAY, _MAX_ARRAY_BYTES)
+        signatures = np.load(io.BytesIO(content), allow_pickle=False)
+    except FileNotFoundError as error:
+        raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
+    except (zipfile.BadZipFile, OSError, ValueError, EOFError) as error:
+        raise LibraryError(f"{path}: not a readable library ({error}); train it again") from error
+    expected = (len(header.references), 2, RADII, ANGLES)
+    if signatures.shape != expected or signatures.dtype != np.float32:
+        raise LibraryError(
+            f"{path}: signatures are {signatures.shape} {signatures.dtype}, the header says "
+            f"{expected} float32; the file is damaged, train it again"
+        )
+    if not np.isfinite(signatures).all():
+        raise LibraryError(f"{path}: signatures hold NaN; the file is damaged, train it again")
+    references = tuple(
+        Reference(entry.label, learned, entry.orientation_deg)
+        for entry, learned in zip(header.references, signatures, strict=True)
+    )
+    return references, header.segment_px
+
+
+def _member(archive: zipfile.ZipFile, path: Path, name: str, limit: int) -> bytes:
+    try:
+        info = archive.getinfo(name)
+    except KeyError as error:
+        raise LibraryError(f"{path}: holds no {name}; this is not a ps4rig library") from error
+    if info.file_size > limit:
+        raise LibraryError(
+            f"{path}: {name} claims {info.file_size} bytes; more than {limit} is refused"
+        )
+    return archive.read(info)
+
+
+def _checked_header(content: bytes, path: Path) -> _Header:
+    try:
+        raw = json.loads(content)
+        version = raw["version"] if isinstance(raw, dict) else None
+        if isinstance(version, int) and version > VERSION:
+            raise LibraryError(
+                f"{path}: library version {version}, this program reads up to {VERSION}; "
+                "use a newer ps4rig or train it again"
+            )
+        return _Header.model_validate(raw)
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
+        raise LibraryError(
+            f"{path}: the header is not readable ({error}); train it again"
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise LibraryError(
+            f"{path}: header field {place}: {first['msg']}; train it again"
+        ) from error

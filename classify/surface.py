@@ -1,0 +1,73 @@
+"""What the solvers find out about a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["FloatMap", "SurfaceEstimate"]
+
+FloatMap = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceEstimate:
+    """Gradient field, albedo and the maps that say how far to trust them, each (H, W).
+
+    Attributes
+    ----------
+    p, q
+        float32 gradients dz/dx and dz/dy (y up); 0 where the pixel is not valid for lack of light.
+    albedo
+        float32, in units of the images (of full scale, where the solver was told it).
+    residual
+        float32 rms difference between the light images and the four-light (N-light) Lambertian
+        fit, in units of the albedo. Shadow, highlight, noise and wrong light order all raise it.
+    dropped
+        uint8 index of the light left out of the solution, 255 where all were used. Where several
+        lights were equally dark it is the first of those.
+    shadow_count
+        uint8 number of lights that give less than half of what this solution predicts: cast and
+        attached shadow together.
+    saturated
+        bool, true where any image reached full scale.
+    valid
+        bool, false where saturated and where the solution is no visible surface (facing away, or
+        without any light).
+    method
+        Name of the solver.
+    """
+
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
+    residual: FloatMap
+    dropped: npt.NDArray[np.uint8]
+    shadow_count: npt.NDArray[np.uint8]
+    saturated: npt.NDArray[np.bool_]
+    valid: npt.NDArray[np.bool_]
+    method: str
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.p.shape
+        return rows, columns
+
+    @property
+    def shadow_mask(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, true where at least one light is in shadow."""
+        mask: npt.NDArray[np.bool_] = self.shadow_count > 0
+        return mask
+
+    @property
+    def normals(self) -> FloatMap:
+        """(H, W, 3) float32 unit normals (x right, y up, z to the camera)."""
+        normals = np.empty((*self.shape, 3), dtype=np.float32)
+        inverse = 1.0 / np.sqrt(1.0 + self.p**2 + self.q**2)
+        normals[..., 0] = -self.p * inverse
+        normals[..., 1] = -self.q * inverse
+        normals[..., 2] = inverse
+        return normals
