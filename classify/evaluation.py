@@ -35,7 +35,7 @@ class OrientationError:
     """Median and 95th percentile of the orientation errors, degrees; None without any."""
 
     median: float | None
-    percentile_95: float | None
+    p95: float | None
 
     @classmethod
     def of(cls, trials: Sequence[Trial]) -> OrientationError:

@@ -1,0 +1,212 @@
+"""One captured set: the images of a surface under each light, and all that is known about them."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
+from classify.errors import InputError
+from rig import Placement
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "CameraRecord",
+    "CapturedSet",
+    "ControllerRecord",
+    "FrameRecord",
+    "ImageRecord",
+    "LightingRecord",
+    "SetMetadata",
+    "pixels_sha256",
+]
+
+SCHEMA_VERSION = 1
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LightingRecord(_Record):
+    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities."""
+
+    directions: tuple[Vector, ...] = Field(min_length=1)
+    intensities: tuple[FiniteFloat, ...]
+
+    @classmethod
+    def of(cls, lighting: Lighting) -> Self:
+        """The record of a `Lighting`."""
+        return cls(
+            directions=tuple((x, y, z) for x, y, z in lighting.directions.tolist()),
+            intensities=tuple(lighting.intensities.tolist()),
+        )
+
+    def to_lighting(self) -> Lighting:
+        """The `Lighting` of a record."""
+        return Lighting(np.array(self.directions), np.array(self.intensities))
+
+
+class FrameRecord(_Record):
+    """One frame that went into an image; times on the rig's monotonic clock."""
+
+    sequence: int
+    exposure_start_s: FiniteFloat
+    exposure_end_s: FiniteFloat
+
+
+class ImageRecord(_Record):
+    """Where an image comes from: frames under one light, or a file.
+
+    `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
+    `controller_time_us` say when the light was switched, on the rig's and the controller's clock.
+    `stale_frames` were older than that and thrown away, `lost_frames` are gaps in the sequence.
+    """
+
+    light: int | None
+    frames: tuple[FrameRecord, ...] = ()
+    led_acknowledged_s: FiniteFloat | None = None
+    controller_time_us: int | None = None
+    stale_frames: int = 0
+    corrupt_frames: int = 0
+    lost_frames: int = 0
+    source_file: str | None = None
+
+
+class CameraRecord(_Record):
+    """The camera as it was set, read back from it."""
+
+    kind: str
+    name: str
+    exposure_ms: FiniteFloat
+    frame_rate_hz: FiniteFloat
+    gain_e_per_dn: FiniteFloat | None
+    read_noise_dn: FiniteFloat | None
+    black_level_dn: FiniteFloat | None
+    controls: dict[str, Any] = Field(default_factory=dict)
+
+
+class ControllerRecord(_Record):
+    """The light controller that switched the LEDs."""
+
+    vendor: str
+    model: str
+    serial_number: str
+    firmware_version: str
+    protocol_version: int
+
+
+class SetMetadata(_Record):
+    """What a set's file says about its pixels.
+
+    `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
+    how far the part was turned, where that is known. `placement` is the simulated part.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    label: str | None
+    created_utc: str
+    simulated: bool
+    bit_depth: int = Field(ge=1, le=16)
+    full_scale: int = Field(ge=1, le=65535)
+    lighting: LightingRecord
+    images: tuple[ImageRecord, ...]
+    orientation_deg: FiniteFloat | None = None
+    placement: Placement | None = None
+    rig_name: str | None = None
+    settle_ms: FiniteFloat | None = None
+    camera: CameraRecord | None = None
+    controller: ControllerRecord | None = None
+    gamma: str = "linear"
+    calibration_ids: tuple[str, ...] = ()
+    software_version: str
+    pixels_sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class CapturedSet:
+    """The images of one surface under each light, with their ambient image and metadata.
+
+    Attributes
+    ----------
+    images
+        (N, H, W) uint16 in the order of the lighting, as they came from the camera.
+    ambient
+        (H, W) uint16 with all lights out, or None.
+    metadata
+        `SetMetadata`.
+    """
+
+    images: npt.NDArray[np.uint16]
+    ambient: npt.NDArray[np.uint16] | None
+    metadata: SetMetadata
+
+    def __post_init__(self) -> None:
+        lights = len(self.metadata.lighting.directions)
+        if self.images.ndim != 3 or self.images.dtype != np.uint16 or len(self.images) != lights:
+            raise InputError(
+                f"a set of {lights} lights needs ({lights}, rows, columns) uint16 images, "
+                f"not {self.images.shape} {self.images.dtype}"
+            )
+        if self.ambient is not None and (
+            self.ambient.shape != self.images.shape[1:] or self.ambient.dtype != np.uint16
+        ):
+            raise InputError(
+                f"the ambient image is {self.ambient.shape} {self.ambient.dtype}, the light "
+                f"images are {self.images.shape[1:]} uint16"
+            )
+
+    @property
+    def label(self) -> str | None:
+        """The class of the part, where it is known."""
+        return self.metadata.label
+
+    @property
+    def lighting(self) -> Lighting:
+        """The lights of the images."""
+        return self.metadata.lighting.to_lighting()
+
+    def solve(self, method: Method = "ps4") -> SurfaceEstimate:
+        """Gradients and albedo, ambient light subtracted; see `classify.photometric_stereo`."""
+        return photometric_stereo(
+            self.images,
+            self.lighting,
+            method,
+            ambient=self.ambient,
+            full_scale=self.metadata.full_scale,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write one ``.ome.tif``; whole or not at all."""
+        from . import set_file
+
+        set_file.write(self, Path(path))
+
+    @staticmethod
+    def load(path: str | Path) -> CapturedSet:
+        """Read an ``.ome.tif``.
+
+        Raises
+        ------
+        InputError
+            If it is missing, truncated, changed since it was written, no captured set, or of a
+            later version.
+        """
+        from . import set_file
+
+        return set_file.read(Path(path))
+
+
+def pixels_sha256(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint16] | None) -> str:
+    """SHA-256 of the pixels, light images then ambient, as little-endian 16-bit rows."""
+    digest = hashlib.sha256()
+    for plane in (*images, *(() if ambient is None else (ambient,))):
+        digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
+    return digest.hexdigest()

@@ -1,0 +1,68 @@
+"""How commands speak: results on stdout, progress and errors on stderr, one line an error."""
+
+from __future__ import annotations
+
+import functools
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NoReturn, ParamSpec, TypeVar
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from classify.errors import Ps4rigError
+
+__all__ = ["INTERRUPTED_STATUS", "out", "print_json", "progress", "reported"]
+
+INTERRUPTED_STATUS = 130
+
+P = ParamSpec("P")
+R = TypeVar("R")
+T = TypeVar("T")
+
+out = Console(highlight=False)
+
+
+def print_json(value: Any) -> None:
+    """`value` as JSON on stdout, for another program."""
+    print(json.dumps(value, indent=1, allow_nan=False))
+
+
+def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
+    """Pass on `items` with a bar on stderr, on a terminal only."""
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+        yield from bar.track(items, total=total, description=what)
+
+
+def reported(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn what a command raises into one line on stderr and an exit status."""
+
+    @functools.wraps(command)
+    def run(*arguments: P.args, **options: P.kwargs) -> R:
+        signal.signal(signal.SIGTERM, _terminate)
+        try:
+            return command(*arguments, **options)
+        except Ps4rigError as error:
+            print(f"ps4rig: {' '.join(str(error).split())}", file=sys.stderr)
+            raise typer.Exit(error.exit_status) from None
+        except KeyboardInterrupt:
+            print("ps4rig: interrupted", file=sys.stderr)
+            raise typer.Exit(INTERRUPTED_STATUS) from None
+
+    return run
+
+
+def _terminate(*_: object) -> NoReturn:
+    # As an exception, so that LEDs go out and temporary files go away on the way up.
+    raise KeyboardInterrupt

@@ -1,0 +1,56 @@
+"""The maps of a solved set as files: float32 TIFF for programs, PNG for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+
+from classify import SurfaceEstimate, integrate_gradients
+from classify.durable_file import durable_file
+from classify.errors import InputError
+
+from . import pictures
+
+__all__ = ["write_maps"]
+
+
+def write_maps(surface: SurfaceEstimate, folder: Path) -> list[Path]:
+    """Write p, q, albedo, normals, height and residual as TIFF, shadow and preview as PNG.
+
+    `height.tif` is relative: in pixels, zero mean, from the gradients alone.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+    maps = {
+        "p": surface.p,
+        "q": surface.q,
+        "albedo": surface.albedo,
+        "normals": surface.normals,
+        "height": integrate_gradients(surface.p, surface.q),
+        "residual": surface.residual,
+    }
+    written = [_write_tiff(folder / f"{name}.tif", values) for name, values in maps.items()]
+    sheet = pictures.contact_sheet(pictures.surface_pictures(surface))
+    for name, picture in (("shadow", pictures.shadow_map(surface)), ("preview", sheet)):
+        path = folder / f"{name}.png"
+        with durable_file(path) as temporary:
+            temporary.write_bytes(pictures.png_bytes(picture))
+        written.append(path)
+    return written
+
+
+def _write_tiff(path: Path, values: npt.NDArray[np.float32]) -> Path:
+    photometric = "rgb" if values.ndim == 3 else "minisblack"
+    with durable_file(path) as temporary:
+        tifffile.imwrite(temporary, values.astype(np.float32), photometric=photometric)
+    return path

@@ -1,0 +1,214 @@
+"""Commands that make and solve captured sets: capture, import, solve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from classify import METHODS, Lighting, Method
+from classify.errors import InputError
+from rig import ConfigError, Placement, Rig, RigConfig, load_config, open_rig, surface_names
+
+from .acquisition import capture_set
+from .captured_set import CapturedSet
+from .console import out, print_json, progress, reported
+from .image_import import Gamma, import_images
+from .light_list import load_light_list
+from .maps import write_maps
+from .set_file import SUFFIX
+
+__all__ = ["capture", "import_", "solve"]
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+SIMULATION = "With a simulated rig"
+
+
+@reported
+def capture(
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="File to write, NAME.ome.tif.")],
+    rig: Annotated[
+        str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
+    ] = "rig.toml",
+    label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
+    average: Annotated[int, typer.Option(min=1, max=1024, help="Frames per image.")] = 1,
+    count: Annotated[int, typer.Option(min=1, max=9999, help="Sets in a row.")] = 1,
+    surface: Annotated[
+        str | None,
+        typer.Option(
+            help=f"A material folder, or one of {', '.join(surface_names())}.",
+            rich_help_panel=SIMULATION,
+            metavar="NAME|DIR",
+        ),
+    ] = None,
+    rotate: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Degrees the surface is turned, anticlockwise. Give it again for more sets.",
+            rich_help_panel=SIMULATION,
+            metavar="DEG",
+        ),
+    ] = None,
+    slant: Annotated[
+        float | None,
+        typer.Option(help="Slant of the lights, degrees.", rich_help_panel=SIMULATION),
+    ] = None,
+    shift_px: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="Move the patch over the surface, right and up.", rich_help_panel=SIMULATION
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            help="Noise, and the realisation of a synthetic surface.", rich_help_panel=SIMULATION
+        ),
+    ] = None,
+    bits: Annotated[
+        int | None,
+        typer.Option(help="Depth of the camera: 8, 10, 12, 16.", rich_help_panel=SIMULATION),
+    ] = None,
+    size: Annotated[
+        int | None,
+        typer.Option(help="Side of the frame, pixels.", rich_help_panel=SIMULATION),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Take one captured set, or several: ambient image, then each LED in order."""
+    if not output.name.endswith(SUFFIX):
+        raise InputError(f"{output}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
+    changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}, "simulation": {}}
+    placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
+    turns_deg: list[float | None] = list(rotate) if rotate else [None]
+    config = RigConfig() if rig == "sim" else load_config(Path(rig))
+    placement = config.simulation.placement.model_dump()
+    placement.update({name: value for name, value in placed.items() if value is not None})
+    if turns_deg[0] is not None:
+        placement["rotate_deg"] = turns_deg[0]
+    changes["simulation"]["placement"] = placement
+    if slant is not None:
+        changes["lights"]["slant_deg"] = slant
+    if bits is not None:
+        changes["camera"]["bits"] = bits
+    if size is not None:
+        changes["camera"].update(width_px=size, height_px=size)
+    simulated_only = (*placed.values(), rotate, slant, bits, size)
+    if not config.is_simulated and any(value is not None for value in simulated_only):
+        raise ConfigError(f"{rig}: --surface, --rotate and the like are for a simulated rig")
+    paths = _numbered(output, len(turns_deg) * count)
+    with open_rig(config.with_changes(**changes)) as opened:
+        sets = _captured(opened, turns_deg, count, label, average)
+        for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
+            captured.save(path)
+            if not json:
+                note = " (simulated)" if captured.metadata.simulated else ""
+                out.print(f"{path}: {len(captured.images)} lights{note}", soft_wrap=True)
+    if json:
+        print_json([{"set": str(path), "simulated": config.is_simulated} for path in paths])
+
+
+def _captured(
+    rig: Rig, turns_deg: list[float | None], count: int, label: str | None, average: int
+) -> Iterator[CapturedSet]:
+    for turn_deg in turns_deg:
+        if turn_deg is not None and rig.simulation is not None:
+            placement = rig.simulation.placement.model_dump() | {"rotate_deg": turn_deg}
+            rig.simulation.place(Placement.model_validate(placement))
+        for _ in range(count):
+            yield capture_set(rig, label, average=average)
+
+
+def _numbered(output: Path, count: int) -> list[Path]:
+    if count == 1:
+        return [output]
+    stem = output.name.removesuffix(SUFFIX)
+    return [output.with_name(f"{stem}-{number:03d}{SUFFIX}") for number in range(1, count + 1)]
+
+
+@reported
+def import_(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IMG... OUT",
+            help="Photographs, one per light, then NAME.ome.tif to write. With --lights that "
+            "names its images, they may be left out.",
+        ),
+    ],
+    tilts: Annotated[
+        str, typer.Option(help="Tilt of the light of each image, degrees, with commas.")
+    ] = "0,90,180,270",
+    slant: Annotated[
+        float | None, typer.Option(help="Slant of all lights, degrees from the camera's axis.")
+    ] = None,
+    lights: Annotated[
+        Path | None, typer.Option(help="Light vectors instead of tilts: .json or RTI .lp.")
+    ] = None,
+    gamma: Annotated[
+        Gamma | None, typer.Option(help="How brightness is coded; needed for 8-bit JPEG.")
+    ] = None,
+    ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights out.")] = None,
+    label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
+    json: JsonOption = False,
+) -> None:
+    """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
+    *images, output = paths
+    if not output.name.endswith(SUFFIX):
+        raise InputError(f"{output}: the last argument is the file to write, NAME{SUFFIX}")
+    if lights is not None:
+        if slant is not None:
+            raise InputError("--lights gives the directions; leave out --slant")
+        light_list = load_light_list(lights)
+        images = images or light_list.image_paths()
+        lighting = light_list.lighting_for(images)
+    else:
+        if slant is None:
+            raise InputError("give --slant DEG of the lights, or --lights FILE")
+        lighting = Lighting.from_angles(_degrees(tilts), slant)
+    captured = import_images(images, lighting, gamma=gamma, ambient=ambient, label=label)
+    captured.save(output)
+    if json:
+        print_json({"set": str(output), "lights": len(images)})
+    else:
+        out.print(f"{output}: {len(images)} lights", soft_wrap=True)
+
+
+def _degrees(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--tilts {text}: give degrees with commas, as 0,90,180,270") from None
+
+
+@reported
+def solve(
+    captured_set: Annotated[Path, typer.Argument(metavar="SET", help="A captured set.")],
+    output: Annotated[Path, typer.Option("--out", help="Folder for the maps.", metavar="DIR")],
+    method: Annotated[
+        str, typer.Option(help=f"One of {', '.join(METHODS)}.", metavar="METHOD")
+    ] = "ps4",
+    json: JsonOption = False,
+) -> None:
+    """Write p, q, albedo, normals, relative height, shadow and residual of a set."""
+    if method not in METHODS:
+        raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
+    chosen: Method = method
+    captured = CapturedSet.load(captured_set)
+    surface = captured.solve(chosen)
+    written = write_maps(surface, output)
+    shares = {
+        "valid": float(surface.valid.mean()),
+        "saturated": float(surface.saturated.mean()),
+        "shadowed": float(surface.shadow_mask.mean()),
+    }
+    if json:
+        print_json({"set": str(captured_set), "files": [str(path) for path in written], **shares})
+    else:
+        out.print(f"{output}: {len(written)} files", soft_wrap=True)
+        out.print(
+            f"valid {shares['valid']:.1%}, saturated {shares['saturated']:.1%}, "
+            f"in shadow of a light {shares['shadowed']:.1%} of the pixels"
+        )

@@ -1,0 +1,38 @@
+"""The ground floor of the rig: the LED controller's firmware and the simulated device it runs in.
+
+`firmware` is the program of the real controller, one file for MicroPython and CPython.
+Everything else stands in for the hardware around it: `SimulatedBoard` (LEDs that rise and fall in
+time), `RealClock` and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay
+as one device), and `serve_pty`, `serve_unix`, `serve_tcp`, which give that device an address. A
+host opens the address and cannot tell that it is simulated.
+
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    with serve_pty(SimulatedController(board, clock)) as server:
+        ...  # open server.address as a serial port; ask `board` how much light an exposure saw
+
+The protocol is in README.md. `python -m firmware_sim` serves a device to type at.
+"""
+
+from .board import Board, SimulatedBoard
+from .clock import Clock, RealClock, VirtualClock
+from .controller import SimulatedController
+from .firmware import FIRMWARE_VERSION, PROTOCOL_VERSION, Firmware, crc8
+from .server import Server, serve_pty, serve_tcp, serve_unix
+
+__all__ = [
+    "FIRMWARE_VERSION",
+    "PROTOCOL_VERSION",
+    "Board",
+    "Clock",
+    "Firmware",
+    "RealClock",
+    "Server",
+    "SimulatedBoard",
+    "SimulatedController",
+    "VirtualClock",
+    "crc8",
+    "serve_pty",
+    "serve_tcp",
+    "serve_unix",
+]

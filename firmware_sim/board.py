@@ -1,0 +1,169 @@
+"""The board under the firmware: what the firmware asks of any, and the simulated one."""
+
+import math
+import threading
+from typing import Protocol
+
+from .clock import Clock
+from .led import Led
+
+__all__ = ["Board", "SimulatedBoard"]
+
+_OUTPUT_BYTES = 4096
+_CLOCK_ROUNDING_S = 1e-6
+
+
+class Board(Protocol):
+    """Pins, clock and serial line of the controller: all that the firmware knows."""
+
+    @property
+    def led_count(self) -> int:
+        """The number of LEDs, at least 1."""
+
+    @property
+    def serial_number(self) -> str:
+        """Printable ASCII without blanks and commas, as it stands in the identity."""
+
+    def micros(self) -> int:
+        """Microseconds since boot; a board whose counter wraps extends it."""
+
+    def read(self) -> bytes:
+        """What has arrived since the last call, b"" if nothing has; never waits."""
+
+    def write(self, data: bytes) -> None:
+        """Send to the host; never waits."""
+
+    def set_led(self, index: int, percent: int) -> int:
+        """Drive one LED at 0 to 100 percent; return the `micros` at which it changed."""
+
+
+class SimulatedBoard:
+    """A board of LEDs that rise and fall in time, with bytes in and out.
+
+    Thread-safe: the firmware may run in one thread while a camera asks for light in another.
+    All times but `micros` are on the clock's `now_s`.
+
+    Parameters
+    ----------
+    clock
+        Its time, real or virtual.
+    led_count, serial_number
+        What the firmware reports as model and serial number.
+    rise_ms, fall_ms
+        10 % to 90 % times of the LEDs' exponential approaches; 0 switches at once.
+
+    Raises
+    ------
+    ValueError
+        For no LED, a serial number that would break the protocol, or a time that is negative or
+        not finite.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        *,
+        led_count: int = 4,
+        serial_number: str = "SIM-0001",
+        rise_ms: float = 0.5,
+        fall_ms: float = 0.3,
+    ) -> None:
+        if led_count < 1:
+            raise ValueError(f"led_count is {led_count}; a board has at least 1 LED")
+        if not serial_number or not all("!" <= c <= "~" and c not in ',~"' for c in serial_number):
+            raise ValueError(
+                f"serial number {serial_number!r}: use printable ASCII without blank , ~ or quote"
+            )
+        for name, time_ms in (("rise_ms", rise_ms), ("fall_ms", fall_ms)):
+            if not (math.isfinite(time_ms) and time_ms >= 0):
+                raise ValueError(f"{name} is {time_ms}; give a time in milliseconds, 0 or more")
+        self.led_count = led_count
+        self.serial_number = serial_number
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._leds = [Led(rise_ms, fall_ms) for _ in range(led_count)]
+        self._booted_s = clock.now_s()
+        self._received = b""
+        self._sent = b""
+
+    # the firmware's side
+
+    def micros(self) -> int:
+        return self._micros_at(self._clock.now_s())
+
+    def read(self) -> bytes:
+        if not self._received:
+            return b""
+        with self._lock:
+            data, self._received = self._received, b""
+            return data
+
+    def write(self, data: bytes) -> None:
+        with self._lock:
+            # a host that never reads loses whole lines, not memory and not halves of lines
+            if len(self._sent) + len(data) <= _OUTPUT_BYTES:
+                self._sent += data
+
+    def set_led(self, index: int, percent: int) -> int:
+        with self._lock:
+            now_s = self._clock.now_s()
+            self._leds[index].drive(percent, now_s)
+            return self._micros_at(now_s)
+
+    # the world's side
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from the host arrive on the serial line."""
+        with self._lock:
+            self._received += data
+
+    def take_output(self) -> bytes:
+        """What the firmware has sent since the last call."""
+        with self._lock:
+            data, self._sent = self._sent, b""
+            return data
+
+    def reset(self) -> None:
+        """Power cycle: LEDs off, bytes under way lost, `micros` starts again at 0."""
+        with self._lock:
+            self._booted_s = self._clock.now_s()
+            for led in self._leds:
+                led.drive(0, self._booted_s)
+            self._received = self._sent = b""
+
+    def output(self, led: int, at_s: float) -> float:
+        """Relative optical output of an LED, 0 to 1, at a time that is not in the future."""
+        with self._lock:
+            self._refuse_future(at_s)
+            return self._leds[led].output(at_s)
+
+    def output_integral_s(self, led: int, start_s: float, end_s: float) -> float:
+        """Exact integral of an LED's relative output over an interval, in seconds of full output.
+
+        Parameters
+        ----------
+        led
+            Index of the LED, from 0.
+        start_s, end_s
+            The interval on the clock's `now_s`, such as an exposure.
+
+        Raises
+        ------
+        ValueError
+            For an interval that ends in the future or before its start, or that starts before
+            the switch history, of 65536 events per LED, does.
+        """
+        with self._lock:
+            if end_s < start_s:
+                raise ValueError(f"the interval ends at {end_s} s, before its start {start_s} s")
+            self._refuse_future(end_s)
+            return self._leds[led].output_integral_s(start_s, end_s)
+
+    def _micros_at(self, now_s: float) -> int:
+        # round: a virtual clock's whole microseconds must not be cut to the one before
+        return round((now_s - self._booted_s) * 1e6)
+
+    def _refuse_future(self, at_s: float) -> None:
+        now_s = self._clock.now_s()
+        if at_s > now_s + _CLOCK_ROUNDING_S:
+            raise ValueError(f"the light at {at_s:.6f} s is not known yet: it is {now_s:.6f} s")

@@ -1,0 +1,186 @@
+"""Where a host finds the simulated device: a pseudo-terminal or a listening socket.
+
+An endpoint hands out one file descriptor per host that connects; the server does the rest.
+"""
+
+import os
+import select
+import socket
+import termios
+import tty
+from pathlib import Path
+from typing import Protocol
+
+__all__ = ["Endpoint", "PtyEndpoint", "SocketEndpoint", "tcp_endpoint", "unix_endpoint"]
+
+
+class Endpoint(Protocol):
+    """One place to connect to, for one host at a time."""
+
+    @property
+    def address(self) -> str:
+        """What a host opens."""
+
+    @property
+    def listener_fd(self) -> int | None:
+        """Descriptor that becomes readable when a host knocks; None if it has to be asked."""
+
+    def accept(self) -> int | None:
+        """The non-blocking descriptor of a host that has connected; None if there is none."""
+
+    def refuse(self) -> None:
+        """Turn away a host that knocks while another is connected."""
+
+    def hang_up(self) -> None:
+        """The host of the last `accept` has gone; be ready for the next one."""
+
+    def close(self) -> None:
+        """Close everything and remove what was made in the file system."""
+
+
+class PtyEndpoint:
+    """A raw pseudo-terminal, optionally with a symbolic link to it.
+
+    Parameters
+    ----------
+    link
+        A path that does not exist yet.
+    """
+
+    listener_fd = None  # a pty does not announce that it has been opened
+
+    def __init__(self, link: Path | None = None) -> None:
+        self._master, slave = os.openpty()
+        self.address = os.ttyname(slave)
+        self._link = link
+        self._was_open = False
+        # with no slave descriptor left the master reports POLLHUP until a host opens one
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._make_ready()
+        if link is not None:
+            try:
+                link.symlink_to(self.address)
+            except OSError:
+                os.close(self._master)
+                raise
+
+    def accept(self) -> int | None:
+        if self._hung_up():
+            self._was_open = False
+            return None
+        if not self._was_open:
+            # seen for the first time: let the host finish its opening, at whose end pyserial
+            # throws away what has arrived
+            self._was_open = True
+            return None
+        return self._master
+
+    def refuse(self) -> None:
+        pass
+
+    def hang_up(self) -> None:
+        self._was_open = False
+        self._make_ready()
+
+    def close(self) -> None:
+        os.close(self._master)
+        link = self._link
+        if link is not None and link.is_symlink() and str(link.readlink()) == self.address:
+            link.unlink()
+
+    def _hung_up(self) -> bool:
+        poll = select.poll()
+        poll.register(self._master, select.POLLIN)
+        events = dict(poll.poll(0)).get(self._master, 0)
+        # input that a host left behind before it closed is still to be served
+        return bool(events & select.POLLHUP) and not events & select.POLLIN
+
+    def _make_ready(self) -> None:
+        # settings and unread replies outlive a host's visit: the next one must not find them
+        try:
+            slave = os.open(self.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        except OSError:
+            return  # the next host already has it, exclusively
+        try:
+            tty.setraw(slave, termios.TCSANOW)
+            termios.tcflush(slave, termios.TCIFLUSH)
+        finally:
+            os.close(slave)
+
+
+class SocketEndpoint:
+    """A listening socket.
+
+    Parameters
+    ----------
+    listener
+        Bound and listening.
+    address
+        How a host names it.
+    path
+        The socket's file, removed at the end.
+    """
+
+    def __init__(self, listener: socket.socket, address: str, path: Path | None = None) -> None:
+        listener.setblocking(False)
+        self.address = address
+        self.listener_fd = listener.fileno()
+        self._listener = listener
+        self._path = path
+        self._host: socket.socket | None = None
+
+    def accept(self) -> int | None:
+        self._host = self._next_host()
+        return None if self._host is None else self._host.fileno()
+
+    def refuse(self) -> None:
+        host = self._next_host()
+        if host is not None:
+            host.close()
+
+    def hang_up(self) -> None:
+        if self._host is not None:
+            self._host.close()
+            self._host = None
+
+    def close(self) -> None:
+        self.hang_up()
+        self._listener.close()
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def _next_host(self) -> socket.socket | None:
+        try:
+            host, _ = self._listener.accept()
+        except OSError:
+            return None  # nobody there, or gone again before it was let in
+        host.setblocking(False)
+        if host.family == socket.AF_INET:
+            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return host
+
+
+def unix_endpoint(path: Path) -> SocketEndpoint:
+    """A unix socket at a path that does not exist yet."""
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    _listen(listener, str(path))
+    return SocketEndpoint(listener, str(path), path)
+
+
+def tcp_endpoint(port: int) -> SocketEndpoint:
+    """A TCP port on 127.0.0.1, and nowhere else; 0 takes a free one."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    _listen(listener, ("127.0.0.1", port))
+    host, port = listener.getsockname()
+    return SocketEndpoint(listener, f"socket://{host}:{port}")
+
+
+def _listen(listener: socket.socket, where: str | tuple[str, int]) -> None:
+    try:
+        listener.bind(where)
+        listener.listen()
+    except (OSError, OverflowError):
+        listener.close()
+        raise

@@ -1,0 +1,172 @@
+"""``rig.toml``: what the rig consists of."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from classify import Lighting
+from classify.errors import InputError
+from classify.lighting import RING_TILTS_DEG
+
+from .errors import ConfigError
+
+__all__ = [
+    "CameraConfig",
+    "LightsConfig",
+    "Placement",
+    "RigConfig",
+    "SimulationConfig",
+    "load_config",
+]
+
+# As `lights.port`: the firmware runs here, on a pty.
+SIMULATED = "simulated"
+_MAX_TOML_BYTES = 1 << 20
+Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
+Pixels = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LightsConfig(_Section):
+    """The LED controller and where its LEDs stand.
+
+    `port` is a device (``/dev/ttyACM0``), a pyserial URL, or ``simulated``.
+    """
+
+    port: str = Field(default=SIMULATED, min_length=1)
+    baud: int = Field(default=115_200, ge=300, le=12_000_000)
+    tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
+    slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
+    settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
+    watchdog_ms: int = Field(default=5000, ge=100, le=60_000)
+
+    @property
+    def lighting(self) -> Lighting:
+        """The light directions."""
+        return Lighting.from_angles(self.tilts_deg, self.slant_deg)
+
+
+class CameraConfig(_Section):
+    """The camera and how it is set."""
+
+    kind: Literal["simulated"] = "simulated"
+    width_px: int = Field(default=512, ge=16, le=8192)
+    height_px: int = Field(default=512, ge=16, le=8192)
+    bits: Literal[8, 10, 12, 16] = 12
+    frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0)
+    exposure_ms: float = Field(default=20.0, gt=0.0, le=10_000.0)
+
+    @model_validator(mode="after")
+    def _exposure_fits(self) -> Self:
+        if self.exposure_ms > 1000.0 / self.frame_rate_hz:
+            raise ValueError(
+                f"exposure_ms = {self.exposure_ms:g} does not fit into a frame at "
+                f"{self.frame_rate_hz:g} Hz; lower one of them"
+            )
+        return self
+
+
+class Placement(_Section):
+    """Which part lies under the simulated camera, and how.
+
+    `surface` is rock, sand, malv, ogil, a bundled material or a material folder. The patch's
+    centre is moved by `shift_px` (x right, y up) over the periodic surface, then the surface is
+    turned anticlockwise by `rotate_deg` about that centre. `seed` chooses the noise, and for the
+    four synthetic surfaces their realisation.
+    """
+
+    surface: str = "rock"
+    rotate_deg: Degrees = 0.0
+    shift_px: tuple[Pixels, Pixels] = (0.0, 0.0)
+    seed: int = Field(default=1, ge=0, lt=2**63)
+
+
+class SimulationConfig(_Section):
+    """What only a simulated rig has.
+
+    `clock` is ``virtual`` (a set takes milliseconds) or ``real`` (it takes what frames take).
+    `ambient` is the light that no LED makes, as a fraction of one LED at full level.
+    """
+
+    clock: Literal["virtual", "real"] = "virtual"
+    ambient: float = Field(default=0.02, ge=0.0, le=1.0)
+    led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
+    led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
+    placement: Placement = Placement()
+
+
+class RigConfig(_Section):
+    """A whole rig. ``RigConfig()`` is the simulated one."""
+
+    name: str = Field(default="simulated rig", min_length=1, max_length=200)
+    lights: LightsConfig = LightsConfig()
+    camera: CameraConfig = CameraConfig()
+    simulation: SimulationConfig = SimulationConfig()
+
+    @model_validator(mode="after")
+    def _watchdog_waits_for_frames(self) -> Self:
+        period_ms = 1000.0 / self.camera.frame_rate_hz
+        needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms
+        if self.lights.watchdog_ms < needed_ms:
+            raise ValueError(
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would put the LEDs out while a "
+                f"frame is awaited; at this frame rate it must be at least {needed_ms:.0f}"
+            )
+        return self
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether its lights, and so all it shows, are simulated."""
+        return self.lights.port == SIMULATED
+
+    def with_changes(self, **sections: dict[str, Any]) -> RigConfig:
+        """A copy with some fields of some sections replaced, validated as a whole.
+
+        Raises
+        ------
+        ConfigError
+            If the result is not a valid configuration.
+        """
+        values = self.model_dump()
+        for section, changes in sections.items():
+            values[section] = {**values[section], **changes}
+        return _validated(values, "rig configuration")
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read a ``rig.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, not TOML, has an unknown key or a value out of range.
+    """
+    try:
+        if path.stat().st_size > _MAX_TOML_BYTES:
+            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes; not a rig.toml")
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: no such rig configuration (or use --rig sim)") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    return _validated(values, str(path))
+
+
+def _validated(values: dict[str, Any], source: str) -> RigConfig:
+    try:
+        return RigConfig.model_validate(values)
+    except InputError as error:
+        raise ConfigError(f"{source}: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = ".".join(map(str, first["loc"])) or "the whole"
+        raise ConfigError(f"{source}: {field}: {first['msg']}") from error

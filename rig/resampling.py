@@ -1,0 +1,150 @@
+"""Reading a periodic surface between its pixels: cubic B-splines at twice the resolution.
+
+Turning a surface for a test of orientation must not change its texture, and linear or cubic
+interpolation of the pixels does (SCIENCE section 3, after Kylberg and Sintorn 2016). The tile is
+periodic, so both steps before the reading are exact and are done by the Fourier transform:
+doubling the resolution, and the B-spline prefilter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+__all__ = ["sample_turned", "spline_coefficients"]
+
+FloatArray = npt.NDArray[np.float32]
+
+
+def spline_coefficients(channels: FloatArray) -> FloatArray:
+    """Cubic B-spline coefficients of periodic images on a grid of twice the resolution.
+
+    Parameters
+    ----------
+    channels
+        (C, H, W) float32, each image one period.
+
+    Returns
+    -------
+    (2H, 2W, C) float32, channels innermost because they are read together. The spline passes
+    through the pixels exactly; between them it is within 0.6 % rms of the band-limited image at
+    0.4 cycles/px and within 0.01 % at 0.15.
+    """
+    count, rows, cols = channels.shape
+    # The B-spline's samples (1/6, 4/6, 1/6) have the transform (4 + 2 cos w) / 6; the
+    # factor 4 keeps the values as they are when the inverse transform has 4 times the points.
+    gain_rows = 2.0 * 6.0 / (4.0 + 2.0 * np.cos(2.0 * np.pi * fft.fftfreq(2 * rows)))
+    gain_cols = 2.0 * 6.0 / (4.0 + 2.0 * np.cos(2.0 * np.pi * fft.rfftfreq(2 * cols)))
+    coefficients = np.empty((2 * rows, 2 * cols, count), np.float32)
+    for index, channel in enumerate(channels):
+        padded = _zero_padded(fft.rfft2(channel, workers=-1), rows, cols)
+        padded *= gain_rows[:, None].astype(np.float32)
+        padded *= gain_cols[None, :].astype(np.float32)
+        coefficients[:, :, index] = fft.irfft2(
+            padded, s=(2 * rows, 2 * cols), workers=-1, overwrite_x=True
+        )
+    return coefficients
+
+
+def _zero_padded(
+    spectrum: npt.NDArray[np.complexfloating], rows: int, cols: int
+) -> npt.NDArray[np.complexfloating]:
+    """The half spectrum (rows, cols // 2 + 1) on the grid of a doubled image.
+
+    The Nyquist term of an even side stands for both signs of that frequency, and on the doubled
+    grid these are two places: half goes to each. (Along the columns the second half is the
+    conjugate that a half spectrum implies.)
+    """
+    padded = np.zeros((2 * rows, cols + 1), spectrum.dtype)
+    width = cols // 2 + 1
+    below = (rows + 1) // 2
+    padded[:below, :width] = spectrum[:below]
+    padded[2 * rows - (rows - below) :, :width] = spectrum[below:]
+    if rows % 2 == 0:
+        padded[2 * rows - rows // 2, :width] *= 0.5
+        padded[rows // 2, :width] = padded[2 * rows - rows // 2, :width]
+    if cols % 2 == 0:
+        padded[:, cols // 2] *= 0.5
+    return padded
+
+
+def sample_turned(
+    coefficients: FloatArray, centre_row: float, centre_col: float, turn_deg: float, side_px: int
+) -> FloatArray:
+    """A square of pixels, turned anticlockwise by `turn_deg`, from the coefficients of a tile.
+
+    Parameters
+    ----------
+    coefficients
+        (2H, 2W, C) float32 from `spline_coefficients`.
+    centre_row, centre_col
+        Where on the tile, in its pixels, the centre of the square lies. Periodic.
+    turn_deg
+        What is drawn on the tile along +x appears at this angle, anticlockwise, in the square.
+    side_px
+        Side of the square in pixels, of the tile's own size.
+
+    Returns
+    -------
+    (C, side_px, side_px) float32.
+    """
+    fine_rows, fine_cols, _ = coefficients.shape
+    turn = math.radians(turn_deg)
+    return np.asarray(
+        _sample(
+            coefficients,
+            math.fmod(2.0 * centre_row, fine_rows),
+            math.fmod(2.0 * centre_col, fine_cols),
+            2.0 * math.cos(turn),
+            2.0 * math.sin(turn),
+            side_px,
+        )
+    )
+
+
+@numba.njit(inline="always")
+def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """The cubic B-spline at the distances 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
+    s = 1.0 - t
+    first = s * s * s / 6.0
+    second = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
+    third = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
+    return np.float32(first), np.float32(second), np.float32(third), np.float32(t * t * t / 6.0)
+
+
+@numba.njit(parallel=True, cache=True, fastmath=True)
+def _sample(
+    coefficients: FloatArray, row0: float, col0: float, cos: float, sin: float, side: int
+) -> FloatArray:
+    """`sample_turned` on the fine grid: `row0`, `col0`, `cos` and `sin` in fine pixels."""
+    fine_rows, fine_cols, count = coefficients.shape
+    out = np.empty((count, side, side), np.float32)
+    half = 0.5 * (side - 1)
+    for r in numba.prange(side):
+        y = half - r
+        cols = np.empty(4, np.int64)
+        sums = np.empty(count, np.float32)
+        for c in range(side):
+            x = c - half
+            row = row0 + sin * x - cos * y  # rows run down: minus y
+            col = col0 + cos * x + sin * y
+            row_floor = math.floor(row)
+            col_floor = math.floor(col)
+            row_weights = _cubic_weights(row - row_floor)
+            col_weights = _cubic_weights(col - col_floor)
+            for j in range(4):
+                cols[j] = (int(col_floor) - 1 + j) % fine_cols
+            sums[:] = 0.0
+            for i in range(4):
+                line = coefficients[(int(row_floor) - 1 + i) % fine_rows]
+                for j in range(4):
+                    weight = row_weights[i] * col_weights[j]
+                    for k in range(count):
+                        sums[k] += weight * line[cols[j], k]
+            for k in range(count):
+                out[k, r, c] = sums[k]
+    return out

@@ -1,0 +1,114 @@
+"""A rig that is ready: lights, camera and one clock for both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from classify import Lighting
+from firmware_sim import Clock, RealClock
+
+from .camera import Camera
+from .config import RigConfig, load_config
+from .errors import ConfigError
+from .lights import LightController
+from .simulation import Simulation
+
+__all__ = ["Rig", "open_rig"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """An open rig. Closing it, also by leaving a `with` block in any way, puts the LEDs out.
+
+    Attributes
+    ----------
+    config, lighting
+        What it was opened with.
+    clock
+        The clock of frames and acknowledges.
+    lights, camera
+        The drivers.
+    simulation
+        The part below the drivers, None on a real rig.
+    """
+
+    config: RigConfig
+    clock: Clock
+    lights: LightController
+    camera: Camera
+    simulation: Simulation | None
+    lighting: Lighting = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lighting", self.config.lights.lighting)
+
+    def close(self) -> None:
+        """Put the LEDs out and release everything; a second call does nothing."""
+        self.lights.close()
+        self.camera.close()
+        if self.simulation is not None:
+            self.simulation.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def open_rig(rig: str | Path | RigConfig) -> Rig:
+    """Open a rig: ``"sim"`` for the simulated one, the path of a ``rig.toml``, or a `RigConfig`.
+
+    Raises
+    ------
+    ConfigError
+        If the configuration cannot be used.
+    HardwareError
+        If the light controller or the camera cannot be opened.
+
+    Examples
+    --------
+    >>> with open_rig("sim") as rig:
+    ...     switch = rig.lights.select(2)
+    ...     frame = rig.camera.read(timeout_s=1.0)
+    >>> switch.led, frame.bit_depth
+    (2, 12)
+    """
+    if isinstance(rig, RigConfig):
+        config = rig
+    else:
+        config = RigConfig() if rig == "sim" else load_config(Path(rig))
+    simulation = Simulation(config) if config.is_simulated else None
+    try:
+        port = config.lights.port if simulation is None else simulation.port
+        clock = RealClock() if simulation is None else simulation.clock
+        lights = LightController(
+            port, clock=clock, baud=config.lights.baud, watchdog_ms=config.lights.watchdog_ms
+        )
+        try:
+            if lights.led_count < len(config.lights.tilts_deg):
+                raise ConfigError(
+                    f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
+                    f"at {port} has {lights.led_count}"
+                )
+            if simulation is None:
+                raise ConfigError(
+                    f"camera.kind = 'simulated' cannot see the LEDs at {port}; a simulated camera "
+                    "needs lights.port = 'simulated'"
+                )
+            return Rig(config, clock, lights, simulation.camera, simulation)
+        except BaseException:
+            lights.close()
+            raise
+    except BaseException:
+        if simulation is not None:
+            simulation.close()
+        raise

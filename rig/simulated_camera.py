@@ -1,0 +1,141 @@
+"""A camera above a simulated scene, with the timing and the stale buffers of a real driver."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware_sim import Clock, SimulatedBoard
+
+from .camera import CameraInfo, Frame
+from .errors import CameraError
+from .scene import SceneImages
+from .sensor import SensorModel
+
+__all__ = ["SimulatedCamera"]
+
+# From the end of an exposure to the frame in the driver's queue: readout and transfer.
+_TRANSFER_S = 0.004
+# A clock that slept until a frame was ready may stand a hair before it.
+_ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True)
+class _Exposed:
+    """A filled buffer. Its pixels are made when somebody asks for them."""
+
+    sequence: int
+    start_s: float
+    scene: SceneImages
+
+
+class SimulatedCamera:
+    """Free-running camera with a global shutter.
+
+    Every frame period an exposure begins. If one of the driver's buffers is free the frame goes
+    there, otherwise it is lost and only its sequence number is missed: a program that comes late
+    finds the OLDEST frames first, as with V4L2. The light of a frame is the integral over its
+    exposure of what each LED really put out, so it may hold two LEDs, or the one before.
+    """
+
+    def __init__(
+        self,
+        board: SimulatedBoard,
+        clock: Clock,
+        scene: SceneImages,
+        sensor: SensorModel,
+        *,
+        frame_period_s: float,
+        exposure_s: float,
+        seed: int,
+        buffers: int = 4,
+    ) -> None:
+        self._board = board
+        self._clock = clock
+        self._scene = scene
+        self._sensor = sensor
+        self._seed = seed
+        self._period_s = frame_period_s
+        self._exposure_s = exposure_s
+        self._buffers = buffers
+        self._queue: deque[_Exposed] = deque()
+        self._started_s = clock.now_s()
+        self._next_sequence = 0
+        self._open = True
+
+    @property
+    def info(self) -> CameraInfo:
+        """What holds for every frame."""
+        rows, columns = self._scene.ambient.shape
+        return CameraInfo(
+            kind="simulated",
+            name="simulated camera",
+            width_px=columns,
+            height_px=rows,
+            bit_depth=self._sensor.bit_depth,
+            frame_period_s=self._period_s,
+            exposure_s=self._exposure_s,
+            queue_length=self._buffers,
+            gain_e_per_dn=self._sensor.gain_e_per_dn,
+            read_noise_dn=self._sensor.read_noise_dn,
+            black_level_dn=self._sensor.black_level_dn,
+        )
+
+    def look_at(self, scene: SceneImages, seed: int) -> None:
+        """Exchange the part below the camera. Frames already in the queue show the old one."""
+        self._fill_buffers(self._clock.now_s())
+        self._scene = scene
+        self._seed = seed
+
+    def read(self, timeout_s: float) -> Frame:
+        """The oldest frame in the queue, or the next one to come."""
+        if not self._open:
+            raise CameraError("the camera is closed")
+        now_s = self._clock.now_s()
+        self._fill_buffers(now_s)
+        if not self._queue:
+            ready_s = self._start_s(self._next_sequence) + self._exposure_s + _TRANSFER_S
+            if ready_s - now_s > timeout_s:
+                self._clock.sleep_s(timeout_s)
+                raise CameraError(f"no frame from the camera in {timeout_s:g} s")
+            self._clock.sleep_s(ready_s - now_s)
+            self._fill_buffers(self._clock.now_s())
+        return self._developed(self._queue.popleft())
+
+    def close(self) -> None:
+        """Stop streaming; a second call does nothing."""
+        self._open = False
+        self._queue.clear()
+
+    def _start_s(self, sequence: int) -> float:
+        return self._started_s + sequence * self._period_s
+
+    def _fill_buffers(self, now_s: float) -> None:
+        """Bring the queue to where the driver's would be at `now_s`."""
+        since_s = now_s - self._started_s - self._exposure_s - _TRANSFER_S + _ROUNDING_S
+        finished = math.floor(since_s / self._period_s)
+        while self._next_sequence <= finished and len(self._queue) < self._buffers:
+            start_s = self._start_s(self._next_sequence)
+            self._queue.append(_Exposed(self._next_sequence, start_s, self._scene))
+            self._next_sequence += 1
+        # No free buffer: what was exposed meanwhile is lost.
+        self._next_sequence = max(self._next_sequence, finished + 1)
+
+    def _developed(self, exposed: _Exposed) -> Frame:
+        end_s = exposed.start_s + self._exposure_s
+        light_ms = exposed.scene.ambient * np.float32(1e3 * self._exposure_s)
+        for led, image in enumerate(exposed.scene.lights):
+            lit_ms = 1e3 * self._board.output_integral_s(led, exposed.start_s, end_s)
+            if lit_ms > 0.0:
+                light_ms += image * np.float32(lit_ms)
+        rng = np.random.default_rng((self._seed, exposed.sequence))
+        return Frame(
+            pixels=self._sensor.expose(light_ms, rng),
+            bit_depth=self._sensor.bit_depth,
+            exposure_start_s=exposed.start_s,
+            exposure_end_s=end_s,
+            sequence=exposed.sequence,
+        )

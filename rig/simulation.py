@@ -1,0 +1,132 @@
+"""The simulated rig below the drivers: firmware on a pty, LEDs, a part, a camera above it."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from classify.errors import InputError
+from firmware_sim import (
+    Clock,
+    RealClock,
+    SimulatedBoard,
+    SimulatedController,
+    VirtualClock,
+    serve_pty,
+)
+
+from .config import Placement, RigConfig
+from .material_folder import bundled_materials, load_material
+from .scene import SceneImages, render_frame
+from .sensor import SensorModel
+from .simulated_camera import SimulatedCamera
+from .surfaces import PeriodicSurface
+from .synthetic import SYNTHETIC_NAMES, synthetic_surface, tile_side_px
+
+__all__ = ["Simulation", "surface_names"]
+
+
+def surface_names() -> tuple[str, ...]:
+    """The surfaces that need no folder: the synthetic ones, then the bundled materials."""
+    return (*SYNTHETIC_NAMES, *bundled_materials())
+
+
+class Simulation:
+    """Everything of a simulated rig that is hardware in a real one.
+
+    `port` is where the light controller's firmware answers, `camera` looks at the part that
+    `place` put there, `board` knows what the LEDs really do.
+    """
+
+    def __init__(self, config: RigConfig) -> None:
+        self._config = config
+        self._surface: tuple[tuple[object, ...], PeriodicSurface] | None = None
+        virtual = config.simulation.clock == "virtual"
+        self.clock: Clock = VirtualClock() if virtual else RealClock()
+        self.placement = config.simulation.placement
+        scene = self._rendered(self.placement)
+        self.board = SimulatedBoard(
+            self.clock,
+            led_count=len(config.lights.tilts_deg),
+            rise_ms=config.simulation.led_rise_ms,
+            fall_ms=config.simulation.led_fall_ms,
+        )
+        self._server = serve_pty(SimulatedController(self.board, self.clock))
+        self.port = self._server.address
+        self.camera = SimulatedCamera(
+            self.board,
+            self.clock,
+            scene,
+            SensorModel(bit_depth=config.camera.bits),
+            frame_period_s=1.0 / config.camera.frame_rate_hz,
+            exposure_s=config.camera.exposure_ms / 1000.0,
+            seed=self.placement.seed,
+        )
+
+    def place(self, placement: Placement) -> None:
+        """Lay another part, or the same one turned, below the camera.
+
+        Raises
+        ------
+        InputError
+            If the surface is neither a name nor a readable material folder.
+        """
+        self.camera.look_at(self._rendered(placement), placement.seed)
+        self.placement = placement
+
+    def unplug_lights(self) -> None:
+        """Pull the controller's cable: its LEDs go out, the port is gone."""
+        self._server.stop()
+
+    def close(self) -> None:
+        """Stop the firmware and the camera."""
+        self.camera.close()
+        self._server.stop()
+
+    def _rendered(self, placement: Placement) -> SceneImages:
+        camera = self._config.camera
+        size_px = max(camera.width_px, camera.height_px)
+        scene = render_frame(
+            self._surface_of(placement, size_px),
+            self._config.lights.lighting,
+            size_px,
+            placement.rotate_deg,
+            placement.shift_px,
+            self._config.simulation.ambient,
+        )
+        return _cropped(scene, camera.height_px, camera.width_px)
+
+    def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
+        name = placement.surface
+        key: tuple[object, ...] = (name,)
+        if name in SYNTHETIC_NAMES:
+            key = (name, placement.seed, size_px)
+        # The last one is kept, because a surface is mostly captured in many orientations.
+        if self._surface is None or self._surface[0] != key:
+            self._surface = (key, _load(name, placement.seed, size_px))
+        return self._surface[1]
+
+
+def _cropped(scene: SceneImages, height_px: int, width_px: int) -> SceneImages:
+    """The middle of a square scene."""
+    rows, columns = scene.ambient.shape
+    top, left = (rows - height_px) // 2, (columns - width_px) // 2
+    cut = np.s_[..., top : top + height_px, left : left + width_px]
+    return SceneImages(**{field.name: getattr(scene, field.name)[cut] for field in fields(scene)})
+
+
+def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
+    if name in SYNTHETIC_NAMES:
+        return synthetic_surface(name, seed, tile_side_px(size_px))
+    bundled = bundled_materials()
+    if name in bundled:
+        return load_material(bundled[name])
+    folder = Path(name)
+    if not folder.is_dir():
+        raise InputError(
+            f"surface {name!r} is neither a material folder nor one of "
+            + ", ".join(surface_names())
+        )
+    return load_material(folder)

@@ -1,0 +1,262 @@
+"""Surfaces for the simulated camera: a periodic relief with albedo, shifted and turned at will."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from classify.errors import InputError
+
+from .resampling import sample_turned, spline_coefficients
+
+__all__ = [
+    "MAX_SIDE_PX",
+    "PeriodicSurface",
+    "SurfacePatch",
+    "integrate_gradients",
+    "rms_slope",
+    "round_band_limit",
+    "spectral_gradients",
+]
+
+FloatImage = npt.NDArray[np.float32]
+
+MAX_SIDE_PX = 8192
+"""The largest side of a frame or a tile; beyond it memory, not the camera, is simulated."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePatch:
+    """A piece of surface as the camera has it before it, one surface pixel per camera pixel.
+
+    Parameters
+    ----------
+    height
+        (H, W) float32, pixels, towards the camera.
+    p, q
+        (H, W) float32, dz/dx and dz/dy with y up.
+    albedo
+        (H, W) float32, 1.0 is white.
+    """
+
+    height: FloatImage
+    p: FloatImage
+    q: FloatImage
+    albedo: FloatImage
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicSurface:
+    """One period of a surface that repeats in both directions.
+
+    The gradients are given beside the height because a normal map is often the better of the
+    two: shading uses the gradients, cast shadows the height.
+
+    Parameters
+    ----------
+    height
+        (H, W) one period, pixels, towards the camera.
+    p, q
+        (H, W) dz/dx and dz/dy with y up (rows run down: q = -dz/drow).
+    albedo
+        (H, W) 1.0 is white; not negative.
+    name
+        What the surface is called in messages and labels.
+
+    Raises
+    ------
+    InputError
+        For shapes that differ, sides outside 2 to `MAX_SIDE_PX`, values that are not finite, a
+        negative albedo.
+    """
+
+    height: FloatImage
+    p: FloatImage
+    q: FloatImage
+    albedo: FloatImage
+    name: str
+
+    def __post_init__(self) -> None:
+        for field in ("height", "p", "q", "albedo"):
+            image = np.array(getattr(self, field), dtype=np.float32, order="C")
+            if image.ndim != 2 or not all(2 <= side <= MAX_SIDE_PX for side in image.shape):
+                raise InputError(
+                    f"surface {self.name}: {field} has shape {image.shape}; give (rows, columns) "
+                    f"of 2 to {MAX_SIDE_PX} each"
+                )
+            if image.shape != np.shape(self.height):
+                raise InputError(
+                    f"surface {self.name}: {field} has shape {image.shape}, height has "
+                    f"{np.shape(self.height)}; they must be equal"
+                )
+            if not np.isfinite(image).all():
+                raise InputError(f"surface {self.name}: {field} has values that are not finite")
+            image.flags.writeable = False
+            object.__setattr__(self, field, image)
+        if self.albedo.min() < 0:
+            raise InputError(f"surface {self.name}: an albedo is negative; it lies within 0 to 1")
+
+    @classmethod
+    def from_height(
+        cls, height: npt.ArrayLike, albedo: npt.ArrayLike, name: str
+    ) -> PeriodicSurface:
+        """A surface whose gradients are the spectral derivatives of its height."""
+        heights = np.asarray(height, np.float32)
+        p, q = spectral_gradients(heights)
+        return cls(heights, p, q, np.asarray(albedo, np.float32), name)
+
+    @classmethod
+    def from_gradients(
+        cls, p: npt.ArrayLike, q: npt.ArrayLike, albedo: npt.ArrayLike, name: str
+    ) -> PeriodicSurface:
+        """A surface whose height is integrated from its gradients (see `integrate_gradients`)."""
+        slope_x, slope_y = np.asarray(p, np.float32), np.asarray(q, np.float32)
+        height = integrate_gradients(slope_x, slope_y)
+        return cls(height, slope_x, slope_y, np.asarray(albedo, np.float32), name)
+
+    def band_limited(self) -> PeriodicSurface:
+        """The surface without the waves that a pixel grid holds only along its diagonals.
+
+        Sampled at another angle these would come back as other waves (aliasing), and the texture
+        would change as the surface turns. See `round_band_limit`.
+        """
+        shape = self.height.shape
+        gain = round_band_limit(*shape)
+        height, p, q, albedo = (
+            fft.irfft2(gain * fft.rfft2(image, workers=-1), s=shape, workers=-1)
+            for image in (self.height, self.p, self.q, self.albedo)
+        )
+        return PeriodicSurface(height, p, q, np.maximum(albedo, 0.0), self.name)
+
+    @cached_property
+    def relief_px(self) -> float:
+        """From the lowest to the highest point, in pixels."""
+        return float(np.ptp(self.height))
+
+    @cached_property
+    def _coefficients(self) -> FloatImage:
+        """Spline coefficients of height, p, q and albedo, made once for all patches."""
+        return spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+    ) -> SurfacePatch:
+        """A square piece: its centre is moved over the surface, then the surface is turned there.
+
+        patch(x) = tile(R(-rotate) x + shift), x from the centre of the frame, and the gradients
+        turn with it: (p', q') = R (p, q).
+
+        Parameters
+        ----------
+        size_px
+            Side of the frame, 1 to `MAX_SIDE_PX`.
+        rotate_deg
+            How far the surface is turned, anticlockwise.
+        shift_px
+            (right, up) from the tile's centre to the centre of the frame. That centre is taken
+            half a pixel aside where a frame has an even side and the tile an odd one, or the
+            reverse, so that an unturned patch with a whole shift holds the tile's own pixels.
+        margin_px
+            More surface on every side: the patch has the side size_px + 2 margin_px.
+
+        Raises
+        ------
+        InputError
+            For a size or margin out of range, an angle or a shift that is not finite.
+        """
+        if not 1 <= size_px <= MAX_SIDE_PX:
+            raise InputError(f"a frame of {size_px} px; its side must be 1 to {MAX_SIDE_PX}")
+        if not 0 <= margin_px <= MAX_SIDE_PX:
+            raise InputError(f"a margin of {margin_px} px; it must be 0 to {MAX_SIDE_PX}")
+        if not all(map(math.isfinite, (rotate_deg, *shift_px))):
+            raise InputError("the angle and the shift of a patch must be finite numbers")
+        rows, cols = self.height.shape
+        right, up = shift_px
+        height, p, q, albedo = sample_turned(
+            self._coefficients,
+            centre_row=0.5 * (size_px - 1) + (rows - size_px) // 2 - up,
+            centre_col=0.5 * (size_px - 1) + (cols - size_px) // 2 + right,
+            turn_deg=rotate_deg,
+            side_px=size_px + 2 * margin_px,
+        )
+        # The spline may swing below zero beside a dark edge; a reflectance cannot.
+        np.maximum(albedo, 0.0, out=albedo)
+        cos = np.float32(math.cos(math.radians(rotate_deg)))
+        sin = np.float32(math.sin(math.radians(rotate_deg)))
+        return SurfacePatch(height, cos * p - sin * q, sin * p + cos * q, albedo)
+
+
+def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Exact derivatives p and q of a periodic, band-limited height, both (H, W) float32."""
+    rows, cols = height.shape
+    spectrum = fft.rfft2(height.astype(np.float64), workers=-1)
+    along_x, along_y = _derivative_factors(rows, cols)
+    p = fft.irfft2(along_x * spectrum, s=(rows, cols), workers=-1)
+    q = fft.irfft2(along_y * spectrum, s=(rows, cols), workers=-1)
+    return p.astype(np.float32), q.astype(np.float32)
+
+
+def integrate_gradients(p: FloatImage, q: FloatImage) -> FloatImage:
+    """The periodic height whose gradients come nearest to p and q, in the least-squares sense.
+
+    After Frankot and Chellappa (1988). The mean height is zero; a mean slope, which no periodic
+    height has, is left out of the height.
+
+    Parameters
+    ----------
+    p, q
+        (H, W) float32, one period.
+
+    Returns
+    -------
+    (H, W) float32, pixels.
+    """
+    rows, cols = p.shape
+    along_x, along_y = _derivative_factors(rows, cols)
+    power = np.abs(along_x) ** 2 + np.abs(along_y) ** 2
+    power[power == 0.0] = np.inf
+    spectrum = np.conj(along_x) * fft.rfft2(p.astype(np.float64), workers=-1)
+    spectrum += np.conj(along_y) * fft.rfft2(q.astype(np.float64), workers=-1)
+    height: FloatImage = fft.irfft2(spectrum / power, s=(rows, cols), workers=-1).astype(np.float32)
+    return height
+
+
+def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:
+    """A low-pass for a half spectrum, (rows, cols // 2 + 1), the same in every direction.
+
+    1 up to 0.40 cycles/px, a raised cosine down to 0 at 0.48: near the finest that pixels hold
+    at every orientation, and without the ringing of a sharp edge.
+    """
+    frequency = np.hypot(fft.rfftfreq(cols)[None, :], fft.fftfreq(rows)[:, None])
+    along = np.clip((frequency - 0.40) / (0.48 - 0.40), 0.0, 1.0)
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * along), np.float32)
+
+
+def rms_slope(p: FloatImage, q: FloatImage) -> float:
+    """sqrt(mean(p^2 + q^2)): the root mean square of the steepest slope at each point."""
+    return float(np.sqrt(np.mean(np.square(p, dtype=np.float64) + np.square(q, dtype=np.float64))))
+
+
+def _derivative_factors(
+    rows: int, cols: int
+) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+    """What d/dx and d/dy (y up) multiply a half spectrum by; (1, cols // 2 + 1) and (rows, 1).
+
+    The derivative of a wave at the Nyquist frequency of an even side is zero on the pixels.
+    """
+    along_x = 2j * np.pi * fft.rfftfreq(cols)[None, :]
+    along_y = -2j * np.pi * fft.fftfreq(rows)[:, None]
+    if cols % 2 == 0:
+        along_x[0, cols // 2] = 0.0
+    if rows % 2 == 0:
+        along_y[rows // 2, 0] = 0.0
+    return along_x, along_y
