@@ -39,7 +39,7 @@ _FAST = {"contract", "arcp", "nsz", "reassoc"}
 @njit(parallel=True, fastmath=_FAST, cache=True, error_model="numpy")
 def drop_darkest(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    pinv: Array, corrections: Array, null: Array, directions: Array,
+    noise_floor: np.float32, pinv: Array, corrections: Array, null: Array, directions: Array,
     p: Array, q: Array, albedo: Array, residual: Array,
     dropped: Array, shadow_count: Array, flags: Array,
 ) -> None:  # fmt: skip
@@ -89,7 +89,7 @@ def drop_darkest(
                 + corrections[2, 2] * w2 + corrections[2, 3] * w3
             )  # fmt: skip
             rho = np.sqrt(bx * bx + by * by + bz * bz)
-            visible = bz > MIN_NORMAL_Z * rho
+            visible = bz > MIN_NORMAL_Z * rho and bz * bz >= noise_floor * rho
             inverse = np.float32(1.0) / bz if visible else np.float32(0.0)
             p[r, c] = -bx * inverse
             q[r, c] = -by * inverse
@@ -116,7 +116,7 @@ def drop_darkest(
 @njit(parallel=True, fastmath=_FAST, cache=True, error_model="numpy")
 def linear(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    weights: Array, directions: Array,
+    noise_floor: np.float32, weights: Array, directions: Array,
     p: Array, q: Array, albedo: Array, residual: Array, shadow_count: Array, flags: Array,
 ) -> None:  # fmt: skip
     """Any number of lights by b = weights i: least squares, or three chosen beforehand."""
@@ -152,7 +152,7 @@ def linear(
                 shadows[c] += v < SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
         for c in range(columns):
             rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-            visible = bz[c] > MIN_NORMAL_Z * rho
+            visible = bz[c] > MIN_NORMAL_Z * rho and bz[c] * bz[c] >= noise_floor * rho
             inverse = np.float32(1.0) / bz[c] if visible else np.float32(0.0)
             p[r, c] = -bx[c] * inverse
             q[r, c] = -by[c] * inverse

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from . import kernels
 from .errors import InputError
 from .lighting import Lighting
+from .noise import noise_of_images
 from .surface import SurfaceEstimate
 
 __all__ = ["METHODS", "Method", "photometric_stereo"]
@@ -23,6 +24,8 @@ _PS3_UNUSED_TILT_DEG: dict[str, float] = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 # Three lights whose directions span less than this volume leave a slope undetermined.
 _MIN_VOLUME = 1e-3
+# A slope known no better than this is not worth having: most surfaces are flatter.
+_MAX_SLOPE_ERROR = 0.5
 
 Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
 
@@ -82,19 +85,22 @@ def photometric_stereo(
     gains = (1.0 / (scale * lighting.intensities)).astype(np.float32)
     directions = lighting.directions.astype(np.float32)
 
+    noise = noise_of_images(stack, dark, gains, lighting)
+
     shape = stack.shape[1:]
     p, q, albedo, residual = (np.empty(shape, np.float32) for _ in range(4))
     dropped, shadow_count, flags = (np.empty(shape, np.uint8) for _ in range(3))
     if method == "ps4":
         pinv, corrections, null = _drop_one_constants(lighting)
         kernels.drop_darkest(
-            stack, dark, gains, saturation, pinv, corrections, null, directions,
+            stack, dark, gains, saturation, _noise_floor(noise, pinv),
+            pinv, corrections, null, directions,
             p, q, albedo, residual, dropped, shadow_count, flags,
         )  # fmt: skip
     else:
         weights, unused = _linear_weights(lighting, method)
         kernels.linear(
-            stack, dark, gains, saturation, weights, directions,
+            stack, dark, gains, saturation, _noise_floor(noise, weights), weights, directions,
             p, q, albedo, residual, shadow_count, flags,
         )  # fmt: skip
         dropped.fill(unused)
@@ -142,6 +148,15 @@ def _checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.
     if ambient.dtype == np.float32 and not np.isfinite(ambient).all():
         raise InputError("the ambient image holds NaN or infinity; mask or replace them")
     return np.ascontiguousarray(ambient)
+
+
+def _noise_floor(noise: float, weights: npt.NDArray[np.float32]) -> np.float32:
+    """C of the rule b_z^2 >= c rho, below which the slopes are mostly noise.
+
+    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2.
+    """
+    gain = float(np.linalg.norm(weights, axis=1).max())
+    return np.float32(noise * gain / _MAX_SLOPE_ERROR)
 
 
 def _volume(directions: npt.NDArray[np.float64]) -> float:

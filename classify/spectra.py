@@ -25,7 +25,7 @@ _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
 # Where two or more lights are in shadow a solver can return any slope; one such pixel outweighs
 # a thousand others in a power spectrum unless it is bounded.
-_MAX_SLOPE = 2.0
+_MAX_SLOPE = np.float32(2.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +118,7 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
     slope = np.empty(surface.shape, dtype=np.complex64)
     slope.real = surface.p
     slope.imag = surface.q
-    steepness = np.abs(slope)
-    np.multiply(slope, _MAX_SLOPE / steepness, out=slope, where=steepness > _MAX_SLOPE)
+    slope *= _MAX_SLOPE / np.maximum(np.abs(slope), _MAX_SLOPE)
     slope[~surface.valid] = slope[surface.valid].mean()
     mean_albedo = surface.albedo[surface.valid].mean()
     relative_albedo = np.where(surface.valid, surface.albedo / mean_albedo, np.float32(1.0))

@@ -19,7 +19,7 @@ class SurfaceEstimate:
     Attributes
     ----------
     p, q
-        float32 gradients dz/dx and dz/dy (y up); 0 where the pixel is not valid for lack of light.
+        float32 gradients dz/dx and dz/dy (y up); 0 where no slope can be known.
     albedo
         float32, in units of the images (of full scale, where the solver was told it).
     residual
@@ -34,8 +34,8 @@ class SurfaceEstimate:
     saturated
         bool, true where any image reached full scale.
     valid
-        bool, false where saturated and where the solution is no visible surface (facing away, or
-        without any light).
+        bool, false where saturated, and where no slope can be known: the solution faces away from
+        the camera, or its standard error, from the noise of these images, exceeds 0.5.
     method
         Name of the solver.
     """

@@ -86,6 +86,7 @@ class Server:
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
+                self._boot_in_virtual_time()
                 host_fd = self._endpoint.accept()
                 if host_fd is None:
                     self._wait()
@@ -131,7 +132,7 @@ class Server:
         return dict(poll.poll(_TURN_MS))
 
     def _boot_in_virtual_time(self) -> None:
-        # the host waits for the banner, so nobody else spends the time in which the device boots
+        # a host may be waiting for the banner: nobody else spends the time that booting takes
         clock = self._controller.clock
         if isinstance(clock, VirtualClock):
             clock.sleep_s(self._controller.boot_remaining_s)

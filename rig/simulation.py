@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
-
-import numpy as np
 
 from classify.errors import InputError
 from firmware_sim import (
@@ -96,7 +93,7 @@ class Simulation:
             placement.shift_px,
             self._config.simulation.ambient,
         )
-        return _cropped(scene, camera.height_px, camera.width_px)
+        return scene.cropped(camera.height_px, camera.width_px)
 
     def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
         name = placement.surface
@@ -107,14 +104,6 @@ class Simulation:
         if self._surface is None or self._surface[0] != key:
             self._surface = (key, _load(name, placement.seed, size_px))
         return self._surface[1]
-
-
-def _cropped(scene: SceneImages, height_px: int, width_px: int) -> SceneImages:
-    """The middle of a square scene."""
-    rows, columns = scene.ambient.shape
-    top, left = (rows - height_px) // 2, (columns - width_px) // 2
-    cut = np.s_[..., top : top + height_px, left : left + width_px]
-    return SceneImages(**{field.name: getattr(scene, field.name)[cut] for field in fields(scene)})
 
 
 def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:

@@ -131,6 +131,14 @@ def test_band_limit_takes_only_what_turning_would_alias() -> None:
     np.testing.assert_allclose(both.band_limited().height, low, atol=1e-5)
 
 
+def test_materials_are_band_limited(tmp_path: Path) -> None:
+    rows, cols = np.mgrid[:64, :64]
+    height = np.cos(2 * np.pi * 8 * cols / 64) + np.cos(2 * np.pi * 28 * (cols + rows) / 64)
+    cv2.imwrite(str(tmp_path / "height.png"), np.round(16000 * (height + 2)).astype(np.uint16))
+    surface = load_material(tmp_path)
+    assert np.abs(surface.q).max() < 1e-3 * np.abs(surface.p).max()
+
+
 def test_bundled_materials_are_whole_and_stated_free() -> None:
     folders = bundled_materials()
     assert len(folders) == 8

@@ -132,16 +132,30 @@ def test_synthetic_surfaces(name: str) -> None:
     assert power[beyond].sum() < 1e-8 * power.sum()
 
 
-def test_synthetic_spectrum_is_the_one_of_science() -> None:
-    """The ratio of power at two frequencies, averaged over rings and seeds: w^-3 for rock."""
-    rings = []
-    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(256), np.fft.fftfreq(256)))
-    for seed in range(4):
-        height = synthetic_surface("rock", seed, 256).height
-        power = np.abs(np.fft.fft2(height)) ** 2
-        rings.append([power[np.abs(frequency - f) < 0.01].mean() for f in (0.1, 0.3)])
-    low, high = np.mean(rings, axis=0)
-    assert np.log(low / high) / np.log(3.0) == pytest.approx(3.0, abs=0.15)
+@pytest.mark.parametrize(
+    ("name", "formula"),
+    [
+        ("rock", lambda u, v: (u**2 + v**2) ** -1.5),
+        ("malv", lambda u, v: ((u**2 + v**2) / 0.04**2 + 1) ** -1.5),
+        ("ogil", lambda u, v: 1 / ((u**2 + 0.03**2) * (v**2 + 0.12**2))),
+        ("sand", lambda u, v: np.exp(-(((np.abs(u) - 0.05) / 0.01) ** 2 + (v / 0.012) ** 2) / 2)),
+    ],
+)
+def test_synthetic_spectrum_is_the_one_of_science(name: str, formula) -> None:  # type: ignore[no-untyped-def]
+    """Divided by the formula the power is white: the same in every part of the spectrum."""
+    u, v = np.meshgrid(np.fft.fftfreq(256), np.fft.fftfreq(256))
+    with np.errstate(divide="ignore"):
+        expected = formula(u, v)
+    power = sum(
+        np.abs(np.fft.fft2(synthetic_surface(name, seed, 256).height)) ** 2 for seed in range(12)
+    )
+    frequency = np.hypot(u, v)
+    band = (frequency > 0.01) & (frequency < 0.39)
+    band &= expected > 1e-3 * expected[band].max() if name == "sand" else True
+    white = power[band] / expected[band]
+    for part in (np.abs(u) > np.abs(v), frequency > np.median(frequency[band])):
+        inside = part[band]
+        assert white[inside].mean() == pytest.approx(white[~inside].mean(), rel=0.1)
 
 
 def test_tile_is_at_least_twice_the_frame() -> None:

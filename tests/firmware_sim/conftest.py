@@ -1,0 +1,47 @@
+"""One simulated device on virtual time, with the bytes of an exchange in one call."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pytest
+
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock
+
+
+@dataclass(frozen=True)
+class Device:
+    clock: VirtualClock
+    board: SimulatedBoard
+    controller: SimulatedController
+
+    def exchange(self, data: bytes) -> bytes:
+        self.controller.feed(data)
+        return self.controller.take_output()
+
+    def lit(self) -> list[float]:
+        """The output of each LED, once it has settled."""
+        self.clock.sleep_s(0.05)
+        now_s = self.clock.now_s()
+        return [round(self.board.output(led, now_s), 9) for led in range(self.board.led_count)]
+
+
+def _new_device(**options: object) -> Device:
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    controller = SimulatedController(board, clock, **options)
+    clock.on_tick(controller.poll)
+    return Device(clock, board, controller)
+
+
+@pytest.fixture(scope="session")
+def new_device() -> Callable[..., Device]:
+    """Make a device; its banner waits to be taken."""
+    return _new_device
+
+
+@pytest.fixture
+def device() -> Device:
+    """A device whose banner has been taken."""
+    made = _new_device()
+    made.controller.take_output()
+    return made

@@ -1,0 +1,73 @@
+"""`python -m firmware_sim` as a process of its own."""
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import serial
+
+import firmware_sim
+
+FOLDER = Path(firmware_sim.__file__).parent.parent
+
+
+def start(*options: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "firmware_sim", *options],
+        cwd=FOLDER,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def identity(address: str) -> bytes:
+    with serial.serial_for_url(address, timeout=5.0) as port:
+        port.write(b"*IDN?\n")
+        return port.read_until(b"\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "end"), [(["--pty", "{link}"], signal.SIGINT), (["--tcp"], signal.SIGTERM)]
+)
+def test_it_serves_until_a_signal(tmp_path, options, end):
+    link = tmp_path / "port"
+    options = [option.format(link=link) for option in options]
+    with start(*options, "--serial-number", "SIM-7", "--rise-ms", "0") as process:
+        line = process.stdout.readline()
+        assert line.startswith("simulated LED controller SIM-7: ")
+        address = re.search(r"socket://[\d.:]+|/\S+port", line).group()
+        assert identity(address) == b"OK PS4RIG,LED4,SIM-7,1.0.0,1\n"
+        process.send_signal(end)
+        out, err = process.communicate(timeout=5)
+    assert (process.returncode, out, err) == (0, "", "")
+    assert not link.is_symlink()
+
+
+def test_bad_options_and_addresses_in_use(tmp_path):
+    taken = tmp_path / "taken"
+    taken.touch()
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = str(other.getsockname()[1])
+        cases = {
+            ("--rise-ms", "-1"): "rise_ms is -1.0",
+            ("--fall-ms", "soon"): "invalid float value: 'soon'",
+            ("--serial-number", "a,b"): "serial number 'a,b'",
+            ("--tcp", "65536"): "'65536' is not a port",
+            ("--tcp", "1", "--pty"): "not allowed with",
+            ("--tcp", port): f"cannot serve at port {port}: Address already in use",
+            ("--unix", str(taken)): f"cannot serve at {taken}: Address already in use",
+            ("--pty", str(taken)): f"cannot serve at {taken}: File exists",
+        }
+        # together, as starting Python is what takes the time
+        processes = {options: start(*options) for options in cases}
+        for options, cause in cases.items():
+            with processes[options] as process:
+                out, err = process.communicate(timeout=10)
+            assert (process.returncode, out) == (2, ""), options
+            assert cause in err
+            assert len(err.splitlines()) == 1

@@ -1,0 +1,35 @@
+"""The firmware must load on MicroPython: no run-time imports, no syntax that it lacks."""
+
+import ast
+from pathlib import Path
+
+import firmware_sim.firmware
+
+SOURCE = Path(firmware_sim.firmware.__file__).read_text(encoding="utf-8")
+MICROPYTHON_LACKS = (ast.Match, ast.NamedExpr, ast.AsyncFunctionDef, ast.TryStar)
+
+
+def test_nothing_is_imported_at_run_time():
+    tree = ast.parse(SOURCE)
+    guarded = {
+        id(node)
+        for test in ast.walk(tree)
+        if isinstance(test, ast.If) and ast.unparse(test.test) == "TYPE_CHECKING"
+        for statement in test.body
+        for node in ast.walk(statement)
+    }
+    imports = [n for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom)]
+    assert imports, "the guarded import for the type checker is the one there is"
+    assert all(id(node) in guarded for node in imports)
+    assert firmware_sim.firmware.TYPE_CHECKING is False
+    assert "__import__" not in SOURCE
+
+
+def test_no_syntax_that_micropython_lacks():
+    assert not [n for n in ast.walk(ast.parse(SOURCE)) if isinstance(n, MICROPYTHON_LACKS)]
+
+
+def test_it_runs_without_its_package():
+    namespace: dict[str, object] = {}
+    exec(compile(SOURCE, "firmware.py", "exec"), namespace)
+    assert namespace["crc8"](b"123456789") == 0xF4

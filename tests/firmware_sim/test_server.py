@@ -1,0 +1,233 @@
+"""The device on real terminals and sockets, talked to as a host does."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+
+from firmware_sim import (
+    RealClock,
+    SimulatedBoard,
+    SimulatedController,
+    VirtualClock,
+    serve_pty,
+    serve_tcp,
+    serve_unix,
+)
+
+IDENTITY = b"PS4RIG,LED4,SIM-0001,1.0.0,1\n"
+BANNER = b"READY " + IDENTITY
+OK_IDENTITY = b"OK " + IDENTITY
+
+
+def controller(clock=None, **options) -> SimulatedController:
+    clock = clock or VirtualClock()
+    options.setdefault("link_delay_ms", 0.0)
+    return SimulatedController(SimulatedBoard(clock), clock, **options)
+
+
+@contextmanager
+def opened(address: str) -> Iterator[serial.Serial]:
+    """Open as a host does: a pyserial URL, or a device path for itself alone."""
+    exclusive = {} if address.startswith("socket:") else {"exclusive": True}
+    with serial.serial_for_url(address, timeout=2.0, write_timeout=2.0, **exclusive) as port:
+        yield port
+    time.sleep(0.03)  # a pty's server takes a shorter gap between two hosts for none
+
+
+def ask(port: serial.Serial, line: bytes) -> bytes:
+    port.write(line + b"\n")
+    return port.read_until(b"\n")
+
+
+@pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
+@pytest.mark.parametrize("clock_type", [RealClock, VirtualClock])
+def test_hosts_come_and_go(serve, clock_type):
+    with serve(controller(clock_type())) as server:
+        for led in range(2):
+            with opened(server.address) as port:
+                assert ask(port, b"*IDN?") == OK_IDENTITY
+                assert ask(port, b"#%d LED:SEL %d" % (led, led)).startswith(
+                    b"#%d OK %d," % (led, led)
+                )
+                port.write(b"LED:STAT?\n" * 5)  # and go without reading
+
+
+def test_unix_socket(tmp_path):
+    path = tmp_path / "led.sock"
+    with serve_unix(controller(), path) as server:
+        assert server.address == str(path)
+        with connected(path) as host:
+            assert ask_socket(host, b"*IDN?\n") == OK_IDENTITY
+        with pytest.raises(OSError, match="in use"):
+            serve_unix(controller(), path)
+    assert not path.exists()
+
+
+@contextmanager
+def connected(path: Path) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_UNIX) as host:
+        host.settimeout(2.0)
+        host.connect(str(path))
+        yield host
+
+
+def ask_socket(host: socket.socket, data: bytes) -> bytes:
+    host.sendall(data)
+    with host.makefile("rb") as lines:
+        return lines.readline()
+
+
+def test_tcp_listens_on_loopback_only_and_for_one_client():
+    with serve_tcp(controller()) as server:
+        assert server.address.startswith("socket://127.0.0.1:")
+        with opened(server.address) as port:
+            assert ask(port, b"*IDN?") == OK_IDENTITY
+            tcp_port = int(server.address.rpartition(":")[2])
+            with socket.create_connection(("127.0.0.1", tcp_port), timeout=2.0) as second:
+                assert second.recv(10) == b"", "closed at once"
+            assert ask(port, b"*IDN?") == OK_IDENTITY
+        with pytest.raises(OSError, match="in use"):
+            serve_tcp(controller(), tcp_port)
+
+
+def test_a_pty_is_held_exclusively():
+    with serve_pty(controller()) as server, opened(server.address):  # noqa: SIM117
+        with pytest.raises(serial.SerialException), opened(server.address):
+            pass
+
+
+def test_a_terminal_is_raw_for_each_host_and_holds_no_old_replies():
+    with serve_pty(controller()) as server:
+        for _ in range(2):
+            # a plain open, which sets nothing up
+            with open(server.address, "r+b", buffering=0) as host:  # noqa: PTH123
+                host.write(b"*IDN?\n")
+                assert host.readline() == OK_IDENTITY
+                host.write(b"*IDN?\n")
+                time.sleep(0.02)  # the reply nobody reads has come
+            with opened(server.address) as port:
+                assert ask(port, b"*RST") == b"OK\n"
+                port.timeout = 0.02
+                assert port.read(1) == b""
+
+
+@pytest.mark.parametrize("clock_type", [RealClock, VirtualClock])
+def test_opening_the_port_resets_the_board(clock_type):
+    device = controller(clock_type(), resets_on_open=True, boot_ms=50.0)
+    with serve_pty(device) as server:
+        for _ in range(2):
+            with opened(server.address) as port:
+                assert port.read_until(b"\n") == BANNER
+                assert ask(port, b"LED:STAT?").startswith(b"OK -1,")
+                assert ask(port, b"LED:SEL 1").startswith(b"OK 1,")
+
+
+def test_what_is_sent_while_the_board_boots_is_lost():
+    device = controller(RealClock(), resets_on_open=True, boot_ms=100.0)
+    with serve_pty(device) as server, opened(server.address) as port:
+        port.write(b"LED:SEL 1\n")
+        assert port.read_until(b"\n") == BANNER
+        assert ask(port, b"LED:STAT?").startswith(b"OK -1,")
+
+
+def test_an_exchange_costs_virtual_time_only():
+    clock = VirtualClock()
+    device = controller(clock, link_delay_ms=1000.0)
+    with serve_pty(device) as server, opened(server.address) as port:
+        assert ask(port, b"LED:SEL 1") == b"OK 1,1000000\n"
+        assert clock.now_s() == 1.0
+
+
+def test_the_watchdog_works_while_served():
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    device = SimulatedController(board, clock, link_delay_ms=0.0)
+    with serve_pty(device) as server, opened(server.address) as port:
+        assert ask(port, b"LED:SEL 1") == b"OK 1,0\n"
+        clock.sleep_s(5.0)
+        assert board.output_integral_s(1, 4.0, 5.0) == pytest.approx(1.0)
+        clock.sleep_s(0.1)
+        assert board.output(1, clock.now_s()) < 1e-6
+        assert ask(port, b"SYST:ERR?") == b'OK 100,"Watchdog: LEDs off"\n'
+
+
+def test_the_watchdog_works_in_real_time():
+    board = SimulatedBoard(RealClock())
+    device = SimulatedController(board, RealClock())
+    with serve_pty(device) as server, opened(server.address) as port:
+        ask(port, b"SYST:WDOG 100")
+        ask(port, b"LED:SEL 1")
+        time.sleep(0.15)
+        assert ask(port, b"LED:STAT?").startswith(b"OK -1,")
+
+
+def test_an_exchange_is_quick():
+    with serve_pty(controller(RealClock())) as server, opened(server.address) as port:
+        ask(port, b"*IDN?")
+        durations_s = []
+        for _ in range(50):
+            start_s = time.perf_counter()
+            ask(port, b"LED:STAT?")
+            durations_s.append(time.perf_counter() - start_s)
+    assert sorted(durations_s)[25] < 0.001
+
+
+@pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
+def test_a_host_that_never_reads_blocks_nothing(serve):
+    with serve(controller()) as server:
+        with opened(server.address) as port:
+            for _ in range(20):
+                port.write(b"*IDN?\n" * 1000)
+        with opened(server.address) as port:
+            port.write(b"\n*RST\n")  # the empty line ends what the host before may have begun
+            assert b"OK\n" in iter(port.readline, b"")
+
+
+@pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
+def test_stop_unplugs_the_device(serve):
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    server = serve(SimulatedController(board, clock))
+    with opened(server.address) as port:
+        ask(port, b"LED:SEL 1")
+        server.stop()
+        server.stop()
+        with pytest.raises(serial.SerialException):
+            ask(port, b"*IDN?")
+    clock.sleep_s(0.05)
+    assert board.output(1, clock.now_s()) < 1e-9
+    assert not [t for t in threading.enumerate() if t.name == "simulated controller"]
+
+
+def test_nothing_is_left_open_or_running():
+    clock = VirtualClock()
+    device = controller(clock)
+    before = len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+    for serve in (serve_pty, serve_tcp):
+        with serve(device) as server, opened(server.address) as port:
+            assert ask(port, b"*IDN?") == OK_IDENTITY
+    assert len(os.listdir("/proc/self/fd")) == before  # noqa: PTH208
+    clock.sleep_s(1.0)
+    assert not clock._callbacks
+
+
+def test_a_link_to_the_terminal(tmp_path):
+    link = tmp_path / "led-controller"
+    with serve_pty(controller(), link) as server:
+        assert str(link.readlink()) == server.address
+        with opened(str(link)) as port:
+            assert ask(port, b"*IDN?") == OK_IDENTITY
+        with pytest.raises(FileExistsError):
+            serve_pty(controller(), link)
+    assert not link.is_symlink()
+    link.write_text("somebody else's file")
+    with pytest.raises(FileExistsError):
+        serve_pty(controller(), link)
+    assert link.read_text() == "somebody else's file"
