@@ -13,12 +13,13 @@ from classify.durable_file import durable_file
 from classify.errors import InputError
 
 from . import pictures
+from .captured_set import CapturedSet
 
 __all__ = ["write_maps"]
 
 
-def write_maps(surface: SurfaceEstimate, folder: Path) -> list[Path]:
-    """Write p, q, albedo, normals, height and residual as TIFF, shadow and preview as PNG.
+def write_maps(captured: CapturedSet, surface: SurfaceEstimate, folder: Path) -> list[Path]:
+    """Write p, q, albedo, normals, height and residual as TIFF; shadow, valid, preview as PNG.
 
     `height.tif` is relative: in pixels, zero mean, from the gradients alone.
 
@@ -40,8 +41,13 @@ def write_maps(surface: SurfaceEstimate, folder: Path) -> list[Path]:
         "residual": surface.residual,
     }
     written = [_write_tiff(folder / f"{name}.tif", values) for name, values in maps.items()]
-    sheet = pictures.contact_sheet(pictures.surface_pictures(surface))
-    for name, picture in (("shadow", pictures.shadow_map(surface)), ("preview", sheet)):
+    shown = {**pictures.light_pictures(captured), **pictures.surface_pictures(surface)}
+    views = {
+        "shadow": pictures.shadow_map(surface),
+        "valid": pictures.grey(surface.valid, top=1.0),
+        "preview": pictures.contact_sheet(shown),
+    }
+    for name, picture in views.items():
         path = folder / f"{name}.png"
         with durable_file(path) as temporary:
             temporary.write_bytes(pictures.png_bytes(picture))

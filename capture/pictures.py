@@ -10,9 +10,12 @@ import numpy.typing as npt
 
 from classify import Lighting, SurfaceEstimate, integrate_gradients
 
+from .captured_set import CapturedSet
+
 __all__ = [
     "contact_sheet",
     "grey",
+    "light_pictures",
     "normal_map",
     "png_bytes",
     "relief",
@@ -22,6 +25,7 @@ __all__ = [
 ]
 
 Picture = npt.NDArray[np.uint8]
+_SHOWN_LIGHTS = 4
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
 )
@@ -62,6 +66,19 @@ def shadow_map(surface: SurfaceEstimate) -> Picture:
     return _SHADOW_COLOURS[np.minimum(surface.shadow_count, len(_SHADOW_COLOURS) - 1)]
 
 
+def light_pictures(captured: CapturedSet) -> dict[str, Picture]:
+    """The images under the first four lights on one scale, by tilt."""
+    top = float(np.percentile(captured.images[:_SHOWN_LIGHTS], 99.5))
+    return {
+        f"light at {tilt_deg:.0f} deg": grey(image, top)
+        for tilt_deg, image in zip(
+            captured.lighting.tilts_deg[:_SHOWN_LIGHTS],
+            captured.images[:_SHOWN_LIGHTS],
+            strict=True,
+        )
+    }
+
+
 def surface_pictures(surface: SurfaceEstimate) -> dict[str, Picture]:
     """The maps of a surface, by name."""
     height = integrate_gradients(surface.p, surface.q)
@@ -78,14 +95,15 @@ def surface_pictures(surface: SurfaceEstimate) -> dict[str, Picture]:
 
 
 def contact_sheet(pictures: dict[str, Picture], columns: int = 4, tile_px: int = 320) -> Picture:
-    """Pictures side by side, each under its name."""
+    """Pictures of one size side by side, each under its name."""
     bar_px = 24
     tiles = []
+    rows_px, columns_px = next(iter(pictures.values())).shape[:2]
+    scale = tile_px / max(rows_px, columns_px)
+    size = (max(1, round(columns_px * scale)), max(1, round(rows_px * scale)))
     for name, picture in pictures.items():
-        scale = tile_px / max(picture.shape[:2])
-        size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
         smaller = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
-        tile = np.full((tile_px + bar_px, tile_px, 3), 255, dtype=np.uint8)
+        tile = np.full((size[1] + bar_px, tile_px, 3), 255, dtype=np.uint8)
         tile[bar_px : bar_px + size[1], : size[0]] = cv2.resize(
             picture, size, interpolation=smaller
         )

@@ -11,7 +11,6 @@ from pathlib import Path
 from string import Template
 
 import cv2
-import numpy as np
 
 from classify import Evaluation, Match, Spectra, SurfaceEstimate
 from classify.durable_file import durable_file
@@ -85,13 +84,8 @@ def _row(number: int, entry: ReportEntry) -> str:
 
 def _detail(number: int, entry: ReportEntry) -> str:
     match, surface = entry.match, entry.surface
-    tilts_deg = entry.captured.lighting.tilts_deg
-    top = float(np.percentile(entry.captured.images, 99.5))
     shown = {
-        f"light at {tilt:g}°": pictures.grey(image, top)
-        for tilt, image in zip(tilts_deg, entry.captured.images, strict=True)
-    }
-    shown |= {
+        **pictures.light_pictures(entry.captured),
         "lights in shadow": pictures.shadow_map(surface),
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.relief(surface),

@@ -198,7 +198,7 @@ def solve(
     chosen: Method = method
     captured = CapturedSet.load(captured_set)
     surface = captured.solve(chosen)
-    written = write_maps(surface, output)
+    written = write_maps(captured, surface, output)
     shares = {
         "valid": float(surface.valid.mean()),
         "saturated": float(surface.saturated.mean()),

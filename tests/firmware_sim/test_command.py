@@ -10,15 +10,13 @@ from pathlib import Path
 import pytest
 import serial
 
-import firmware_sim
-
-FOLDER = Path(firmware_sim.__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def start(*options: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "firmware_sim", *options],
-        cwd=FOLDER,
+        cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

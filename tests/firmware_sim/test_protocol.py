@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-import firmware_sim
-
-README = Path(firmware_sim.__file__).with_name("README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "firmware_sim" / "README.md").read_text(encoding="utf-8")
 TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 
 
