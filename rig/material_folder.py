@@ -40,9 +40,9 @@ PICTURE_ENDINGS = ("png", "jpg", "jpeg")
 
 
 class _MaterialNotes(BaseModel):
-    """What `material.json` may hold."""
+    """What is read of `material.json`; it may hold more, such as a name or a licence."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
 
     size_mm: PositiveFloat | None = None
     relief_mm: PositiveFloat | None = None
@@ -196,8 +196,7 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"])) or "the file"
-            known = ", ".join(_MaterialNotes.model_fields)
-            raise InputError(f"{file}: {where}: {first['msg']}; it may hold {known}") from error
+            raise InputError(f"{file}: {where}: {first['msg']}") from error
         if notes.size_mm and notes.relief_mm:
             return notes.relief_mm / notes.size_mm * width_px
     file = folder / "meta.json"

@@ -199,9 +199,6 @@ BAD_FOLDERS = {
     "infinite": (
         lambda d: (d / "material.json").write_text('{"relief_mm": Infinity}'), "relief_mm: "
     ),
-    "unknown key": (
-        lambda d: (d / "material.json").write_text('{"size": 3}'), "it may hold size_mm, relief_mm"
-    ),
     "a list": (lambda d: (d / "material.json").write_text("[1]"), r"material\.json: the file"),
     "scale of the wrong type": (
         lambda d: (d / "meta.json").write_text('{"height": {"scale_px_per_unit": "3"}}'),
@@ -231,3 +228,12 @@ def test_bad_folders_are_refused_by_name(tmp_path: Path, case: str) -> None:
 def test_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such material folder"):
         load_material(tmp_path / "absent")
+
+
+def test_material_json_may_hold_more_than_is_read(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "height.png"), picture())
+    notes = {"name": "oak", "licence": "CC0 1.0", "size_mm": 100, "relief_mm": 2.0}
+    (tmp_path / "material.json").write_text(json.dumps(notes), encoding="utf-8")
+    known = load_material(tmp_path).height
+    (tmp_path / "material.json").write_text('{"size_mm": 100, "relief_mm": 2}', encoding="utf-8")
+    assert np.array_equal(known, load_material(tmp_path).height)
