@@ -21,6 +21,7 @@ from .captured_set import (
     ImageRecord,
     LightingRecord,
     SetMetadata,
+    checked_label,
     pixels_sha256,
 )
 from .errors import SetRejected
@@ -52,6 +53,8 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
 
     Raises
     ------
+    InputError
+        If the label is not printable, or average out of range.
     SetRejected
         If an image is saturated or dark, or no fresh frame came; with every cause named.
     HardwareError
@@ -59,6 +62,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     """
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
+    checked_label(label)
     created = datetime.now(UTC)
     try:
         ambient, ambient_record = _image_under(rig, None, average)
@@ -156,14 +160,18 @@ class _FreshFrames:
         ------
         SetRejected
             If none comes in the time that the queue and the frame rate account for.
+        CameraError
+            If the camera gives no frame at all in that time.
         """
         info = self._rig.camera.info
         clock = self._rig.clock
         frames_s = (info.queue_length + 2) * info.frame_period_s + info.exposure_s
         settle_s = self._rig.config.lights.settle_ms / 1000.0
-        deadline_s = clock.now_s() + frames_s + settle_s + _SPARE_S
-        while (remaining_s := deadline_s - clock.now_s()) > 0.0:
-            frame = self._rig.camera.read(remaining_s)
+        patience_s = frames_s + settle_s + _SPARE_S
+        deadline_s = clock.now_s() + patience_s
+        while clock.now_s() < deadline_s:
+            # Not only what remains: a camera that gives bad frames has not failed to give any.
+            frame = self._rig.camera.read(patience_s)
             if self._previous is not None:
                 if frame.sequence <= self._previous:
                     raise SetRejected(
@@ -180,7 +188,7 @@ class _FreshFrames:
                 return frame
         raise SetRejected(
             f"set rejected: no good frame under {self._name()} in "
-            f"{frames_s + settle_s + _SPARE_S:.1f} s ({self.stale} from before the switch, "
+            f"{patience_s:.1f} s ({self.stale} from before the switch, "
             f"{self.corrupt} corrupt, {self.lost} lost)"
         )
 

@@ -24,6 +24,7 @@ __all__ = [
     "ImageRecord",
     "LightingRecord",
     "SetMetadata",
+    "checked_label",
     "pixels_sha256",
 ]
 
@@ -202,6 +203,19 @@ class CapturedSet:
         from . import set_file
 
         return set_file.read(Path(path))
+
+
+def checked_label(label: str | None) -> str | None:
+    """`label`, if people and XML can read it.
+
+    Raises
+    ------
+    InputError
+        For control characters, line ends and bytes that are no text.
+    """
+    if label is not None and not label.isprintable():
+        raise InputError(f"label {label!r}: use printable characters only")
+    return label
 
 
 def pixels_sha256(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint16] | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from importlib.metadata import version
 from typing import Annotated
 
@@ -45,4 +46,6 @@ def _options(
 
 def main() -> None:
     """Entry point of the console command."""
+    # What it says about damaged files is said once, by the error line.
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     app()

@@ -23,7 +23,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-out = Console(highlight=False)
+# Plain: a file called [oak].ome.tif is no markup.
+out = Console(highlight=False, markup=False, emoji=False)
 
 
 def print_json(value: Any) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -16,13 +18,21 @@ import tifffile
 from classify import Lighting
 from classify.errors import InputError
 
-from .captured_set import CapturedSet, ImageRecord, LightingRecord, SetMetadata, pixels_sha256
+from .captured_set import (
+    CapturedSet,
+    ImageRecord,
+    LightingRecord,
+    SetMetadata,
+    checked_label,
+    pixels_sha256,
+)
 
 __all__ = ["Gamma", "import_images"]
 
 Gamma = Literal["linear", "srgb"]
 _MAX_BYTES = 2 * 2**30
 _MAX_SIDE_PX = 32768
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Luminance of linear red, green, blue (ITU-R BT.709).
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
@@ -57,6 +67,7 @@ def import_images(
         If a file is missing, damaged or of another kind, sizes or depths differ, or the response
         of a JPEG is not stated.
     """
+    checked_label(label)
     if len(paths) != len(lighting):
         raise InputError(f"{len(paths)} images for {len(lighting)} lights; give one image each")
     files = [*paths, *(() if ambient is None else (ambient,))]
@@ -88,9 +99,11 @@ def import_images(
         planes = [photograph.astype(np.uint16) for photograph in photographs]
     images = np.stack(planes[: len(lighting)])
     dark = None if ambient is None else planes[-1]
-    records = [ImageRecord(light=light, source_file=path.name) for light, path in enumerate(paths)]
+    records = [
+        ImageRecord(light=light, source_file=_text(path.name)) for light, path in enumerate(paths)
+    ]
     if ambient is not None:
-        records.append(ImageRecord(light=None, source_file=ambient.name))
+        records.append(ImageRecord(light=None, source_file=_text(ambient.name)))
     metadata = SetMetadata(
         label=label,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
@@ -133,23 +146,52 @@ def _read(path: Path) -> npt.NDArray[Any]:
 def _decoded(path: Path, kind: str) -> npt.NDArray[Any]:
     content = path.read_bytes()
     # OpenCV fills what is missing of a truncated file with grey and says nothing.
-    end = b"IEND" if kind == ".png" else b"\xff\xd9"
+    whole = _whole_png(content) if kind == ".png" else b"\xff\xd9" in content[-4096:]
     image = None
-    if end in content[-4096:]:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if whole:
+        # OpenCV raises for more pixels than it handles.
+        with suppress(cv2.error):
+            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(f"{path}: not a complete {kind[1:].upper()} image; it may be truncated")
+        raise InputError(
+            f"{path}: not a complete {kind[1:].upper()} image, or too large; it may be truncated"
+        )
     return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
+
+
+def _whole_png(content: bytes) -> bool:
+    """Whether all chunks up to the last are there, each with the right checksum."""
+    start = len(_PNG_SIGNATURE)
+    if content[:start] != _PNG_SIGNATURE:
+        return False
+    while len(content) >= start + 12:
+        end = start + 8 + int.from_bytes(content[start : start + 4], "big")
+        if content[end : end + 4] != zlib.crc32(content[start + 4 : end]).to_bytes(4, "big"):
+            return False
+        if content[start + 4 : start + 8] == b"IEND":
+            return True
+        start = end + 4
+    return False
 
 
 def _decoded_tiff(path: Path) -> npt.NDArray[Any]:
     try:
-        return tifffile.imread(path)
-    except FileNotFoundError:
+        with tifffile.TiffFile(path) as tiff:
+            photometric = tiff.pages.first.photometric
+            if photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
+                raise InputError(
+                    f"{path}: TIFF pixels are {tifffile.PHOTOMETRIC(photometric).name}; save it as "
+                    "grey or RGB"
+                )
+            return tiff.asarray()
+    except (FileNotFoundError, InputError):
         raise
     # What tifffile raises on damaged files depends on where the damage is.
     except Exception as error:
-        raise InputError(f"{path}: not a readable TIFF ({error}); it may be truncated") from error
+        raise InputError(
+            f"{path}: not a readable TIFF ({error}); it may be truncated, or its compression not "
+            "be handled"
+        ) from error
 
 
 def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[np.uint16]:
@@ -169,6 +211,11 @@ def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[n
     stored: npt.NDArray[np.uint16] = np.rint(linear * np.float32(65535.0)).astype(np.uint16)
     stored[saturated] = 65535
     return stored
+
+
+def _text(name: str) -> str:
+    """A file name, whose bytes need not be text, as text."""
+    return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _size(image: npt.NDArray[Any]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
 
 from classify import Lighting
 from classify.errors import InputError
@@ -116,7 +116,7 @@ def load_light_list(path: Path) -> LightList:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; not a list of lights")
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -144,7 +144,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
             raise InputError(f"{path}: line {number} is not 'name x y z'") from None
         names.append(PureWindowsPath(name).name)
         vectors.append((x, y, z))
-    announced = int(numbered[0][1])
+    announced = int(numbered[0][1][:9])  # no list is longer
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
     return LightList(path, names, vectors)
@@ -155,7 +155,8 @@ def _parsed_json(path: Path, text: str) -> LightList:
         content = _JSON.validate_python(json.loads(text))
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error})") from error
-    except (ValidationError, RecursionError):
+    # pydantic's ValidationError, and what int() says to thousands of digits, are ValueErrors.
+    except (ValueError, RecursionError):
         raise InputError(
             f"{path}: not a list of lights; give [[x, y, z], ...] in the order of the images, or "
             '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'

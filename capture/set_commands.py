@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,15 +81,12 @@ def capture(
     """Take one captured set, or several: ambient image, then each LED in order."""
     if not output.name.endswith(SUFFIX):
         raise InputError(f"{output}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
-    changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}, "simulation": {}}
+    changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}}
     placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
-    turns_deg: list[float | None] = list(rotate) if rotate else [None]
     config = RigConfig() if rig == "sim" else load_config(Path(rig))
     placement = config.simulation.placement.model_dump()
     placement.update({name: value for name, value in placed.items() if value is not None})
-    if turns_deg[0] is not None:
-        placement["rotate_deg"] = turns_deg[0]
-    changes["simulation"]["placement"] = placement
+    turned = [placement | {"rotate_deg": turn_deg} for turn_deg in rotate or ()] or [placement]
     if slant is not None:
         changes["lights"]["slant_deg"] = slant
     if bits is not None:
@@ -98,9 +96,12 @@ def capture(
     simulated_only = (*placed.values(), rotate, slant, bits, size)
     if not config.is_simulated and any(value is not None for value in simulated_only):
         raise ConfigError(f"{rig}: --surface, --rotate and the like are for a simulated rig")
-    paths = _numbered(output, len(turns_deg) * count)
-    with open_rig(config.with_changes(**changes)) as opened:
-        sets = _captured(opened, turns_deg, count, label, average)
+    # All are checked before the first is captured.
+    configs = [config.with_changes(**changes, simulation={"placement": part}) for part in turned]
+    paths = _numbered(output, len(configs) * count)
+    with open_rig(configs[0]) as opened:
+        placements = [each.simulation.placement for each in configs]
+        sets = _captured(opened, placements, count, label, average)
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             captured.save(path)
             if not json:
@@ -111,12 +112,11 @@ def capture(
 
 
 def _captured(
-    rig: Rig, turns_deg: list[float | None], count: int, label: str | None, average: int
+    rig: Rig, placements: list[Placement], count: int, label: str | None, average: int
 ) -> Iterator[CapturedSet]:
-    for turn_deg in turns_deg:
-        if turn_deg is not None and rig.simulation is not None:
-            placement = rig.simulation.placement.model_dump() | {"rotate_deg": turn_deg}
-            rig.simulation.place(Placement.model_validate(placement))
+    for placement in placements:
+        if rig.simulation is not None and rig.simulation.placement != placement:
+            rig.simulation.place(placement)
         for _ in range(count):
             yield capture_set(rig, label, average=average)
 
@@ -178,9 +178,12 @@ def import_(
 
 def _degrees(text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        degrees = [float(part) for part in text.split(",")]
     except ValueError:
-        raise InputError(f"--tilts {text}: give degrees with commas, as 0,90,180,270") from None
+        degrees = [math.nan]
+    if not all(map(math.isfinite, degrees)):
+        raise InputError(f"--tilts {text}: give degrees with commas, as 0,90,180,270")
+    return degrees
 
 
 @reported

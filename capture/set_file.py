@@ -64,6 +64,8 @@ def read(path: Path) -> CapturedSet:
             planes = _planes(tiff, path, len(metadata.images))
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
+    except (PermissionError, IsADirectoryError) as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except InputError:
         raise
     # What tifffile raises on damaged files depends on where the damage is.
@@ -110,7 +112,7 @@ def _ome_xml(captured: CapturedSet) -> bytes:
     comment = ET.SubElement(
         annotations, "CommentAnnotation", ID="Annotation:0", Namespace=_NAMESPACE
     )
-    ET.SubElement(comment, "Value").text = metadata.model_dump_json()
+    ET.SubElement(comment, "Value").text = json.dumps(metadata.model_dump(mode="json"))
     # ASCII with character references: a TIFF description has no other encoding to rely on.
     xml: bytes = ET.tostring(ome, encoding="us-ascii", xml_declaration=True)
     return xml
@@ -135,14 +137,17 @@ def _metadata(tiff: tifffile.TiffFile, path: Path) -> SetMetadata:
         version = fields.get("schema_version") if isinstance(fields, dict) else None
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise InputError(
-                f"{path}: captured-set version {version}, this program reads up to "
+                f"captured-set version {version}, this program reads up to "
                 f"{SCHEMA_VERSION}; use a newer ps4rig"
             )
         metadata = SetMetadata.model_validate(fields)
+        metadata.lighting.to_lighting()
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))
         raise InputError(f"{path}: metadata field {place}: {first['msg']}") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: the metadata are not JSON ({error})") from error
     lights = len(metadata.lighting.directions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,18 +25,16 @@ def durable_file(path: Path) -> Iterator[Path]:
     InputError
         If the file cannot be written: no such folder, no permission, disk full.
     """
+    # The ending is kept, because some writers choose their format by it.
+    temporary = path.parent / f".writing-{secrets.token_hex(8)}{path.suffix}"
     try:
-        # The ending is kept, because some writers choose their format by it.
-        handle, name = tempfile.mkstemp(prefix=".writing-", suffix=path.suffix, dir=path.parent)
+        # Made by open and not by tempfile, whose files no one else may read: the mask of the
+        # process would have to be asked for to mend that, and asking changes it for all threads.
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
-    temporary = Path(name)
     try:
-        os.close(handle)
         yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
         _sync(temporary)
         temporary.replace(path)
         _sync(path.parent)

@@ -23,9 +23,9 @@ __all__ = [
 
 # A normal nearer to the horizon than this (a slope of 50) is noise, not surface.
 MIN_NORMAL_Z = np.float32(0.02)
-# A light counts as shadowed where it gives less than this fraction of the Lambertian prediction;
+# A light counts as shadowed where it gives no more than this fraction of the Lambertian prediction;
 # the prediction is taken as at least SHADOW_FLOOR of the albedo, so that a pixel turned away from
-# the light (prediction negative, value near zero) counts as well.
+# the light (prediction negative, value near zero) counts as well, and one without any light too.
 SHADOW_FRACTION = np.float32(0.5)
 SHADOW_FLOOR = np.float32(0.1)
 NO_DROPPED_LIGHT = 255
@@ -105,10 +105,10 @@ def drop_darkest(
             s2 = directions[2, 0] * bx + directions[2, 1] * by + directions[2, 2] * bz
             s3 = directions[3, 0] * bx + directions[3, 1] * by + directions[3, 2] * bz
             shadow_count[r, c] = (
-                (v0 < SHADOW_FRACTION * max(s0, floor))
-                + (v1 < SHADOW_FRACTION * max(s1, floor))
-                + (v2 < SHADOW_FRACTION * max(s2, floor))
-                + (v3 < SHADOW_FRACTION * max(s3, floor))
+                (v0 <= SHADOW_FRACTION * max(s0, floor))
+                + (v1 <= SHADOW_FRACTION * max(s1, floor))
+                + (v2 <= SHADOW_FRACTION * max(s2, floor))
+                + (v3 <= SHADOW_FRACTION * max(s3, floor))
             )
             flags[r, c] = (2 if brightest >= saturation else 0) + (0 if visible else 1)
 
@@ -149,7 +149,7 @@ def linear(
                 s = directions[k, 0] * bx[c] + directions[k, 1] * by[c] + directions[k, 2] * bz[c]
                 rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
                 squares[c] += (v - s) * (v - s)
-                shadows[c] += v < SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+                shadows[c] += v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
         for c in range(columns):
             rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
             visible = bz[c] > MIN_NORMAL_Z * rho and bz[c] * bz[c] >= noise_floor * rho

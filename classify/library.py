@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +79,8 @@ class TextureLibrary:
         Raises
         ------
         LibraryError, InputError
-            Without samples, for an empty label, or a surface too small for a texture.
+            Without samples, for an empty label, an orientation that is no number, or a surface too
+            small for a texture.
         """
         rows = [
             (sample[0], sample[1], sample[2] if len(sample) > 2 else None) for sample in samples
@@ -90,6 +92,11 @@ class TextureLibrary:
         for label, surface, orientation_deg in rows:
             if not label.strip():
                 raise LibraryError("a training set has no label; give each set its class")
+            if orientation_deg is not None and not math.isfinite(orientation_deg):
+                raise LibraryError(
+                    f"the orientation of a training set of {label} is {orientation_deg}; "
+                    "give degrees, or none"
+                )
             learned = signature(surface_spectra(surface, segment_px))
             if orientation_deg is None:
                 orientation_deg = _orientation_within(label, learned, references)

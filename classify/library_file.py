@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import json
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
@@ -16,14 +18,21 @@ from .durable_file import durable_file
 from .errors import LibraryError
 from .scheme import Reference
 from .spectra import ANGLES, MAX_SEGMENT_PX, MIN_SEGMENT_PX, RADII
+from .surface import FloatMap
 
 __all__ = ["VERSION", "read", "write"]
 
-VERSION = 1
+VERSION: Final = 1
 _HEADER = "library.json"
 _ARRAY = "signatures.npy"
 _MAX_HEADER_BYTES = 64 * 2**20
-_MAX_ARRAY_BYTES = 4 * 2**30
+_MAX_NPY_HEADER_BYTES = 1024
+# What zipfile, zlib, json and numpy raise at a damaged file; RuntimeError stands for encrypted
+# members and JSON nested too deep, the last two for a broken numpy header.
+_UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError,
+    tokenize.TokenError, SyntaxError,
+)  # fmt: skip
 
 
 class _ReferenceHeader(BaseModel):
@@ -35,7 +44,7 @@ class _ReferenceHeader(BaseModel):
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: int = VERSION
+    version: Literal[1] = VERSION
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     references: tuple[_ReferenceHeader, ...] = Field(min_length=1)
 
@@ -62,18 +71,12 @@ def read(path: Path) -> tuple[tuple[Reference, ...], int]:
     try:
         with zipfile.ZipFile(path) as archive:
             header = _checked_header(_member(archive, path, _HEADER, _MAX_HEADER_BYTES), path)
-            content = _member(archive, path, _ARRAY, _MAX_ARRAY_BYTES)
-        signatures = np.load(io.BytesIO(content), allow_pickle=False)
+            signatures = _signatures(archive, path, len(header.references))
     except FileNotFoundError as error:
         raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
-    except (zipfile.BadZipFile, OSError, ValueError, EOFError) as error:
-        raise LibraryError(f"{path}: not a readable library ({error}); train it again") from error
-    expected = (len(header.references), 2, RADII, ANGLES)
-    if signatures.shape != expected or signatures.dtype != np.float32:
-        raise LibraryError(
-            f"{path}: signatures are {signatures.shape} {signatures.dtype}, the header says "
-            f"{expected} float32; the file is damaged, train it again"
-        )
+    except _UNREADABLE as error:
+        cause = " ".join(str(error).split())
+        raise LibraryError(f"{path}: not a readable library ({cause}); train it again") from error
     if not np.isfinite(signatures).all():
         raise LibraryError(f"{path}: signatures hold NaN; the file is damaged, train it again")
     references = tuple(
@@ -83,11 +86,30 @@ def read(path: Path) -> tuple[tuple[Reference, ...], int]:
     return references, header.segment_px
 
 
+def _signatures(archive: zipfile.ZipFile, path: Path, count: int) -> FloatMap:
+    """The array, its own header checked before anything is made of the size that it claims."""
+    expected = (count, 2, RADII, ANGLES)
+    limit = 4 * int(np.prod(expected)) + _MAX_NPY_HEADER_BYTES
+    content = _member(archive, path, _ARRAY, limit)
+    stream = io.BytesIO(content)
+    np.lib.format.read_magic(stream)
+    shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(stream)
+    if shape != expected or fortran_order or dtype != np.dtype("<f4"):
+        raise LibraryError(
+            f"{path}: signatures are {shape} {dtype}, the header says {expected} float32; "
+            "the file is damaged, train it again"
+        )
+    signatures: FloatMap = np.frombuffer(content, dtype, offset=stream.tell()).reshape(expected)
+    return signatures
+
+
 def _member(archive: zipfile.ZipFile, path: Path, name: str, limit: int) -> bytes:
     try:
         info = archive.getinfo(name)
     except KeyError as error:
         raise LibraryError(f"{path}: holds no {name}; this is not a ps4rig library") from error
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise LibraryError(f"{path}: {name} is packed in an unknown way; train it again")
     if info.file_size > limit:
         raise LibraryError(
             f"{path}: {name} claims {info.file_size} bytes; more than {limit} is refused"

@@ -93,7 +93,11 @@ class Lighting:
         cls, tilts_deg: Sequence[float], slants_deg: float | Sequence[float]
     ) -> Lighting:
         """Lights at the given tilts and slants, both in degrees; slants within [0, 90)."""
-        slants = np.broadcast_to(np.asarray(slants_deg, dtype=np.float64), np.shape(tilts_deg))
+        slants = np.asarray(slants_deg, dtype=np.float64)
+        if slants.size not in (1, len(tilts_deg)):
+            raise InputError(
+                f"{slants.size} slants for {len(tilts_deg)} tilts; give one for all or one each"
+            )
         if not ((slants >= 0) & (slants < 89.9)).all():
             raise InputError(f"slant {slants_deg} is outside 0 to 89.9 degrees from the z axis")
         return cls(light_vectors(tilts_deg, slants))

@@ -52,6 +52,6 @@ def noise_of_images(
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
     left_over = np.tensordot(cancelling, values, axes=1)
     energy = float(np.median(np.square(left_over).sum(axis=0)))
-    # Median of chi-squared (Wilson and Hilferty), within 3 % from one degree of freedom on.
+    # Median of chi-squared (Wilson and Hilferty), within 4 % from one degree of freedom on.
     median = freedom * (1.0 - 2.0 / (9.0 * freedom)) ** 3
     return max(rounding, float(np.sqrt(energy / median)))

@@ -73,8 +73,8 @@ def compare(
 
     turned = roll_angles(test, turns)
     difference = np.square(turned - references).sum(axis=(2, 3))
-    energy = np.square(turned).sum(axis=(2, 3)) + np.square(references).sum(
-        axis=(2, 3), dtype=np.float64
+    energy = np.square(turned).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
+        axis=(2, 3)
     )
     shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
     return shares.mean(axis=1), turns * STEP_DEG

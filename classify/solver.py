@@ -79,7 +79,7 @@ def photometric_stereo(
     stack = _checked_stack(images, lighting)
     dark = None if ambient is None else _checked_ambient(ambient, stack)
     scale = 1.0 if full_scale is None else float(full_scale)
-    if not scale > 0.0:
+    if not 0.0 < scale < np.inf:
         raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
     saturation = np.float32(np.inf if full_scale is None else scale)
     gains = (1.0 / (scale * lighting.intensities)).astype(np.float32)
@@ -119,10 +119,18 @@ def photometric_stereo(
 
 def _checked_stack(images: Images, lighting: Lighting) -> npt.NDArray[Any]:
     if not isinstance(images, np.ndarray):
+        if len(images) == 0:
+            raise InputError("no images are given; give one for each light")
         shapes = {np.shape(image) for image in images}
         if len(shapes) > 1:
             sizes = ", ".join(" x ".join(map(str, shape)) for shape in sorted(shapes))
             raise InputError(f"the images differ in size ({sizes}); all must show the same frame")
+        # Stacked, they would all take the widest type, and 255 of 8 bits pass for 255 of 65535.
+        dtypes = {str(np.asarray(image).dtype) for image in images}
+        if len(dtypes) > 1:
+            raise InputError(
+                f"the images differ in type ({', '.join(sorted(dtypes))}); all must have the same"
+            )
         images = np.stack(images)
     if images.ndim != 3 or 0 in images.shape:
         raise InputError(f"images have shape {images.shape}; give (lights, rows, columns)")

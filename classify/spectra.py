@@ -98,16 +98,20 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
     Parameters
     ----------
     surface
-        Its valid pixels are used; others count as level and of mean albedo.
+        Its valid pixels are used; others count as of mean slope and mean albedo.
     segment_px
-        Side of the segments; by default `segment_for` the frame.
+        Side of the segments, 32 or more; by default `segment_for` the frame.
 
     Raises
     ------
     InputError
-        If the frame is smaller than a segment, or has no valid pixel.
+        If the frame is smaller than a segment, has no valid pixel, or segments are below 32 px.
     """
     side = segment_for(surface.shape) if segment_px is None else segment_px
+    if side < MIN_SEGMENT_PX:
+        raise InputError(
+            f"{side} px segments; a texture needs segments of at least {MIN_SEGMENT_PX} px"
+        )
     if min(surface.shape) < side:
         raise InputError(
             f"a frame of {surface.shape[1]} x {surface.shape[0]} px is smaller than the "
@@ -174,7 +178,7 @@ def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
-    """Column and row in a half-plane spectrum, rows shifted to put zero frequency at side / 2."""
+    """Column and row in a half-plane spectrum, rows shifted to put zero frequency at side // 2."""
     angles = np.arange(ANGLES) * (np.pi / ANGLES)
     radii = polar_radii_px(side)[:, None]
     u = radii * np.cos(angles)
@@ -182,12 +186,13 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
     # The half plane stores u >= 0: the other half is the same by point symmetry. Rows hold the
     # frequency along the row index, which is -v as y points up.
     flip = np.where(u < 0.0, -1.0, 1.0)
-    return (u * flip).astype(np.float32), (side / 2.0 - v * flip).astype(np.float32)
+    return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
 
 
 def _to_polar(half_plane: FloatMap, side: int) -> FloatMap:
     columns, rows = _polar_map(side)
     # Amplitudes, not powers, are interpolated: they bend less between bins.
     shifted = np.sqrt(np.roll(half_plane, side // 2, axis=0))
-    polar = cv2.remap(shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
+    polar = cv2.remap(shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     return (polar**2).astype(np.float32)

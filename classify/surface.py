@@ -23,14 +23,15 @@ class SurfaceEstimate:
     albedo
         float32, in units of the images (of full scale, where the solver was told it).
     residual
-        float32 rms difference between the light images and the four-light (N-light) Lambertian
-        fit, in units of the albedo. Shadow, highlight, noise and wrong light order all raise it.
+        float32 rms difference between the light images and a Lambertian surface, in units of the
+        albedo: the fit to all lights for PS4 and least squares, this solution for PS3. Shadow,
+        highlight, noise and wrong light order all raise it.
     dropped
         uint8 index of the light left out of the solution, 255 where all were used. Where several
         lights were equally dark it is the first of those.
     shadow_count
-        uint8 number of lights that give less than half of what this solution predicts: cast and
-        attached shadow together.
+        uint8 number of lights that give no more than half of what this solution predicts: cast
+        and attached shadow together.
     saturated
         bool, true where any image reached full scale.
     valid

@@ -158,6 +158,13 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    lights = values.get("lights", {})
+    if isinstance(lights, dict) and "port" not in lights:
+        # Left out it would be the simulated one, and nobody would have asked for that.
+        raise ConfigError(
+            f"{path}: lights.port is missing; give the light controller's port, or "
+            f"{SIMULATED!r} for a simulated rig"
+        )
     return _validated(values, str(path))
 
 

@@ -111,7 +111,7 @@ class LightController:
     def state(self) -> LightState:
         """Ask the controller what is lit; this also keeps its watchdog quiet."""
         reply = self._exchange("LED:STAT?")
-        led, *levels, time_us = self._numbers(reply, reply.text.count(",") + 1)
+        led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
         return LightState(None if led == -1 else led, tuple(levels), time_us)
 
     def confirm(self, led: int | None) -> None:
@@ -132,9 +132,11 @@ class LightController:
     def close(self) -> None:
         """Put the LEDs out if the controller still listens, and release the port."""
         # Whatever goes wrong here, the watchdog puts the LEDs out.
-        with suppress(LightControllerError):
-            self.off()
-        self._line.close()
+        try:
+            with suppress(LightControllerError):
+                self.off()
+        finally:
+            self._line.close()
 
     def __enter__(self) -> Self:
         return self

@@ -47,10 +47,12 @@ class Rig:
 
     def close(self) -> None:
         """Put the LEDs out and release everything; a second call does nothing."""
-        self.lights.close()
-        self.camera.close()
-        if self.simulation is not None:
-            self.simulation.close()
+        try:
+            self.lights.close()
+        finally:
+            self.camera.close()
+            if self.simulation is not None:
+                self.simulation.close()
 
     def __enter__(self) -> Self:
         return self

@@ -79,6 +79,7 @@ class SerialLine:
 
     def close(self) -> None:
         """Release the port; never raises."""
+        _admit_other_openers(self._serial)
         with suppress(OSError):
             self._serial.close()
 
@@ -101,10 +102,19 @@ def _why_not_open(error: OSError | ValueError) -> str:
 
 def _refuse_other_openers(port: Any) -> None:
     """TIOCEXCL: pyserial's own lock only keeps out programs that ask for one as well."""
+    _terminal_control(port, "TIOCEXCL")
+
+
+def _admit_other_openers(port: Any) -> None:
+    """TIOCNXCL: a pseudo-terminal would stay exclusive for as long as its master is open."""
+    _terminal_control(port, "TIOCNXCL")
+
+
+def _terminal_control(port: Any, request: str) -> None:
     try:
         import fcntl
         import termios
     except ImportError:  # not a POSIX system: there a port opens only once anyway
         return
     with suppress(OSError, AttributeError, NotImplementedError):
-        fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+        fcntl.ioctl(port.fileno(), getattr(termios, request))

@@ -1,0 +1,142 @@
+"""A small simulated rig, captured sets on disk, and the command line."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from typer.testing import CliRunner
+
+from capture import CapturedSet, SetMetadata
+from capture.captured_set import ImageRecord, LightingRecord, pixels_sha256
+from capture.cli import app
+from classify import Lighting
+from rig import Rig, RigConfig, open_rig
+
+COMMAND = (sys.executable, "-c", "from capture.cli import main; main()")
+Images = npt.NDArray[np.uint16]
+
+
+@pytest.fixture(scope="session")
+def small_config() -> RigConfig:
+    return RigConfig().with_changes(camera={"width_px": 64, "height_px": 64})
+
+
+@pytest.fixture
+def rig(small_config: RigConfig) -> Iterator[Rig]:
+    with open_rig(small_config) as opened:
+        yield opened
+
+
+def _led_outputs(rig: Rig) -> list[float]:
+    """What the LEDs really do once they have settled; also when the rig has been closed."""
+    assert rig.simulation is not None
+    rig.clock.sleep_s(0.01)
+    now_s = rig.clock.now_s()
+    return [round(rig.simulation.board.output(led, now_s), 6) for led in range(4)]
+
+
+@pytest.fixture(scope="session")
+def led_outputs() -> Callable[[Rig], list[float]]:
+    return _led_outputs
+
+
+def _made_set(
+    pixels: Images,
+    ambient: Images | None = None,
+    lighting: Lighting | None = None,
+    **fields: object,
+) -> CapturedSet:
+    """A set of any pixels, (lights, rows, columns)."""
+    tilts_deg = [360.0 * light / len(pixels) for light in range(len(pixels))]
+    lights: list[int | None] = list(range(len(pixels)))
+    if ambient is not None:
+        lights.append(None)
+    values: dict[str, object] = {
+        "label": "oak",
+        "created_utc": "2026-01-02T03:04:05Z",
+        "simulated": False,
+        "bit_depth": 16,
+        "full_scale": 65535,
+        "lighting": LightingRecord.of(lighting or Lighting.ring(45.0, tilts_deg)),
+        "images": tuple(ImageRecord(light=light) for light in lights),
+        "software_version": "0",
+        "pixels_sha256": pixels_sha256(pixels, ambient),
+    }
+    return CapturedSet(pixels, ambient, SetMetadata.model_validate(values | fields))
+
+
+@pytest.fixture(scope="session")
+def made_set() -> Callable[..., CapturedSet]:
+    return _made_set
+
+
+@pytest.fixture(scope="session")
+def ps4rig() -> Callable[..., Any]:
+    """Run the command in this process: exit_code, stdout, stderr."""
+
+    def run(*arguments: object) -> Any:
+        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def refused(ps4rig: Callable[..., Any]) -> Callable[..., str]:
+    """Run the command, which must fail with one line on stderr; returns the line."""
+
+    def run(*arguments: object, status: int = 2) -> str:
+        result = ps4rig(*arguments)
+        assert result.exit_code == status, (result.stdout, result.stderr, result.exception)
+        assert result.stdout == ""
+        (line,) = result.stderr.splitlines()
+        assert line.startswith("ps4rig: ")
+        return line.removeprefix("ps4rig: ")
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def spawn() -> Callable[..., subprocess.Popen[str]]:
+    """Start the command as a process of its own."""
+
+    def start(*arguments: object, **options: object) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [*COMMAND, *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            **options,
+        )
+
+    return start
+
+
+@pytest.fixture(scope="session")
+def sets(tmp_path_factory: pytest.TempPathFactory, ps4rig: Callable[..., Any]) -> Path:
+    """A folder with sets of rock and sand at two orientations, 128 px wide, only to be read."""
+    folder = tmp_path_factory.mktemp("sets")
+    for name in ("rock", "sand"):
+        result = ps4rig(
+            "capture", "--rig", "sim", "--surface", name, "--label", name, "--size", 128,
+            "--rotate", 0, "--rotate", 50, folder / f"{name}.ome.tif",
+        )  # fmt: skip
+        assert result.exit_code == 0, result.stderr
+    return folder
+
+
+@pytest.fixture(scope="session")
+def library(sets: Path, ps4rig: Callable[..., Any]) -> Path:
+    """Rock and sand as they lie at 0 degrees."""
+    path = sets.parent / "textures.ps4lib"
+    result = ps4rig(
+        "train", sets / "rock-001.ome.tif", sets / "sand-001.ome.tif", "--library", path
+    )
+    assert result.exit_code == 0, result.stderr
+    return path

@@ -1,0 +1,390 @@
+"""`capture_set` on the simulated rig: what is in a set, and when there is none."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture import SetRejected, capture_set
+from classify.errors import InputError
+from rig import (
+    Camera,
+    CameraError,
+    CameraInfo,
+    Frame,
+    FrameFlag,
+    LightControllerError,
+    Placement,
+    Rig,
+    RigConfig,
+    open_rig,
+)
+
+Outputs = Callable[[Rig], list[float]]
+
+
+@dataclass
+class CameraBetween:
+    """A camera that passes on another one's frames through `change`."""
+
+    camera: Camera
+    change: Callable[[Frame], Frame]
+
+    @property
+    def info(self) -> CameraInfo:
+        return self.camera.info
+
+    def read(self, timeout_s: float) -> Frame:
+        return self.change(self.camera.read(timeout_s))
+
+    def close(self) -> None:
+        self.camera.close()
+
+
+def with_frames(rig: Rig, change: Callable[[Frame], Frame]) -> Rig:
+    return replace(rig, camera=CameraBetween(rig.camera, change))
+
+
+def under(rig: Rig, led: int | None, action: Callable[[], object]) -> Rig:
+    """Do something once, when a frame is handed out while `led` (None: no LED) is lit."""
+    done = False
+
+    def change(frame: Frame) -> Frame:
+        nonlocal done
+        assert rig.simulation is not None
+        now_s, board = rig.clock.now_s(), rig.simulation.board
+        lit = [other for other in range(4) if board.output(other, now_s) > 0.5]
+        if not done and lit == ([] if led is None else [led]):
+            done = True
+            action()
+        return frame
+
+    return with_frames(rig, change)
+
+
+# what is in it
+
+
+def test_a_set_says_where_it_comes_from(rig: Rig) -> None:
+    captured = capture_set(rig, label="oak")
+    metadata = captured.metadata
+    assert captured.label == "oak"
+    assert metadata.simulated
+    assert (metadata.bit_depth, metadata.full_scale) == (12, 4095)
+    assert captured.lighting == rig.lighting
+    assert metadata.placement == rig.config.simulation.placement
+    assert metadata.orientation_deg == 0.0
+    assert metadata.rig_name == "simulated rig"
+    assert metadata.controller is not None
+    assert metadata.controller.serial_number == "SIM-0001"
+    assert metadata.camera is not None
+    assert metadata.camera.exposure_ms == pytest.approx(20.0)
+    assert metadata.camera.frame_rate_hz == pytest.approx(30.0)
+    assert captured.images.shape == (4, 64, 64)
+    assert captured.ambient is not None
+    assert captured.ambient.shape == (64, 64)
+
+
+def test_images_are_in_the_order_of_the_lights_and_the_ambient_one_is_last(rig: Rig) -> None:
+    records = capture_set(rig).metadata.images
+    assert [record.light for record in records] == [0, 1, 2, 3, None]
+    # The ambient image was taken first, then one light after the other.
+    starts = [record.frames[0].exposure_start_s for record in records]
+    assert [*sorted(starts)[1:], min(starts)] == starts
+
+
+@pytest.mark.parametrize("average", [1, 3])
+@pytest.mark.parametrize(
+    "camera", [{}, {"frame_rate_hz": 100.0, "exposure_ms": 10.0}, {"frame_rate_hz": 7.0}]
+)
+def test_every_exposure_began_after_the_acknowledge_and_the_settle_time(
+    small_config: RigConfig, camera: dict[str, float], average: int
+) -> None:
+    config = small_config.with_changes(camera=camera, lights={"settle_ms": 12.0})
+    with open_rig(config) as rig:
+        rig.clock.sleep_s(3.3)  # a queue full of stale frames
+        records = capture_set(rig, average=average).metadata.images
+    stale = 0
+    for record in records:
+        assert len(record.frames) == average
+        assert record.led_acknowledged_s is not None
+        for frame in record.frames:
+            assert frame.exposure_start_s >= record.led_acknowledged_s + 0.012
+            assert frame.exposure_end_s - frame.exposure_start_s == pytest.approx(
+                config.camera.exposure_ms / 1e3
+            )
+        numbers = [frame.sequence for frame in record.frames]
+        assert numbers == list(range(numbers[0], numbers[0] + average))
+        stale += record.stale_frames
+    assert stale >= 5
+
+
+def test_each_image_is_what_the_scene_looks_like_under_that_light(rig: Rig) -> None:
+    assert rig.simulation is not None
+    rig.simulation.place(Placement(surface="sand", rotate_deg=20.0, seed=3))
+    captured = capture_set(rig)
+    scene = rig.camera._scene  # type: ignore[attr-defined]
+    sensor = rig.camera._sensor  # type: ignore[attr-defined]
+    assert captured.ambient is not None
+    for image, light in [*zip(captured.images, scene.lights, strict=True), (captured.ambient, 0.0)]:
+        electrons = 20.0 * sensor.white_e_per_ms * (light + scene.ambient)
+        expected = sensor.black_level_dn + electrons / sensor.gain_e_per_dn
+        noise = np.sqrt(electrons + sensor.read_noise_e**2) / sensor.gain_e_per_dn
+        deviations = (image - expected) / noise
+        assert abs(deviations.mean()) < 0.06  # 64 x 64 px: a standard error of 0.016
+        assert deviations.std() == pytest.approx(1.0, abs=0.06)
+
+
+def test_a_set_on_virtual_time_takes_no_time(rig: Rig) -> None:
+    capture_set(rig)
+    started_s, simulated_s = time.monotonic(), rig.clock.now_s()
+    capture_set(rig)
+    assert time.monotonic() - started_s < 0.15
+    assert rig.clock.now_s() - simulated_s > 4.9 / 30
+
+
+def test_a_set_on_the_real_clock_takes_what_its_frames_take(small_config: RigConfig) -> None:
+    with open_rig(small_config.with_changes(simulation={"clock": "real"})) as rig:
+        started_s = time.monotonic()
+        captured = capture_set(rig)
+        took_s = time.monotonic() - started_s
+    # Each image waits for a whole frame after the switch: between one and two periods.
+    assert 5 / 30 < took_s < 5 * (2 / 30 + 0.015) + 0.15
+    for record in captured.metadata.images:
+        assert record.led_acknowledged_s is not None
+        assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
+
+
+def test_the_same_rig_gives_the_same_set(small_config: RigConfig) -> None:
+    def pixels() -> bytes:
+        with open_rig(small_config) as rig:
+            return capture_set(rig).images.tobytes()
+
+    assert pixels() == pixels()
+
+
+# averages
+
+
+def test_the_mean_of_n_frames_has_less_noise_by_the_root_of_n(rig: Rig) -> None:
+    def noise(average: int) -> float:
+        a, b = (capture_set(rig, average=average).images / 65535.0 for _ in range(2))
+        if average == 1:
+            a, b = a * (65535 / 4095), b * (65535 / 4095)
+        return float((a - b).std())
+
+    assert noise(16) == pytest.approx(noise(1) / 4.0, rel=0.05)
+
+
+def test_an_average_is_stretched_to_16_bits_and_says_so(rig: Rig) -> None:
+    single, mean = capture_set(rig), capture_set(rig, average=8)
+    assert (mean.metadata.full_scale, mean.metadata.bit_depth) == (65535, 12)
+    np.testing.assert_allclose(
+        mean.images.mean(axis=(1, 2)) / 65535, single.images.mean(axis=(1, 2)) / 4095, rtol=5e-3
+    )
+
+
+def test_a_pixel_that_saturated_in_one_frame_is_saturated_in_the_mean(rig: Rig) -> None:
+    def one_flash(frame: Frame) -> Frame:
+        pixels = frame.pixels.copy()
+        pixels[3, 5] = 4095 if frame.sequence % 3 == 0 else 100
+        return replace(frame, pixels=pixels)
+
+    captured = capture_set(with_frames(rig, one_flash), average=6)
+    assert (captured.images[:, 3, 5] == 65535).all()
+    assert captured.solve().saturated.sum() == 1
+
+
+@pytest.mark.parametrize("average", [0, -1, 1025])
+def test_an_average_of_no_frames_is_refused(rig: Rig, average: int) -> None:
+    with pytest.raises(InputError, match=f"average is {average}"):
+        capture_set(rig, average=average)
+
+
+@pytest.mark.parametrize("label", ["a\nb", "a\x00", "\udcff", "\uffff"])
+def test_a_label_that_no_file_could_hold_is_refused_before_a_light_is_switched(
+    rig: Rig, label: str
+) -> None:
+    rig.lights.select(1)
+    with pytest.raises(InputError, match=r"label .* printable"):
+        capture_set(rig, label=label)
+    rig.lights.confirm(1)
+
+
+# sets that are refused; the LEDs are out after each
+
+
+@pytest.fixture
+def dark_after(rig: Rig, led_outputs: Outputs) -> Iterator[None]:
+    yield
+    assert led_outputs(rig) == [0.0] * 4
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_a_dead_led_is_named(rig: Rig) -> None:
+    rig.lights.set_level(2, 0)
+    with pytest.raises(
+        SetRejected, match=r"LED 2 \(tilt 180\): dark, .* is the LED dead"
+    ) as caught:
+        capture_set(rig)
+    assert "LED 0" not in str(caught.value)
+    assert caught.value.exit_status == 1
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_a_weak_led_is_named_with_its_share(rig: Rig) -> None:
+    rig.lights.set_level(3, 5)
+    with pytest.raises(SetRejected, match=r"LED 3 \(tilt 270\): only \d% of the brightest light"):
+        capture_set(rig)
+
+
+def test_too_long_an_exposure_names_every_light(
+    small_config: RigConfig, led_outputs: Outputs
+) -> None:
+    config = small_config.with_changes(camera={"frame_rate_hz": 10.0, "exposure_ms": 100.0})
+    with open_rig(config) as rig:
+        with pytest.raises(SetRejected, match=r"pixels are saturated .*shorten the exposure") as e:
+            capture_set(rig)
+        assert all(f"LED {led} (tilt {90 * led})" in str(e.value) for led in range(4))
+        assert led_outputs(rig) == [0.0] * 4
+
+
+def test_too_short_an_exposure_is_dark(small_config: RigConfig) -> None:
+    config = small_config.with_changes(camera={"exposure_ms": 0.005})
+    with open_rig(config) as rig, pytest.raises(SetRejected, match=r"dark, .*exposure too short"):
+        capture_set(rig)
+
+
+def test_daylight_is_told_from_the_lights(small_config: RigConfig) -> None:
+    config = small_config.with_changes(simulation={"ambient": 1.0})
+    with open_rig(config) as rig, pytest.raises(SetRejected, match=r"ambient light fills \d+%"):
+        capture_set(rig)
+
+
+@pytest.mark.usefixtures("dark_after")
+@pytest.mark.parametrize(
+    ("change", "count"),
+    [
+        (lambda frame: replace(frame, flags=FrameFlag.CORRUPT), r"[1-9]\d* corrupt"),
+        (lambda frame: replace(frame, exposure_start_s=0.0), r"[1-9]\d* from before the switch"),
+    ],
+)
+def test_a_camera_that_gives_no_good_frame_is_named_by_light_and_cause(
+    rig: Rig, change: Callable[[Frame], Frame], count: str
+) -> None:
+    message = rf"no good frame under ambient light in .* s \(.*{count}"
+    with pytest.raises(SetRejected, match=message):
+        capture_set(with_frames(rig, change))
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_frames_that_go_bad_in_mid_set_name_the_light(rig: Rig) -> None:
+    count = 0
+
+    def bad_from_the_fifth_on(frame: Frame) -> Frame:
+        nonlocal count
+        count += 1
+        return replace(frame, flags=FrameFlag.CORRUPT) if count > 4 else frame
+
+    with pytest.raises(SetRejected, match=r"no good frame under LED \d \(tilt \d+\)"):
+        capture_set(with_frames(rig, bad_from_the_fifth_on))
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_one_corrupt_frame_is_left_out_and_counted(rig: Rig) -> None:
+    broken: list[int] = []
+
+    def corrupt_fresh_ones(frame: Frame) -> Frame:
+        if frame.sequence % 4 == 0:
+            broken.append(frame.sequence)
+            return replace(frame, pixels=frame.pixels * 0, flags=FrameFlag.CORRUPT)
+        return frame
+
+    captured = capture_set(with_frames(rig, corrupt_fresh_ones), average=8)
+    records = captured.metadata.images
+    used = {frame.sequence for record in records for frame in record.frames}
+    assert not used & set(broken)
+    assert sum(record.corrupt_frames for record in records) >= 5
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_lost_frames_are_recorded(rig: Rig) -> None:
+    def renumbered(frame: Frame) -> Frame:
+        return replace(frame, sequence=3 * frame.sequence)
+
+    records = capture_set(with_frames(rig, renumbered), average=3).metadata.images
+    # Three frames two numbers apart each, and perhaps the gap before the first.
+    assert all(record.lost_frames in (4, 6) for record in records)
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_a_frame_that_comes_twice_is_noticed(rig: Rig) -> None:
+    def stuck(frame: Frame) -> Frame:
+        return replace(frame, sequence=7)
+
+    with pytest.raises(SetRejected, match="frame 7 came twice"):
+        capture_set(with_frames(rig, stuck), average=2)
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_a_watchdog_that_trips_in_mid_set_spoils_it(rig: Rig) -> None:
+    silence = under(rig, 1, lambda: rig.clock.sleep_s(5.5))
+    with pytest.raises(LightControllerError, match=r"LED \d should be lit but no LED is.*watchdog"):
+        capture_set(silence)
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_a_controller_that_restarts_in_mid_set_spoils_it(rig: Rig) -> None:
+    assert rig.simulation is not None
+    controller: Any = rig.simulation._server._controller
+    restarted = under(rig, 1, controller.reset)
+    with pytest.raises(LightControllerError):
+        capture_set(restarted)
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_lights_unplugged_between_led_2_and_3_are_an_error(rig: Rig) -> None:
+    assert rig.simulation is not None
+    select = rig.lights.select
+
+    def select_until_unplugged(led: int) -> object:
+        if led == 3:
+            assert rig.simulation is not None
+            rig.simulation.unplug_lights()
+        return select(led)
+
+    rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
+    with pytest.raises(LightControllerError, match="the light controller is gone") as caught:
+        capture_set(rig)
+    assert caught.value.exit_status == 3
+
+
+@pytest.mark.usefixtures("dark_after")
+@pytest.mark.parametrize("led", [None, 0, 1, 3])
+@pytest.mark.parametrize("error", [CameraError("no frame"), RuntimeError("driver"), MemoryError()])
+def test_any_error_of_the_camera_in_mid_set_puts_the_leds_out(
+    rig: Rig, led: int | None, error: Exception
+) -> None:
+    def fail() -> None:
+        raise error
+
+    with pytest.raises(type(error)):
+        capture_set(under(rig, led, fail))
+
+
+@pytest.mark.usefixtures("dark_after")
+@pytest.mark.parametrize("led", [None, 0, 1, 3])
+def test_ctrl_c_in_mid_set_puts_the_leds_out(rig: Rig, led: int | None) -> None:
+    interrupted = under(rig, led, lambda: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        capture_set(interrupted)
+
+
+def test_a_rig_is_as_good_as_new_after_a_set_was_refused(rig: Rig) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        capture_set(under(rig, 2, lambda: signal.raise_signal(signal.SIGINT)))
+    assert capture_set(rig).images.shape == (4, 64, 64)

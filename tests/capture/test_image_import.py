@@ -1,0 +1,282 @@
+"""Photographs into a captured set: their numbers, and which are refused."""
+
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+import tifffile
+
+from capture import CapturedSet, import_images
+from classify import Lighting
+from classify.errors import InputError
+
+RING = Lighting.ring(45.0)
+SHAPE = (12, 17)
+Photographs = Callable[..., list[Path]]
+
+
+def pattern(dtype: type[np.uint8 | np.uint16], channels: int = 0) -> npt.NDArray[Any]:
+    """Any pixels without a saturated one."""
+    shape = SHAPE if channels == 0 else (*SHAPE, channels)
+    return np.random.default_rng(5).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
+
+
+def written(path: Path, image: npt.NDArray[Any]) -> Path:
+    """An RGB or grey image as a file of the kind its name says."""
+    if path.suffix in (".tif", ".tiff"):
+        tifffile.imwrite(path, image, photometric="rgb" if image.ndim == 3 else "minisblack")
+    else:
+        order = {2: slice(None), 3: [2, 1, 0], 4: [2, 1, 0, 3]}
+        channels = 2 if image.ndim == 2 else image.shape[2]
+        stored = image if channels == 2 else np.ascontiguousarray(image[:, :, order[channels]])
+        assert cv2.imwrite(str(path), stored)
+    return path
+
+
+@pytest.fixture
+def four(tmp_path: Path) -> Photographs:
+    """Write an image four times and return the paths."""
+
+    def write(image: npt.NDArray[Any], suffix: str = ".png") -> list[Path]:
+        return [written(tmp_path / f"image{light}{suffix}", image) for light in range(4)]
+
+    return write
+
+
+def srgb(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """IEC 61966-2-1, from [0, 1] to [0, 1]."""
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+# numbers
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
+@pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 65535)])
+def test_linear_grey_keeps_its_pixel_values(
+    four: Photographs, suffix: str, dtype: type[np.uint8 | np.uint16], top: int
+) -> None:
+    image = pattern(dtype)
+    captured = import_images(four(image, suffix), RING, label="oak")
+    np.testing.assert_array_equal(captured.images, np.stack([image] * 4))
+    metadata = captured.metadata
+    assert (metadata.full_scale, metadata.bit_depth) == (top, 8 if top == 255 else 16)
+    assert not metadata.simulated
+    assert metadata.label == "oak"
+    assert metadata.gamma == "linear"
+    assert [record.source_file for record in metadata.images] == [
+        f"image{n}{suffix}" for n in range(4)
+    ]
+    assert captured.ambient is None
+    assert captured.lighting == RING
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_colour_becomes_linear_luminance(
+    four: Photographs, suffix: str, dtype: type[np.uint8 | np.uint16]
+) -> None:
+    image = pattern(dtype, channels=3)
+    captured = import_images(four(image, suffix), RING)
+    expected = image @ np.array([0.2126, 0.7152, 0.0722]) * (65535 / np.iinfo(dtype).max)
+    np.testing.assert_allclose(captured.images[2], expected, atol=0.51)
+    assert captured.metadata.full_scale == 65535
+
+
+def test_equal_channels_are_grey(four: Photographs) -> None:
+    grey = pattern(np.uint16)
+    captured = import_images(four(np.dstack([grey] * 3)), RING)
+    assert abs(captured.images[0].astype(int) - grey).max() <= 1
+
+
+@pytest.mark.parametrize("channels", [0, 3])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_srgb_is_undone_by_its_formula(
+    four: Photographs, channels: int, dtype: type[np.uint8 | np.uint16]
+) -> None:
+    image = pattern(dtype, channels)
+    captured = import_images(four(image), RING, gamma="srgb")
+    linear = srgb(image / np.iinfo(dtype).max)
+    expected = linear @ np.array([0.2126, 0.7152, 0.0722]) if channels else linear
+    np.testing.assert_allclose(captured.images[1], 65535 * expected, atol=0.6)
+    assert captured.metadata.gamma == "srgb"
+
+
+def test_every_level_of_srgb(four: Photographs) -> None:
+    ramp = np.arange(256, dtype=np.uint8).reshape(8, 32)
+    captured = import_images(four(ramp), RING, gamma="srgb")
+    np.testing.assert_allclose(captured.images[0], 65535 * srgb(ramp / 255), atol=0.51)
+    assert (captured.images[0, 0, 0], captured.images[0, -1, -1]) == (0, 65535)
+
+
+def test_one_saturated_channel_saturates_the_pixel(four: Photographs) -> None:
+    image = np.full((*SHAPE, 3), 100, np.uint8)
+    image[4, 5] = (100, 100, 255)
+    captured = import_images(four(image), RING)
+    assert captured.images[0, 4, 5] == 65535
+    surface = captured.solve()
+    assert surface.saturated[4, 5]
+    assert surface.saturated.sum() == 1
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_alpha_is_ignored(four: Photographs, suffix: str) -> None:
+    image = pattern(np.uint8, channels=4)
+    image[:, :, 3] = 255
+    opaque = import_images(four(image[:, :, :3].copy(), suffix), RING).images
+    image[:, :, 3] = 7
+    np.testing.assert_array_equal(import_images(four(image, suffix), RING).images, opaque)
+
+
+def test_grey_and_colour_may_be_mixed(four: Photographs) -> None:
+    grey = pattern(np.uint8)
+    paths = four(grey)
+    written(paths[2], np.dstack([grey] * 3))
+    captured = import_images(paths, RING)
+    np.testing.assert_allclose(captured.images[2], captured.images[0], atol=1)
+    np.testing.assert_array_equal(captured.images[0], grey.astype(np.uint16) * 257)
+
+
+def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_path: Path) -> None:
+    paths = four(np.full(SHAPE, 90, np.uint8))
+    ambient = written(tmp_path / "ambient.png", np.full(SHAPE, 40, np.uint8))
+    captured = import_images(paths, RING, ambient=ambient)
+    assert captured.ambient is not None
+    assert (captured.ambient == 40).all()
+    assert captured.metadata.images[-1].light is None
+    assert captured.metadata.images[-1].source_file == "ambient.png"
+    # Flat and facing the camera under four equal lights: (90 - 40) / 255 = albedo cos 45.
+    np.testing.assert_allclose(captured.solve().albedo, 50 / 255 / np.cos(np.pi / 4), rtol=1e-5)
+
+
+def test_a_jpeg_needs_its_response_stated(four: Photographs) -> None:
+    paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
+    with pytest.raises(InputError, match=r"image0\.jpg: a JPEG does not say .* --gamma srgb"):
+        import_images(paths, RING)
+    assert (import_images(paths, RING, gamma="linear").images == 128).all()
+    expected = round(65535 * float(srgb(np.array(128 / 255))))
+    assert (import_images(paths, RING, gamma="srgb").images == expected).all()
+
+
+def test_a_name_that_is_no_text_is_kept_readable(four: Photographs, tmp_path: Path) -> None:
+    paths = four(pattern(np.uint8))
+    paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
+    captured = import_images(paths, RING)
+    captured.save(tmp_path / "a.ome.tif")
+    read = CapturedSet.load(tmp_path / "a.ome.tif")
+    assert read.metadata.images[3].source_file == "odd\\udcff.png"
+
+
+# what is refused
+
+
+def refused(paths: list[Path], message: str, **options: Any) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        import_images(paths, options.pop("lighting", RING), **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_another_count_of_images(four: Photographs) -> None:
+    refused(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
+
+
+def test_three_images_can_be_a_set_but_not_be_solved_by_ps4(four: Photographs) -> None:
+    three = import_images(four(pattern(np.uint8))[:3], Lighting.ring(45.0, [0.0, 120.0, 240.0]))
+    with pytest.raises(InputError, match=r"ps4 needs exactly 4 lights, this set has 3; use least"):
+        three.solve()
+    assert three.solve("least_squares").p.shape == SHAPE
+
+
+def test_images_of_another_size_or_depth(four: Photographs) -> None:
+    paths = four(pattern(np.uint8))
+    written(paths[2], pattern(np.uint8)[:-1])
+    refused(paths, r"image2\.png: 17 x 11 px, but .*image0\.png has 17 x 12 px")
+    written(paths[2], pattern(np.uint16))
+    refused(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
+
+
+def test_an_ambient_image_of_another_size(four: Photographs, tmp_path: Path) -> None:
+    ambient = written(tmp_path / "ambient.png", pattern(np.uint8)[:5])
+    refused(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
+def test_a_file_cut_off_anywhere(four: Photographs, suffix: str) -> None:
+    paths = four(cv2.resize(pattern(np.uint8), (170, 120)), suffix)
+    whole = paths[1].read_bytes()
+    # What follows the last pixel of a TIFF is not needed.
+    last = len(whole) - (0 if suffix == ".tif" else 2)
+    for length in (0, 1, 8, 50, *range(100, last, max(1, last // 30)), last - 1):
+        paths[1].write_bytes(whole[:length])
+        refused(paths, rf"image1\{suffix}: .*truncated", gamma="linear")
+
+
+def test_a_png_that_lost_its_middle_or_a_bit(four: Photographs) -> None:
+    paths = four(cv2.resize(pattern(np.uint8), (170, 120)))
+    whole = paths[0].read_bytes()
+    half = len(whole) // 2
+    flipped = bytearray(whole)
+    flipped[half] ^= 4
+    for content in (whole[:half] + whole[-12:], bytes(flipped)):
+        paths[0].write_bytes(content)
+        refused(paths, r"image0\.png: not a complete PNG image")
+
+
+def test_a_png_that_announces_too_many_pixels(four: Photographs) -> None:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        checksum = zlib.crc32(kind + data)
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
+
+    paths = four(pattern(np.uint8))
+    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 0, 0, 0, 0)
+    chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"0")) + chunk(b"IEND", b"")
+    paths[0].write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+    refused(paths, r"image0\.png: not a complete PNG image, or too large")
+
+
+@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
+def test_floating_point_pixels(four: Photographs, value: float) -> None:
+    paths = four(pattern(np.uint8), ".tif")
+    tifffile.imwrite(paths[3], np.full(SHAPE, value, np.float32))
+    refused(paths, r"image3\.tif: float32 pixels; give 8 or 16 bit")
+
+
+@pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
+def test_tiff_pixels_that_are_not_brightness(four: Photographs, kind: str) -> None:
+    """The index into a palette, or white stored as 0, read as brightness gives another surface."""
+    paths = four(pattern(np.uint8), ".tif")
+    image = pattern(np.uint8, 4) if kind == "separated" else pattern(np.uint8)
+    colours = np.zeros((3, 256), np.uint16) if kind == "palette" else None
+    tifffile.imwrite(paths[1], image, photometric=kind, colormap=colours)
+    refused(paths, rf"image1\.tif: TIFF pixels are {kind.upper()}; save it as grey or RGB")
+
+
+def test_a_tiff_of_several_pages(four: Photographs) -> None:
+    paths = four(pattern(np.uint8), ".tif")
+    tifffile.imwrite(paths[0], np.zeros((5, *SHAPE), np.uint8), photometric="minisblack")
+    refused(paths, r"image0\.tif: \(5, 12, 17\) is not one grey or colour image")
+
+
+def test_files_of_another_kind_or_none(four: Photographs, tmp_path: Path) -> None:
+    paths = four(pattern(np.uint8))
+    for name, content, message in (
+        ("a.gif", b"GIF89a", "images come as PNG, JPEG or TIFF"),
+        ("a.png", b"hello IEND", "not a complete PNG"),
+        ("a.jpg", b"hello \xff\xd9", "not a complete JPG"),
+        ("a.tif", b"hello", "not a readable TIFF"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        refused([*paths[:3], tmp_path / name], rf"{name}: {message}")
+    refused([*paths[:3], tmp_path / "none.png"], r"none\.png: no such file")
+    (tmp_path / "folder.png").mkdir()
+    refused([*paths[:3], tmp_path / "folder.png"], r"folder\.png: cannot be read")
+
+
+def test_a_label_that_no_file_could_hold(four: Photographs) -> None:
+    refused(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")

@@ -1,0 +1,25 @@
+"""The examples in the docstrings of `classify` hold."""
+
+import doctest
+import importlib
+import pkgutil
+
+import pytest
+
+import classify
+
+MODULES = ["classify", *(f"classify.{module.name}" for module in
+                         pkgutil.iter_modules(classify.__path__))]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_hold(name: str) -> None:
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
+
+
+def test_the_public_functions_have_examples() -> None:
+    finder = doctest.DocTestFinder()
+    modules = map(importlib.import_module, MODULES)
+    shown = {test.name for module in modules for test in finder.find(module) if test.examples}
+    assert "classify.solver.photometric_stereo" in shown
+    assert "classify.lighting.Lighting.ring" in shown

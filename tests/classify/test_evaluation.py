@@ -1,0 +1,73 @@
+"""Counting right answers and degrees."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from classify import InputError, Match, Trial, evaluate
+
+ANGLES = st.floats(-720, 720)
+
+
+def answer(label: str | None, orientation_deg: float = 0.0) -> Match:
+    return Match(label, label or "a", orientation_deg, 0.1, "z", 0.2, 0.5)
+
+
+@given(ANGLES, ANGLES)
+def test_orientation_error_is_the_angle_between_two_lines(found: float, true: float) -> None:
+    error = Trial("a", true, answer("a", found)).orientation_error_deg
+    assert error is not None
+    assert 0.0 <= error <= 90.0
+    cosine = abs(np.cos(np.radians(found - true)))
+    assert np.cos(np.radians(error)) == pytest.approx(cosine, abs=1e-9)
+
+
+@given(ANGLES, st.floats(-90, 90), st.integers(-3, 3))
+def test_half_a_turn_makes_no_error(true: float, off: float, half_turns: int) -> None:
+    trial = Trial("a", true, answer("a", true + off + 180.0 * half_turns))
+    assert trial.orientation_error_deg == pytest.approx(abs(off), abs=1e-9)
+
+
+def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:
+    assert Trial("a", None, answer("a", 5.0)).orientation_error_deg is None
+    assert Trial("a", 5.0, answer("b", 5.0)).orientation_error_deg is None
+    assert Trial("a", 5.0, answer(None, 5.0)).orientation_error_deg is None
+
+
+def test_results_are_counted_by_class() -> None:
+    result = evaluate([
+        Trial("b", 10.0, answer("b", 12.0)),
+        Trial("b", 20.0, answer("b", 16.0)),
+        Trial("b", 30.0, answer("a", 30.0)),
+        Trial("a", None, answer("a", 90.0)),
+        Trial("a", 0.0, answer(None)),
+        Trial("c", 0.0, answer("b")),
+    ])  # fmt: skip
+    assert (result.sets, result.correct, result.unknown) == (6, 3, 1)
+    assert result.accuracy == 0.5
+    assert list(result.per_class) == ["a", "b", "c"]
+    assert result.per_class["b"].accuracy == pytest.approx(2 / 3)
+    assert result.per_class["c"].accuracy == 0.0
+    assert result.confusion == {"b": {"b": 2, "a": 1}, "a": {"a": 1, None: 1}, "c": {"b": 1}}
+    assert result.orientation_error_deg.median == pytest.approx(3.0)
+    assert result.orientation_error_deg.p95 == pytest.approx(3.9)
+    assert result.per_class["c"].orientation_error_deg.median is None
+    assert result.per_class["a"].orientation_error_deg.p95 is None
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from(["a", "b", "c", None])),
+                min_size=1))  # fmt: skip
+def test_the_confusion_holds_every_trial_once(pairs: list[tuple[str, str | None]]) -> None:
+    result = evaluate([Trial(true, None, answer(found)) for true, found in pairs])
+    counted = sum(sum(row.values()) for row in result.confusion.values())
+    right = sum(row.get(true, 0) for true, row in result.confusion.items())
+    assert counted == result.sets == len(pairs)
+    assert right == result.correct
+    assert result.unknown == sum(row.get(None, 0) for row in result.confusion.values())
+    assert sum(group.sets for group in result.per_class.values()) == result.sets
+
+
+def test_nothing_to_evaluate_is_said() -> None:
+    with pytest.raises(InputError, match="nothing to evaluate"):
+        evaluate([])

@@ -1,0 +1,137 @@
+"""Axes, tilt, slant and their signs, in the only place that defines them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from classify import InputError, Lighting
+from classify.lighting import light_vectors
+
+degrees = st.floats(0.0, 360.0, exclude_max=True)
+slants = st.floats(0.5, 89.0)
+ROOT_HALF = np.sqrt(0.5)
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "towards"),
+    [(0, (1, 0, 1)), (90, (0, 1, 1)), (180, (-1, 0, 1)), (270, (0, -1, 1))],
+)
+def test_tilt_runs_anticlockwise_from_x_with_y_up(tilt_deg: float, towards: tuple) -> None:
+    expected = np.array(towards) * ROOT_HALF
+    np.testing.assert_allclose(light_vectors(tilt_deg, 45.0), expected, atol=1e-15)
+
+
+def test_slant_is_measured_from_the_axis_towards_the_camera() -> None:
+    np.testing.assert_allclose(light_vectors(0.0, 0.0), (0, 0, 1))
+    np.testing.assert_allclose(light_vectors(0.0, 60.0), (np.sqrt(0.75), 0, 0.5))
+
+
+def test_ring_has_the_four_tilts_of_ps4_in_order() -> None:
+    ring = Lighting.ring(slant_deg=30.0)
+    assert ring.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
+    assert ring.slants_deg.tolist() == [30.0] * 4
+    assert ring.intensities.tolist() == [1.0] * 4
+    assert len(ring) == 4
+    assert Lighting.ring(40.0, tilts_deg=[0, 120, 240]).tilts_deg.tolist() == [0.0, 120.0, 240.0]
+
+
+@given(st.lists(st.tuples(degrees, slants), min_size=1, max_size=9))
+def test_angles_come_back_from_directions(angles: list[tuple[float, float]]) -> None:
+    tilts, slant = np.array(angles).T
+    lighting = Lighting.from_angles(tilts, slant)
+    np.testing.assert_allclose(np.linalg.norm(lighting.directions, axis=1), 1.0)
+    np.testing.assert_allclose(lighting.slants_deg, slant, atol=1e-8)
+    apart = (lighting.tilts_deg - tilts + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(apart, 0.0, atol=1e-7)
+    assert ((lighting.tilts_deg >= 0) & (lighting.tilts_deg < 360)).all()
+    again = Lighting.from_angles(lighting.tilts_deg, lighting.slants_deg)
+    np.testing.assert_allclose(again.directions, lighting.directions, atol=1e-10)
+
+
+@given(st.floats(0.01, 1e6), degrees, slants)
+def test_length_of_a_direction_does_not_matter(length: float, tilt: float, slant: float) -> None:
+    direction = light_vectors([tilt], [slant])
+    np.testing.assert_allclose(Lighting(length * direction).directions, direction, atol=1e-12)
+
+
+def test_lighting_cannot_be_changed_and_keeps_a_copy() -> None:
+    directions = Lighting.ring().directions.copy()
+    lighting = Lighting(directions)
+    directions[0] = 9.0
+    assert lighting == Lighting.ring()
+    with pytest.raises(ValueError, match="read-only"):
+        lighting.directions[0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        lighting.intensities[0] = 2.0
+
+
+def test_equality_looks_at_directions_and_intensities() -> None:
+    ring = Lighting.ring(45.0)
+    assert ring == Lighting.ring(45.0)
+    assert ring != Lighting.ring(44.0)
+    assert ring != Lighting(ring.directions, np.array([1, 1, 1, 2.0]))
+    assert ring != "ring"
+
+
+@pytest.mark.parametrize(
+    ("directions", "cause"),
+    [
+        (np.empty((0, 3)), "one \\(x, y, z\\) row per light"),
+        (np.ones(3), "one \\(x, y, z\\) row per light"),
+        (np.ones((4, 2)), "one \\(x, y, z\\) row per light"),
+        ([[0, 0, 0]], "zero or not finite"),
+        ([[0, np.nan, 1]], "zero or not finite"),
+        ([[0, 0, np.inf]], "zero or not finite"),
+        ([[0, 0, 1], [1, 0, 0]], "light 1 stands at or below the horizon"),
+        ([[0, 0, -1]], "light 0 stands at or below the horizon"),
+    ],
+)
+def test_unusable_directions_are_named(directions: object, cause: str) -> None:
+    with pytest.raises(InputError, match=cause):
+        Lighting(np.array(directions, float))
+
+
+@pytest.mark.parametrize(
+    ("intensities", "cause"),
+    [
+        ([1, 1, 1], "3 light intensities for 4 lights"),
+        ([1, 1, 1, 0], "positive"),
+        ([1, 1, 1, -1], "positive"),
+        ([1, 1, 1, np.nan], "positive"),
+        ([1, 1, 1, np.inf], "positive"),
+    ],
+)
+def test_unusable_intensities_are_named(intensities: list[float], cause: str) -> None:
+    with pytest.raises(InputError, match=cause):
+        Lighting(Lighting.ring().directions, np.array(intensities))
+
+
+@pytest.mark.parametrize("slant", [-1.0, 90.0, 120.0, np.nan])
+def test_slant_out_of_range_is_refused(slant: float) -> None:
+    with pytest.raises(InputError, match=r"slant .* is outside"):
+        Lighting.ring(slant)
+
+
+def test_tilts_and_slants_must_be_equally_many() -> None:
+    with pytest.raises(InputError, match="2 slants for 4 tilts"):
+        Lighting.from_angles([0, 90, 180, 270], [45, 50])
+
+
+def test_a_tilt_that_is_no_number_is_refused() -> None:
+    with pytest.raises(InputError, match="not finite"):
+        Lighting.from_angles([0, 90, np.nan, 270], 45)
+
+
+@given(degrees, st.floats(-29.0, 29.0))
+def test_nearest_light_is_found_across_the_turn(tilt: float, off: float) -> None:
+    lighting = Lighting.from_angles([(tilt + off) % 360.0, (tilt + 180.0) % 360.0], 40.0)
+    assert lighting.light_nearest_tilt(tilt) == 0
+    assert lighting.light_nearest_tilt(tilt - 360.0) == 0
+    assert lighting.light_nearest_tilt(tilt + 180.0) == 1
+
+
+def test_no_light_near_a_tilt_names_the_tilts_there_are() -> None:
+    with pytest.raises(InputError, match=r"near tilt 45; the tilts are 0, 90, 180, 270"):
+        Lighting.ring().light_nearest_tilt(45.0)
+    assert Lighting.ring().light_nearest_tilt(44.0, within_deg=45.0) == 0

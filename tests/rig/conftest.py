@@ -1,0 +1,94 @@
+"""The light controller's firmware on a pty, intact or behind a line that damages its replies."""
+
+import os
+import select
+import threading
+import tty
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import pytest
+
+from firmware_sim import Server, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+
+Tamper = Callable[[str, bytes], Iterable[bytes]]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The simulated device on virtual time, with its board in view."""
+
+    clock: VirtualClock
+    board: SimulatedBoard
+    controller: SimulatedController
+    server: Server
+
+    @property
+    def port(self) -> str:
+        return self.server.address
+
+    def lit(self) -> list[float]:
+        """The output of each LED, once it has settled."""
+        self.clock.sleep_s(0.05)
+        now_s = self.clock.now_s()
+        return [round(self.board.output(led, now_s), 6) for led in range(self.board.led_count)]
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    controller = SimulatedController(board, clock)
+    with serve_pty(controller) as server:
+        yield Bench(clock, board, controller, server)
+
+
+class DamagedLine:
+    """A pty with the real firmware behind it; `tamper` decides what becomes of each reply.
+
+    `tamper(command, reply)` is asked once for each line of the host; what it yields is sent,
+    each piece in a write of its own.
+    """
+
+    def __init__(self, tamper: Tamper) -> None:
+        self._tamper = tamper
+        clock = VirtualClock()
+        self._controller = SimulatedController(SimulatedBoard(clock), clock)
+        self._controller.take_output()
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stopping.set()
+        self._thread.join()
+        os.close(self._slave)
+        os.close(self._master)
+
+    def _run(self) -> None:
+        received = b""
+        while not self._stopping.is_set():
+            if not select.select([self._master], [], [], 0.005)[0]:
+                continue
+            *lines, received = (received + os.read(self._master, 256)).split(b"\n")
+            for line in lines:
+                self._controller.feed(line + b"\n")
+                for piece in self._tamper(line.decode(), self._controller.take_output()):
+                    os.write(self._master, piece)
+
+
+@pytest.fixture
+def damaged_line() -> Iterator[Callable[[Tamper], str]]:
+    """Put `tamper` between the firmware and a port; returns the port."""
+    with ExitStack() as stack:
+
+        def start(tamper: Tamper) -> str:
+            line = DamagedLine(tamper)
+            stack.callback(line.close)
+            return line.port
+
+        yield start

@@ -1,0 +1,114 @@
+"""`rig.toml`: what is refused, and in which words."""
+
+from pathlib import Path
+
+import pytest
+
+from rig import ConfigError, Placement, RigConfig, load_config
+
+SIMULATED = '[lights]\nport = "simulated"\n'
+
+
+def load(folder: Path, text: str) -> RigConfig:
+    path = folder / "rig.toml"
+    path.write_text(text)
+    return load_config(path)
+
+
+def test_a_whole_file_is_read(tmp_path: Path) -> None:
+    config = load(
+        tmp_path,
+        """
+        name = "bench 2"
+        [lights]
+        port = "/dev/ttyACM0"
+        tilts_deg = [0, 60, 120, 180, 240, 300]
+        slant_deg = 30
+        [camera]
+        bits = 8
+        frame_rate_hz = 10
+        [simulation.placement]
+        surface = "sand"
+        shift_px = [3, -4.5]
+        """,
+    )
+    assert config.name == "bench 2"
+    assert not config.is_simulated
+    assert config.lights.lighting.tilts_deg.tolist() == [0, 60, 120, 180, 240, 300]
+    assert config.camera.width_px == 512
+    assert config.simulation.placement == Placement(surface="sand", shift_px=(3.0, -4.5))
+
+
+def test_a_file_that_asks_for_simulation_is_the_default_rig(tmp_path: Path) -> None:
+    config = load(tmp_path, SIMULATED)
+    assert config == RigConfig()
+    assert config.is_simulated
+
+
+@pytest.mark.parametrize("text", ["", 'name = "x"\n', "[lights]\nbaud = 9600\n"])
+def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) -> None:
+    with pytest.raises(ConfigError, match=r"rig\.toml: lights\.port is missing.*'simulated'"):
+        load(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        (SIMULATED + "colour = 1\n", "lights.colour"),
+        (SIMULATED + "baud = 1\n", "lights.baud"),
+        (SIMULATED + "tilts_deg = [0, 90]\n", "lights.tilts_deg"),
+        (SIMULATED + "tilts_deg = [0, 90, nan]\n", "lights.tilts_deg.2"),
+        (SIMULATED + "slant_deg = 0\n", "lights.slant_deg"),
+        (SIMULATED + "slant_deg = nan\n", "lights.slant_deg"),
+        (SIMULATED + "settle_ms = -1\n", "lights.settle_ms"),
+        (SIMULATED + "watchdog_ms = 50\n", "lights.watchdog_ms"),
+        (SIMULATED + "[camera]\nbits = 9\n", "camera.bits"),
+        (SIMULATED + "[camera]\nkind = 'none'\n", "camera.kind"),
+        (SIMULATED + "[camera]\nwidth_px = 8\n", "camera.width_px"),
+        (SIMULATED + "[camera]\nframe_rate_hz = 60\n", "camera: .*exposure_ms = 20 does not fit"),
+        (SIMULATED + "watchdog_ms = 100\n", "the whole: .*watchdog_ms = 100 would put the LEDs"),
+        (SIMULATED + "[simulation]\nclock = 'slow'\n", "simulation.clock"),
+        (SIMULATED + "[simulation]\nambient = inf\n", "simulation.ambient"),
+        (SIMULATED + "[simulation.placement]\nseed = -1\n", "simulation.placement.seed"),
+        (SIMULATED + "[simulation.placement]\nrotate_deg = inf\n", "placement.rotate_deg"),
+        ("lights = 3\n", "lights"),
+        ("[lights]\nport = ''\n", "lights.port"),
+        ("name = ''\n" + SIMULATED, "name"),
+        ("nam = 'x'\n" + SIMULATED, "nam"),
+        ("[lights\n", "not valid TOML"),
+    ],
+)
+def test_a_wrong_value_is_refused_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:
+    with pytest.raises(ConfigError, match=rf"rig\.toml: .*{field}") as caught:
+        load(tmp_path, text)
+    assert caught.value.exit_status == 2
+
+
+def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"no such rig configuration \(or use --rig sim\)"):
+        load_config(tmp_path / "rig.toml")
+
+
+def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
+    for name, message in (("binary.toml", "not valid TOML"), ("large.toml", "larger than")):
+        with pytest.raises(ConfigError, match=message):
+            load_config(tmp_path / name)
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path)
+
+
+def test_changes_are_validated_as_a_whole() -> None:
+    changed = RigConfig().with_changes(camera={"width_px": 64}, lights={"slant_deg": 30.0})
+    assert (changed.camera.width_px, changed.camera.height_px) == (64, 512)
+    assert changed.lights.slant_deg == 30.0
+    with pytest.raises(ConfigError, match=r"camera.*does not fit"):
+        changed.with_changes(camera={"frame_rate_hz": 100.0})
+    with pytest.raises(ConfigError, match=r"camera\.widht_px"):
+        changed.with_changes(camera={"widht_px": 64})
+
+
+def test_a_configuration_cannot_be_changed_in_place() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        RigConfig().lights.slant_deg = 20.0  # type: ignore[misc]

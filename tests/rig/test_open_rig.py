@@ -1,0 +1,168 @@
+"""A whole rig opened and closed."""
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from classify.errors import InputError
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty, serve_tcp
+from rig import (
+    ConfigError,
+    LightControllerError,
+    Placement,
+    Rig,
+    RigConfig,
+    open_rig,
+    surface_names,
+)
+from rig.material_folder import bundled_materials
+
+SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
+
+
+@pytest.fixture
+def rig() -> Iterator[Rig]:
+    with open_rig(SMALL) as opened:
+        yield opened
+
+
+def outputs(rig: Rig) -> list[float]:
+    assert rig.simulation is not None
+    rig.clock.sleep_s(0.05)
+    now_s = rig.clock.now_s()
+    return [round(rig.simulation.board.output(led, now_s), 6) for led in range(4)]
+
+
+def test_sim_is_the_simulated_rig() -> None:
+    with open_rig("sim") as rig:
+        assert rig.config == RigConfig()
+        assert rig.simulation is not None
+        assert rig.lights.port.startswith("/dev/pts/")
+        assert rig.lighting == rig.config.lights.lighting
+        assert (rig.camera.info.width_px, rig.camera.info.bit_depth) == (512, 12)
+
+
+def test_a_file_called_sim_is_a_path_like_any_other(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no such rig configuration"):
+        open_rig(tmp_path / "sim")
+
+
+def test_lights_and_frames_share_one_clock(rig: Rig) -> None:
+    switch = rig.lights.select(1)
+    frame = rig.camera.read(1.0)
+    assert switch.acknowledged_s <= rig.clock.now_s()
+    assert frame.exposure_end_s <= rig.clock.now_s()
+    assert (frame.pixels.shape, rig.camera.info.height_px) == ((48, 64), 48)
+
+
+def test_leaving_the_block_puts_the_leds_out_and_closes_all() -> None:
+    threads = threading.active_count()
+    with open_rig(SMALL) as rig:
+        rig.lights.select(2)
+        assert outputs(rig) == [0.0, 0.0, 1.0, 0.0]
+    assert outputs(rig) == [0.0] * 4
+    rig.close()
+    assert threading.active_count() == threads
+
+
+def test_an_exception_in_the_block_puts_the_leds_out() -> None:
+    def fail() -> Iterator[Rig]:
+        with open_rig(SMALL) as rig:
+            yield rig
+            rig.lights.select(2)
+            raise KeyboardInterrupt
+
+    failing = fail()
+    rig = next(failing)
+    with pytest.raises(KeyboardInterrupt):
+        next(failing)
+    assert outputs(rig) == [0.0] * 4
+
+
+def test_an_interrupt_while_the_lights_are_closed_still_closes_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    threads = threading.active_count()
+    rig = open_rig(SMALL)
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(rig.lights, "off", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            rig.close()
+    assert outputs(rig) == [0.0] * 4
+    assert threading.active_count() == threads
+
+
+def test_unplugged_lights_are_dark_and_gone(rig: Rig) -> None:
+    assert rig.simulation is not None
+    rig.lights.select(1)
+    rig.simulation.unplug_lights()
+    assert outputs(rig) == [0.0] * 4
+    with pytest.raises(LightControllerError, match="is gone"):
+        rig.lights.select(2)
+
+
+def test_another_part_is_seen_after_it_was_placed(rig: Rig) -> None:
+    assert rig.simulation is not None
+    rig.lights.select(0)
+    rig.simulation.place(Placement(surface="sand", rotate_deg=30.0, seed=4))
+    assert rig.simulation.placement.surface == "sand"
+    for _ in range(6):
+        sand = rig.camera.read(1.0)
+    rig.simulation.place(Placement(surface="rock", seed=4))
+    for _ in range(6):
+        rock = rig.camera.read(1.0)
+    assert abs(sand.pixels.astype(float) - rock.pixels).mean() > 50.0
+
+
+def test_a_surface_that_is_not_there_changes_nothing(rig: Rig) -> None:
+    assert rig.simulation is not None
+    before = rig.simulation.placement
+    with pytest.raises(InputError, match="neither a material folder"):
+        rig.simulation.place(Placement(surface="no such surface"))
+    assert rig.simulation.placement == before
+    assert rig.camera.read(1.0).pixels.shape == (48, 64)
+
+
+def test_the_surfaces_are_the_four_synthetic_ones_and_the_bundled_materials() -> None:
+    names = surface_names()
+    assert names[:4] == ("rock", "sand", "malv", "ogil")
+    assert set(names[4:]) == set(bundled_materials())
+    assert len(names) >= 12
+
+
+def test_more_leds_than_the_ring_has_by_default() -> None:
+    tilts = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
+    with open_rig(SMALL.with_changes(lights={"tilts_deg": tilts})) as rig:
+        assert rig.lights.led_count == len(rig.lighting) == 8
+        assert rig.lights.select(7).led == 7
+
+
+@pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
+def test_a_simulated_camera_is_refused_above_a_real_controller(serve: type) -> None:
+    """It could not see its LEDs: what it showed would not be what is there."""
+    clock = VirtualClock()
+    with serve(SimulatedController(SimulatedBoard(clock), clock)) as server:
+        config = SMALL.with_changes(lights={"port": server.address})
+        with pytest.raises(
+            ConfigError, match=r"a simulated camera needs lights\.port"
+        ):
+            open_rig(config)
+
+
+def test_a_controller_with_too_few_leds_is_refused() -> None:
+    clock = VirtualClock()
+    with serve_pty(SimulatedController(SimulatedBoard(clock, led_count=2), clock)) as server:
+        config = SMALL.with_changes(lights={"port": server.address})
+        with pytest.raises(ConfigError, match=r"names 4 LEDs, the controller at .* has 2"):
+            open_rig(config)
+
+
+def test_lights_that_are_not_there_do_not_become_simulated() -> None:
+    with pytest.raises(LightControllerError, match="no such port"):
+        open_rig(SMALL.with_changes(lights={"port": "/dev/ttyNONE"}))

@@ -1,0 +1,126 @@
+"""The house of four rooms: who may import whom, and what is nowhere."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = ("capture", "rig", "classify", "firmware_sim")
+ARROWS = {
+    "capture": {"rig", "classify"},
+    "rig": {"classify", "firmware_sim"},
+    "classify": set(),
+    "firmware_sim": set(),
+}
+NEVER = {
+    "firmware_sim": {"numpy", "scipy", "cv2", "numba", "serial"},
+    "classify": {"serial", "tifffile", "typer", "rich"},
+    "rig": {"typer", "rich"},
+    "capture": set(),
+}
+UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
+UNSAFE_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen"}
+UNSAFE_FLAGS = {"shell", "allow_pickle"}
+LONGEST_FILE = 400
+
+FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def imports(source: str, package: tuple[str, ...]) -> Iterator[str]:
+    """Full names of all modules imported anywhere in a source file of `package`."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            # One dot is the package itself, each further one its parent; from beyond the top, "".
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            module = node.module.split(".") if node.module else []
+            yield ".".join([*above, *module])
+
+
+def faults(source: str) -> Iterator[str]:
+    """Calls and keywords that have no place in a program that reads other people's files."""
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.Call):
+            continue
+        called = node.func
+        name = called.id if isinstance(called, ast.Name) else getattr(called, "attr", "")
+        if name in UNSAFE_CALLS:
+            yield f"{name}() in line {node.lineno}"
+        for keyword in node.keywords:
+            off = isinstance(keyword.value, ast.Constant) and keyword.value.value is False
+            if keyword.arg in UNSAFE_FLAGS and not off:
+                yield f"{keyword.arg} in line {node.lineno}"
+
+
+def imported_tops(path: Path) -> set[str]:
+    package = path.relative_to(ROOT).parent.parts
+    return {name.split(".")[0] for name in imports(path.read_text(encoding="utf-8"), package)}
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_a_file_imports_only_along_the_arrows(path: Path) -> None:
+    room = path.relative_to(ROOT).parts[0]
+    tops = imported_tops(path)
+    assert tops & set(ROOMS) <= ARROWS[room] | {room}
+    assert not tops & NEVER[room]
+    assert not tops & UNSAFE_MODULES
+    assert "" not in tops
+    assert "tests" not in tops
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_a_file_runs_no_text_as_code(path: Path) -> None:
+    assert list(faults(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_a_file_can_be_read_in_one_sitting(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST_FILE
+
+
+def test_every_room_is_there_and_every_arrow_is_used() -> None:
+    for room in ROOMS:
+        files = [path for path in FILES if path.relative_to(ROOT).parts[0] == room]
+        assert files
+        used = set().union(*map(imported_tops, files)) & set(ROOMS) - {room}
+        assert used == ARROWS[room]
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("import rig.camera as c, numpy", {"rig.camera", "numpy"}),
+        ("from rig import camera", {"rig"}),
+        ("def f():\n    if True:\n        from capture.cli import main", {"capture.cli"}),
+        ("try:\n    import serial\nexcept ImportError:\n    pass", {"serial"}),
+        ("from . import errors", {"classify.inner"}),
+        ("from .. import errors", {"classify"}),
+        ("from ..errors import InputError", {"classify.errors"}),
+        ("from ...rig import camera", {"rig"}),
+    ],
+)
+def test_the_walk_sees_every_kind_of_import(source: str, expected: set[str]) -> None:
+    assert set(imports(source, ("classify", "inner"))) == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "count"),
+    [
+        ("eval('1')", 1),
+        ("import os\nos.system('ls')", 1),
+        ("subprocess.run('ls', shell=True)", 1),
+        ("subprocess.run(['ls'], shell=False)", 0),
+        ("np.load(f, allow_pickle=maybe)", 1),
+        ("np.load(f, allow_pickle=False)", 0),
+        ("literal_eval('1')", 0),
+    ],
+)
+def test_the_walk_sees_what_is_unsafe(source: str, count: int) -> None:
+    assert len(list(faults(source))) == count
