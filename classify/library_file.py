@@ -28,10 +28,10 @@ _ARRAY = "signatures.npy"
 _MAX_HEADER_BYTES = 64 * 2**20
 _MAX_NPY_HEADER_BYTES = 1024
 # What zipfile, zlib, json and numpy raise at a damaged file; RuntimeError stands for encrypted
-# members and JSON nested too deep, the last two for a broken numpy header.
+# members and JSON nested too deep, the last four for a broken numpy header.
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError,
-    tokenize.TokenError, SyntaxError,
+    tokenize.TokenError, SyntaxError, TypeError, MemoryError,
 )  # fmt: skip
 
 

@@ -8,7 +8,9 @@ import scipy.fft
 
 from .spectra import ANGLES
 
-__all__ = ["roll_angles", "squared_errors_by_turn", "turn_of_least_error"]
+__all__ = ["STEP_DEG", "roll_angles", "squared_errors_by_turn", "turn_of_least_error"]
+
+STEP_DEG = 180.0 / ANGLES
 
 
 def squared_errors_by_turn(
@@ -71,6 +73,3 @@ def roll_angles(
     ramp = ramp.reshape(len(turns), *(1,) * (polar.ndim - 1), -1)
     turned: npt.NDArray[np.float64] = scipy.fft.irfft(transform * ramp, n=count)
     return turned
-
-
-STEP_DEG = 180.0 / ANGLES

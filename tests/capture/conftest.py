@@ -108,6 +108,7 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
     def start(*arguments: object, **options: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -170,6 +170,8 @@ def claimed(shape: str, descr: str = "'<f4'") -> bytes:
         (claimed("(-1,)"), "signatures are"),
         (claimed("(2, 2, 28, 90)"), "not a readable library"),
         (claimed("(1,", "'<f4'"), "not a readable library"),
+        (claimed("(), b'': 1, 'x': 2"), "not a readable library"),
+        (claimed("-" * 8000 + "1"), "not a readable library"),
         (claimed("(2, 02)"), "not a readable library"),
         (claimed("(2, 2, 0090L, 90)"), "not a readable library"),
         (claimed("(\\x00,)"), "not a readable library"),

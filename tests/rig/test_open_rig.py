@@ -149,9 +149,7 @@ def test_a_simulated_camera_is_refused_above_a_real_controller(serve: type) -> N
     clock = VirtualClock()
     with serve(SimulatedController(SimulatedBoard(clock), clock)) as server:
         config = SMALL.with_changes(lights={"port": server.address})
-        with pytest.raises(
-            ConfigError, match=r"a simulated camera needs lights\.port"
-        ):
+        with pytest.raises(ConfigError, match=r"a simulated camera needs lights\.port"):
             open_rig(config)
 
 
