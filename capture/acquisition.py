@@ -11,21 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from rig import CameraInfo, Frame, FrameFlag, HardwareError, Rig, Switch
+from rig import CameraError, CameraInfo, Frame, FrameFlag, HardwareError, Rig, Switch
 
-from .captured_set import (
+from .captured_set import CapturedSet
+from .errors import SetRejected
+from .quality import check_images
+from .set_file import pixels_sha256
+from .set_metadata import (
     CameraRecord,
-    CapturedSet,
     ControllerRecord,
     FrameRecord,
     ImageRecord,
     LightingRecord,
     SetMetadata,
     checked_label,
-    pixels_sha256,
 )
-from .errors import SetRejected
-from .quality import check_images
 
 __all__ = ["MAX_AVERAGE", "capture_set"]
 
@@ -172,6 +172,11 @@ class _FreshFrames:
         while clock.now_s() < deadline_s:
             # Not only what remains: a camera that gives bad frames has not failed to give any.
             frame = self._rig.camera.read(patience_s)
+            if frame.pixels.shape != (info.height_px, info.width_px):
+                raise CameraError(
+                    f"the camera sent {frame.pixels.shape[1]} x {frame.pixels.shape[0]} px, it "
+                    f"had announced {info.width_px} x {info.height_px}"
+                )
             if self._previous is not None:
                 if frame.sequence <= self._previous:
                     raise SetRejected(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from classify.errors import Ps4rigError
+from classify.errors import InputError, Ps4rigError
 
 __all__ = ["INTERRUPTED_STATUS", "out", "print_json", "progress", "reported"]
 
@@ -53,10 +54,20 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
     def run(*arguments: P.args, **options: P.kwargs) -> R:
         signal.signal(signal.SIGTERM, _terminate)
         try:
-            return command(*arguments, **options)
+            result = command(*arguments, **options)
+            # Here and not at the end of the process, where a full disk could no longer be reported.
+            sys.stdout.flush()
+            return result
         except Ps4rigError as error:
             print(f"ps4rig: {' '.join(str(error).split())}", file=sys.stderr)
             raise typer.Exit(error.exit_status) from None
+        except BrokenPipeError:
+            # Whoever read our output has gone, and with it whoever could be told.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(InputError.exit_status) from None
+        except OSError as error:
+            print(f"ps4rig: {error.strerror or error}", file=sys.stderr)
+            raise typer.Exit(InputError.exit_status) from None
         except KeyboardInterrupt:
             print("ps4rig: interrupted", file=sys.stderr)
             raise typer.Exit(INTERRUPTED_STATUS) from None

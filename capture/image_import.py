@@ -18,13 +18,13 @@ import tifffile
 from classify import Lighting
 from classify.errors import InputError
 
-from .captured_set import (
-    CapturedSet,
+from .captured_set import CapturedSet
+from .set_file import pixels_sha256
+from .set_metadata import (
     ImageRecord,
     LightingRecord,
     SetMetadata,
     checked_label,
-    pixels_sha256,
 )
 
 __all__ = ["Gamma", "import_images"]

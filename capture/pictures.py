@@ -70,12 +70,8 @@ def light_pictures(captured: CapturedSet) -> dict[str, Picture]:
     """The images under the first four lights on one scale, by tilt."""
     top = float(np.percentile(captured.images[:_SHOWN_LIGHTS], 99.5))
     return {
-        f"light at {tilt_deg:.0f} deg": grey(image, top)
-        for tilt_deg, image in zip(
-            captured.lighting.tilts_deg[:_SHOWN_LIGHTS],
-            captured.images[:_SHOWN_LIGHTS],
-            strict=True,
-        )
+        f"light {index}: tilt {captured.lighting.tilts_deg[index]:.0f}": grey(image, top)
+        for index, image in enumerate(captured.images[:_SHOWN_LIGHTS])
     }
 
 

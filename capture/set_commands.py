@@ -139,8 +139,11 @@ def import_(
         ),
     ],
     tilts: Annotated[
-        str, typer.Option(help="Tilt of the light of each image, degrees, with commas.")
-    ] = "0,90,180,270",
+        str | None,
+        typer.Option(
+            help="Tilt of the light of each image, degrees, with commas. [default: 0,90,180,270]"
+        ),
+    ] = None,
     slant: Annotated[
         float | None, typer.Option(help="Slant of all lights, degrees from the camera's axis.")
     ] = None,
@@ -159,15 +162,15 @@ def import_(
     if not output.name.endswith(SUFFIX):
         raise InputError(f"{output}: the last argument is the file to write, NAME{SUFFIX}")
     if lights is not None:
-        if slant is not None:
-            raise InputError("--lights gives the directions; leave out --slant")
+        if slant is not None or tilts is not None:
+            raise InputError("--lights gives the directions; leave out --slant and --tilts")
         light_list = load_light_list(lights)
         images = images or light_list.image_paths()
         lighting = light_list.lighting_for(images)
     else:
         if slant is None:
             raise InputError("give --slant DEG of the lights, or --lights FILE")
-        lighting = Lighting.from_angles(_degrees(tilts), slant)
+        lighting = Lighting.from_angles(_degrees(tilts or "0,90,180,270"), slant)
     captured = import_images(images, lighting, gamma=gamma, ambient=ambient, label=label)
     captured.save(output)
     if json:

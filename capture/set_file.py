@@ -6,6 +6,7 @@ annotation of the OME-XML, so that a reader in ten years needs no program of our
 
 from __future__ import annotations
 
+import hashlib
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -18,9 +19,9 @@ from pydantic import ValidationError
 from classify.durable_file import durable_file
 from classify.errors import InputError
 
-from .captured_set import SCHEMA_VERSION, CapturedSet, SetMetadata, pixels_sha256
+from .set_metadata import SCHEMA_VERSION, SetMetadata
 
-__all__ = ["SUFFIX", "read", "write"]
+__all__ = ["SUFFIX", "Planes", "pixels_sha256", "read", "write"]
 
 SUFFIX = ".ome.tif"
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
@@ -29,20 +30,25 @@ _MAX_DESCRIPTION_BYTES = 16 * 2**20
 _MAX_PAGES = 256
 _MAX_SIDE_PX = 32768
 
+Planes = npt.NDArray[np.uint16]
 
-def write(captured: CapturedSet, path: Path) -> None:
-    """Write `captured` to `path`, whole or not at all.
+
+def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetadata) -> None:
+    """Write the planes of a set and what is known about them to `path`, whole or not at all.
 
     Raises
     ------
     InputError
-        If the name does not end in ``.ome.tif``, or the file cannot be written.
+        If the name does not end in ``.ome.tif``, the metadata are about other pixels, or the file
+        cannot be written.
     """
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
-    planes = captured.images
-    if captured.ambient is not None:
-        planes = np.concatenate([captured.images, captured.ambient[None]])
+    if pixels_sha256(images, ambient) != metadata.pixels_sha256:
+        raise InputError(
+            f"{path}: the pixels are not those of the metadata; give it their pixels_sha256"
+        )
+    planes = images if ambient is None else np.concatenate([images, ambient[None]])
     with durable_file(path) as temporary:
         tifffile.imwrite(
             temporary,
@@ -50,14 +56,14 @@ def write(captured: CapturedSet, path: Path) -> None:
             byteorder="<",
             photometric="minisblack",
             planarconfig=None,
-            description=_ome_xml(captured),
+            description=_ome_xml(images.shape[1:], metadata),
             metadata=None,
-            software=f"ps4rig {captured.metadata.software_version}",
+            software=f"ps4rig {metadata.software_version}",
         )
 
 
-def read(path: Path) -> CapturedSet:
-    """Read a captured set; every cause of failure is an `InputError` that names the file."""
+def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
+    """Images, ambient image and metadata; every cause of failure is an `InputError` by name."""
     try:
         with tifffile.TiffFile(path) as tiff:
             metadata = _metadata(tiff, path)
@@ -72,19 +78,18 @@ def read(path: Path) -> CapturedSet:
     except Exception as error:
         raise InputError(f"{path}: not a readable TIFF ({error}); it may be truncated") from error
     lights = len(metadata.lighting.directions)
+    images = planes[:lights]
     ambient = planes[lights] if len(planes) > lights else None
-    captured = CapturedSet(planes[:lights], ambient, metadata)
-    if pixels_sha256(captured.images, captured.ambient) != metadata.pixels_sha256:
+    if pixels_sha256(images, ambient) != metadata.pixels_sha256:
         raise InputError(
             f"{path}: the pixels do not match their SHA-256; the file was changed or damaged "
             "after it was captured, use the original"
         )
-    return captured
+    return images, ambient, metadata
 
 
-def _ome_xml(captured: CapturedSet) -> bytes:
-    metadata = captured.metadata
-    rows, columns = captured.images.shape[1:]
+def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
+    rows, columns = shape
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
     ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc
@@ -102,7 +107,7 @@ def _ome_xml(captured: CapturedSet) -> bytes:
         SizeT="1",
         BigEndian="false",
     )
-    tilts_deg = captured.lighting.tilts_deg
+    tilts_deg = metadata.lighting.to_lighting().tilts_deg
     for index, record in enumerate(metadata.images):
         name = "ambient" if record.light is None else f"tilt {tilts_deg[record.light]:g} deg"
         ET.SubElement(pixels, "Channel", ID=f"Channel:0:{index}", Name=name, SamplesPerPixel="1")
@@ -159,7 +164,7 @@ def _metadata(tiff: tifffile.TiffFile, path: Path) -> SetMetadata:
     return metadata
 
 
-def _planes(tiff: tifffile.TiffFile, path: Path, expected: int) -> npt.NDArray[np.uint16]:
+def _planes(tiff: tifffile.TiffFile, path: Path, expected: int) -> Planes:
     count = len(tiff.pages)
     if count != expected or count > _MAX_PAGES:
         raise InputError(f"{path}: holds {count} images, its metadata name {expected}")
@@ -168,3 +173,11 @@ def _planes(tiff: tifffile.TiffFile, path: Path, expected: int) -> npt.NDArray[n
     if len(shapes) > 1 or dtype != "uint16" or len(shape) != 2 or max(shape) > _MAX_SIDE_PX:
         raise InputError(f"{path}: its pages are not grey 16-bit images of one size")
     return np.stack([page.asarray() for page in tiff.pages])
+
+
+def pixels_sha256(images: Planes, ambient: Planes | None) -> str:
+    """SHA-256 of the pixels, light images then ambient, as little-endian 16-bit rows."""
+    digest = hashlib.sha256()
+    for plane in (*images, *(() if ambient is None else (ambient,))):
+        digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
+    return digest.hexdigest()

@@ -13,8 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from capture import CapturedSet, SetMetadata
-from capture.captured_set import ImageRecord, LightingRecord, pixels_sha256
 from capture.cli import app
+from capture.set_file import pixels_sha256
+from capture.set_metadata import ImageRecord, LightingRecord
 from classify import Lighting
 from rig import Rig, RigConfig, open_rig
 
@@ -109,11 +110,10 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
         return subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-            **options,
+            **({"stdout": subprocess.PIPE} | options),
         )
 
     return start

@@ -322,6 +322,15 @@ def test_lost_frames_are_recorded(rig: Rig) -> None:
 
 
 @pytest.mark.usefixtures("dark_after")
+def test_a_frame_of_another_size_is_the_cameras_fault(rig: Rig) -> None:
+    def cut(frame: Frame) -> Frame:
+        return replace(frame, pixels=frame.pixels[:-1])
+
+    with pytest.raises(CameraError, match="the camera sent 64 x 63 px, it had announced 64 x 64"):
+        capture_set(with_frames(rig, cut))
+
+
+@pytest.mark.usefixtures("dark_after")
 def test_a_frame_that_comes_twice_is_noticed(rig: Rig) -> None:
     def stuck(frame: Frame) -> Frame:
         return replace(frame, sequence=7)

@@ -1,6 +1,7 @@
 """The command line: answers, exit statuses, and one line for each mistake."""
 
 import json
+import os
 import re
 import resource
 from collections.abc import Callable
@@ -236,6 +237,7 @@ def test_a_light_list_that_names_its_images_is_enough(
         (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west: give degrees"),
         (["--slant", "45", "--tilts", "0,90,180,inf"], "--tilts 0,90,180,inf: give degrees"),
         (["--slant", "45", "--lights", "x.lp"], "--lights gives the directions; leave out --slant"),
+        (["--tilts", "0,90", "--lights", "x.lp"], "leave out --slant and --tilts"),
         (["--lights", "x.lp"], "x.lp: no such file"),
         (["--slant", "45", "--ambient", "none.png"], "none.png: no such file"),
         (["--slant", "45", "--label", "\x07"], "use printable characters"),
@@ -445,6 +447,24 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
     (line,) = stderr.splitlines()
     assert f"{tmp_path}/a.ome.tif: cannot be written" in line
     assert list(tmp_path.iterdir()) == []
+
+
+def test_output_that_cannot_be_written_is_one_line(spawn: Command, sets: Path) -> None:
+    rock = next(sets.glob("rock-001*"))
+    with Path("/dev/full").open("w") as full:
+        process = spawn("solve", rock, "--out", sets / "maps", stdout=full)
+        _, stderr = process.communicate(timeout=30)
+    assert (process.returncode, stderr) == (2, "ps4rig: No space left on device\n")
+
+
+def test_a_reader_that_has_gone_is_no_traceback(spawn: Command, sets: Path) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    rock = next(sets.glob("rock-001*"))
+    process = spawn("solve", rock, "--out", sets / "maps", "--json", stdout=writing)
+    os.close(writing)
+    _, stderr = process.communicate(timeout=30)
+    assert (process.returncode, stderr) == (2, "")
 
 
 # real photographs: tests/data/butterfly_crop/README.md

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from capture import CapturedSet, capture_set
-from capture.captured_set import ImageRecord
+from capture.set_metadata import ImageRecord
 from classify import Lighting
 from classify.errors import InputError
 from rig import Rig
@@ -287,3 +287,11 @@ def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> Non
     images = np.ones((255, 2, 3), np.uint16)
     made_set(images, images[0], lighting).save(tmp_path / "many.ome.tif")
     assert len(CapturedSet.load(tmp_path / "many.ome.tif").images) == 255
+
+
+def test_metadata_of_other_pixels_are_not_written(tmp_path: Path, made_set: MadeSet) -> None:
+    whole = made_set(np.ones((4, 2, 2), np.uint16))
+    other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
+    with pytest.raises(InputError, match="the pixels are not those of the metadata"):
+        other.save(tmp_path / "other.ome.tif")
+    assert list(tmp_path.iterdir()) == []

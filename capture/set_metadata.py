@@ -1,0 +1,142 @@
+"""What is known about the images of a captured set: the JSON inside its file."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from classify import Lighting
+from classify.errors import InputError
+from rig import Placement
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "CameraRecord",
+    "ControllerRecord",
+    "FrameRecord",
+    "ImageRecord",
+    "LightingRecord",
+    "SetMetadata",
+    "checked_label",
+]
+
+SCHEMA_VERSION = 1
+Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LightingRecord(_Record):
+    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities."""
+
+    directions: tuple[Vector, ...] = Field(min_length=1)
+    intensities: tuple[FiniteFloat, ...]
+
+    @classmethod
+    def of(cls, lighting: Lighting) -> Self:
+        """The record of a `Lighting`."""
+        return cls(
+            directions=tuple((x, y, z) for x, y, z in lighting.directions.tolist()),
+            intensities=tuple(lighting.intensities.tolist()),
+        )
+
+    def to_lighting(self) -> Lighting:
+        """The `Lighting` of a record."""
+        return Lighting(np.array(self.directions), np.array(self.intensities))
+
+
+class FrameRecord(_Record):
+    """One frame that went into an image; times on the rig's monotonic clock."""
+
+    sequence: int
+    exposure_start_s: FiniteFloat
+    exposure_end_s: FiniteFloat
+
+
+class ImageRecord(_Record):
+    """Where an image comes from: frames under one light, or a file.
+
+    `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
+    `controller_time_us` say when the light was switched, on the rig's and the controller's clock.
+    `stale_frames` were older than that and thrown away, `lost_frames` are gaps in the sequence.
+    """
+
+    light: int | None
+    frames: tuple[FrameRecord, ...] = ()
+    led_acknowledged_s: FiniteFloat | None = None
+    controller_time_us: int | None = None
+    stale_frames: int = 0
+    corrupt_frames: int = 0
+    lost_frames: int = 0
+    source_file: str | None = None
+
+
+class CameraRecord(_Record):
+    """The camera as it was set, read back from it.
+
+    Gain, read noise and black level count in the camera's own pixel values, up to
+    2^bit_depth - 1; the images of an averaged set are stretched from there to `full_scale`.
+    """
+
+    kind: str
+    name: str
+    exposure_ms: FiniteFloat
+    frame_rate_hz: FiniteFloat
+    gain_e_per_dn: FiniteFloat | None
+    read_noise_dn: FiniteFloat | None
+    black_level_dn: FiniteFloat | None
+    controls: dict[str, Any] = Field(default_factory=dict)
+
+
+class ControllerRecord(_Record):
+    """The light controller that switched the LEDs."""
+
+    vendor: str
+    model: str
+    serial_number: str
+    firmware_version: str
+    protocol_version: int
+
+
+class SetMetadata(_Record):
+    """What a set's file says about its pixels.
+
+    `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
+    how far the part was turned, where that is known. `placement` is the simulated part.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    label: str | None
+    created_utc: str
+    simulated: bool
+    bit_depth: int = Field(ge=1, le=16)
+    full_scale: int = Field(ge=1, le=65535)
+    lighting: LightingRecord
+    images: tuple[ImageRecord, ...]
+    orientation_deg: FiniteFloat | None = None
+    placement: Placement | None = None
+    rig_name: str | None = None
+    settle_ms: FiniteFloat | None = None
+    camera: CameraRecord | None = None
+    controller: ControllerRecord | None = None
+    gamma: str = "linear"
+    calibration_ids: tuple[str, ...] = ()
+    software_version: str
+    pixels_sha256: str
+
+
+def checked_label(label: str | None) -> str | None:
+    """`label`, if people and XML can read it.
+
+    Raises
+    ------
+    InputError
+        For control characters, line ends and bytes that are no text.
+    """
+    if label is not None and not label.isprintable():
+        raise InputError(f"label {label!r}: use printable characters only")
+    return label
