@@ -100,7 +100,7 @@ class TextureLibrary:
             learned = signature(surface_spectra(surface, segment_px))
             if orientation_deg is None:
                 orientation_deg = _orientation_within(label, learned, references)
-            references.append(Reference(label, learned, orientation_deg % 180.0))
+            references.append(Reference(label, learned, _modulo_half_turn(orientation_deg)))
         return cls(tuple(references), segment_px)
 
     def classify(self, surface: SurfaceEstimate) -> Match:
@@ -129,7 +129,7 @@ class TextureLibrary:
             # Two classes at the same distance: to name one would be to toss a coin.
             label=None if margin == 0.0 else nearest,
             nearest=nearest,
-            orientation_deg=float(orientation % 180.0),
+            orientation_deg=_modulo_half_turn(float(orientation)),
             distance=distance,
             runner_up=runner_up,
             runner_up_distance=runner_up_distance,
@@ -163,3 +163,8 @@ def _orientation_within(label: str, learned: FloatMap, references: list[Referenc
             _, turns_deg = compare(learned, reference.signature[None])
             return float(turns_deg[0]) + reference.orientation_deg
     return 0.0
+
+
+def _modulo_half_turn(degrees: float) -> float:
+    # Rounded first: a hair below 0 is 0, not a hair below 180.
+    return round(degrees, 6) % 180.0

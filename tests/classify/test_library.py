@@ -33,6 +33,11 @@ def test_the_same_patch_turned_is_recognised(library, texture, kind: str, turn_d
         assert off_deg(match.orientation_deg, turn_deg) < 2.0
 
 
+def test_an_unturned_set_lies_at_0_and_not_a_hair_below_180(library, texture) -> None:
+    for kind in DIRECTED:
+        assert library.classify(texture(kind, seed=1)).orientation_deg == 0.0
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_patch_of_the_class_is_recognised(library, texture, kind: str) -> None:
     """Other waves of the same distribution, so the class is what they share."""
