@@ -35,6 +35,14 @@ def test_shadow_on_a_fifth_of_the_pixels_hardly_raises_it() -> None:
     assert noise_of_images(images, None, ONES, Lighting.ring()) == pytest.approx(2.0, rel=0.4)
 
 
+def test_a_light_of_unknown_strength_is_not_noise_of_dark_pixels() -> None:
+    images = images_of_bumps(Lighting.ring(), 0.0)
+    images[:, : SIDE // 3] *= 0.02
+    images += np.random.default_rng(1).normal(0.0, 0.5, images.shape).astype(np.float32)
+    images[2] *= 1.5
+    assert noise_of_images(images, None, ONES, Lighting.ring()) == pytest.approx(0.6, abs=0.15)
+
+
 def test_noise_is_in_units_of_images_times_gains() -> None:
     images = images_of_bumps(Lighting.ring(), 2.0)
     found = noise_of_images(images, None, ONES / 256, Lighting.ring())
