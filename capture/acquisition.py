@@ -106,12 +106,13 @@ def _image_under(
     switch = rig.lights.off() if light is None else rig.lights.select(light)
     fresh = _FreshFrames(rig, light, switch)
     frames: list[FrameRecord] = []
-    total = np.zeros((), dtype=np.uint32)
-    saturated = np.zeros((), dtype=np.bool_)
+    info = rig.camera.info
+    total = np.zeros((info.height_px, info.width_px), dtype=np.uint32)
+    saturated = np.zeros(total.shape, dtype=np.bool_)
     for _ in range(average):
         frame = fresh.take()
         # Asked after the exposure: a watchdog that tripped or a restart in it shows here.
-        rig.lights.confirm(light)
+        state = rig.lights.confirm(light)
         frames.append(
             FrameRecord(
                 sequence=frame.sequence,
@@ -122,10 +123,10 @@ def _image_under(
         if average == 1:
             image = frame.pixels.astype(np.uint16)
         else:
-            total = total + frame.pixels
-            saturated = saturated | (frame.pixels >= (1 << frame.bit_depth) - 1)
+            total += frame.pixels
+            saturated |= frame.pixels >= (1 << info.bit_depth) - 1
     if average > 1:
-        scale = 65535.0 / (((1 << rig.camera.info.bit_depth) - 1) * average)
+        scale = 65535.0 / (((1 << info.bit_depth) - 1) * average)
         image = np.rint(total * scale).astype(np.uint16)
         # A pixel that saturated once has no mean.
         image[saturated] = 65535
@@ -133,6 +134,7 @@ def _image_under(
         light=light,
         frames=tuple(frames),
         led_acknowledged_s=switch.acknowledged_s,
+        led_level_percent=None if light is None else state.levels_percent[light],
         controller_time_us=switch.controller_time_us,
         stale_frames=fresh.stale,
         corrupt_frames=fresh.corrupt,
@@ -149,6 +151,8 @@ class _FreshFrames:
         self._light = light
         self._not_before_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1000.0
         self._previous: int | None = None
+        # Gaps before the first frame under this light have nothing to do with this image.
+        self._under_light = False
         self.stale = 0
         self.corrupt = 0
         self.lost = 0
@@ -172,20 +176,17 @@ class _FreshFrames:
         while clock.now_s() < deadline_s:
             # Not only what remains: a camera that gives bad frames has not failed to give any.
             frame = self._rig.camera.read(patience_s)
-            if frame.pixels.shape != (info.height_px, info.width_px):
-                raise CameraError(
-                    f"the camera sent {frame.pixels.shape[1]} x {frame.pixels.shape[0]} px, it "
-                    f"had announced {info.width_px} x {info.height_px}"
-                )
+            _check_frame(frame, info, clock.now_s())
             if self._previous is not None:
                 if frame.sequence <= self._previous:
                     raise SetRejected(
                         f"set rejected: frame {frame.sequence} came twice under {self._name()}"
                     )
-                if frame.exposure_start_s >= self._not_before_s:
+                if self._under_light:
                     self.lost += frame.sequence - self._previous - 1
             self._previous = frame.sequence
-            if frame.exposure_start_s < self._not_before_s:
+            self._under_light = frame.exposure_start_s >= self._not_before_s
+            if not self._under_light:
                 self.stale += 1
             elif frame.flags != FrameFlag.GOOD:
                 self.corrupt += 1
@@ -199,6 +200,22 @@ class _FreshFrames:
 
     def _name(self) -> str:
         return "ambient light" if self._light is None else _light_name(self._rig, self._light)
+
+
+def _check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
+    """Refuse a frame that the camera did not announce, or that cannot have been exposed yet."""
+    rows, columns = frame.pixels.shape
+    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
+        raise CameraError(
+            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit, it had announced "
+            f"{info.width_px} x {info.height_px} of {info.bit_depth}"
+        )
+    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
+        raise CameraError(
+            f"frame {frame.sequence} claims an exposure from {frame.exposure_start_s:.6f} to "
+            f"{frame.exposure_end_s:.6f} s and came at {now_s:.6f} s; the camera's time stamps "
+            "are not on the rig's clock"
+        )
 
 
 def _light_name(rig: Rig, light: int) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import logging
+import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
+
+from classify.errors import InputError
 
 from . import set_commands, texture_commands
 from .demo import demo
@@ -15,7 +18,6 @@ __all__ = ["app", "main"]
 
 app = typer.Typer(
     help="Four-light photometric stereo: capture a surface, find its texture and its angle.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -34,18 +36,30 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
-    show_version: Annotated[
+    context: typer.Context,
+    _show_version: Annotated[
         bool,
         typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
     """Four-light photometric stereo: capture a surface, find its texture and its angle."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
 
 
 def main() -> None:
     """Entry point of the console command."""
     # What it says about damaged files is said once, by the error line.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
-    app()
+    try:
+        status = app(standalone_mode=False)
+    except Exception as error:
+        # The usage errors of typer have no class of their own in its public face.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        print(f"ps4rig: {' '.join(message().split())}; see --help", file=sys.stderr)
+        sys.exit(InputError.exit_status)
+    sys.exit(status if isinstance(status, int) else 0)

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NoReturn, ParamSpec, TypeVar
+from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -16,9 +16,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from classify.errors import InputError, Ps4rigError
 
-__all__ = ["INTERRUPTED_STATUS", "out", "print_json", "progress", "reported"]
+__all__ = ["JsonOption", "out", "print_json", "progress", "reported"]
 
-INTERRUPTED_STATUS = 130
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+_INTERRUPTED_STATUS = 130
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -52,7 +53,8 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(command)
     def run(*arguments: P.args, **options: P.kwargs) -> R:
-        signal.signal(signal.SIGTERM, _terminate)
+        for ending in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(ending, _terminate)
         try:
             result = command(*arguments, **options)
             # Here and not at the end of the process, where a full disk could no longer be reported.
@@ -61,6 +63,9 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
         except Ps4rigError as error:
             print(f"ps4rig: {' '.join(str(error).split())}", file=sys.stderr)
             raise typer.Exit(error.exit_status) from None
+        except MemoryError:
+            print("ps4rig: not enough memory; use a smaller frame or fewer sets", file=sys.stderr)
+            raise typer.Exit(InputError.exit_status) from None
         except BrokenPipeError:
             # Whoever read our output has gone, and with it whoever could be told.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -70,7 +75,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(InputError.exit_status) from None
         except KeyboardInterrupt:
             print("ps4rig: interrupted", file=sys.stderr)
-            raise typer.Exit(INTERRUPTED_STATUS) from None
+            raise typer.Exit(_INTERRUPTED_STATUS) from None
 
     return run
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -83,7 +83,8 @@ def demo(
             progress(_captured(rig, placements, sets_folder, "test"), len(placements), "test")
         )
     surfaces = {captured.metadata.label or "": captured.solve() for captured in trained}
-    library = TextureLibrary.train((label, surface, 0.0) for label, surface in surfaces.items())
+    samples = ((label, surface, 0.0) for label, surface in surfaces.items())
+    library = replace(TextureLibrary.train(samples), simulated=True)
     library.save(output / "textures.ps4lib")
     references = {
         label: surface_spectra(surface, library.segment_px) for label, surface in surfaces.items()
@@ -105,9 +106,9 @@ def _captured(
     rig: Rig, placements: list[Placement], folder: Path, stem: str
 ) -> Iterator[CapturedSet]:
     """Lay each part below the camera, capture it, and read it back from its file."""
-    assert rig.simulation is not None
     for number, placement in enumerate(placements):
-        rig.simulation.place(placement)
+        if rig.simulation is not None:
+            rig.simulation.place(placement)
         path = folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}"
         capture_set(rig, label=placement.surface).save(path)
         yield CapturedSet.load(path)

@@ -17,6 +17,7 @@ import tifffile
 
 from classify import Lighting
 from classify.errors import InputError
+from rig.colour import linear_from_srgb, luminance
 
 from .captured_set import CapturedSet
 from .set_file import pixels_sha256
@@ -33,8 +34,6 @@ Gamma = Literal["linear", "srgb"]
 _MAX_BYTES = 2 * 2**30
 _MAX_SIDE_PX = 32768
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Luminance of linear red, green, blue (ITU-R BT.709).
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
 
 def import_images(
@@ -198,14 +197,11 @@ def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[n
     top = np.iinfo(photograph.dtype).max
     levels = np.arange(top + 1, dtype=np.float32) / np.float32(top)
     if srgb:
-        # IEC 61966-2-1
-        levels = np.where(
-            levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4
-        ).astype(np.float32)
+        levels = linear_from_srgb(levels)
     linear = levels[photograph]
     if photograph.ndim == 3:
         saturated = (photograph == top).any(axis=2)
-        linear = linear @ _LUMINANCE
+        linear = luminance(linear)
     else:
         saturated = photograph == top
     stored: npt.NDArray[np.uint16] = np.rint(linear * np.float32(65535.0)).astype(np.uint16)

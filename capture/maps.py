@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +23,7 @@ __all__ = ["write_maps"]
 def write_maps(captured: CapturedSet, surface: SurfaceEstimate, folder: Path) -> list[Path]:
     """Write p, q, albedo, normals, height and residual as TIFF; shadow, valid, preview as PNG.
 
+    The TIFFs' descriptions are JSON that says what set they come from, and whether simulated.
     `height.tif` is relative: in pixels, zero mean, from the gradients alone.
 
     Raises
@@ -40,7 +43,16 @@ def write_maps(captured: CapturedSet, surface: SurfaceEstimate, folder: Path) ->
         "height": integrate_gradients(surface.p, surface.q),
         "residual": surface.residual,
     }
-    written = [_write_tiff(folder / f"{name}.tif", values) for name, values in maps.items()]
+    origin = json.dumps(
+        {
+            "method": surface.method,
+            "simulated": captured.metadata.simulated,
+            "label": captured.label,
+            "pixels_sha256": captured.metadata.pixels_sha256,
+            "software_version": version("ps4rig"),
+        }
+    )
+    written = [_write_tiff(folder / f"{name}.tif", values, origin) for name, values in maps.items()]
     shown = {**pictures.light_pictures(captured), **pictures.surface_pictures(surface)}
     views = {
         "shadow": pictures.shadow_map(surface),
@@ -55,8 +67,14 @@ def write_maps(captured: CapturedSet, surface: SurfaceEstimate, folder: Path) ->
     return written
 
 
-def _write_tiff(path: Path, values: npt.NDArray[np.float32]) -> Path:
+def _write_tiff(path: Path, values: npt.NDArray[np.float32], origin: str) -> Path:
     photometric = "rgb" if values.ndim == 3 else "minisblack"
     with durable_file(path) as temporary:
-        tifffile.imwrite(temporary, values.astype(np.float32), photometric=photometric)
+        tifffile.imwrite(
+            temporary,
+            values.astype(np.float32),
+            photometric=photometric,
+            description=origin,
+            metadata=None,
+        )
     return path

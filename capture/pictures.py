@@ -55,9 +55,9 @@ def normal_map(normals: npt.NDArray[np.float32]) -> Picture:
     return colours
 
 
-def relief(surface: SurfaceEstimate, slant_deg: float = 55.0) -> Picture:
+def relief(surface: SurfaceEstimate) -> Picture:
     """The relief without its albedo, lit from the upper left."""
-    light = Lighting.from_angles([135.0], slant_deg).directions[0].astype(np.float32)
+    light = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
     return grey(np.maximum(surface.normals @ light, 0.0), top=1.0)
 
 
@@ -90,9 +90,9 @@ def surface_pictures(surface: SurfaceEstimate) -> dict[str, Picture]:
     }
 
 
-def contact_sheet(pictures: dict[str, Picture], columns: int = 4, tile_px: int = 320) -> Picture:
+def contact_sheet(pictures: dict[str, Picture]) -> Picture:
     """Pictures of one size side by side, each under its name."""
-    bar_px = 24
+    columns, tile_px, bar_px = 4, 320, 24
     tiles = []
     rows_px, columns_px = next(iter(pictures.values())).shape[:2]
     scale = tile_px / max(rows_px, columns_px)

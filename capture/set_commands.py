@@ -10,12 +10,13 @@ from typing import Annotated, Any
 import typer
 
 from classify import METHODS, Lighting, Method
+from classify.durable_file import require_folder
 from classify.errors import InputError
 from rig import ConfigError, Placement, Rig, RigConfig, load_config, open_rig, surface_names
 
-from .acquisition import capture_set
+from .acquisition import MAX_AVERAGE, capture_set
 from .captured_set import CapturedSet
-from .console import out, print_json, progress, reported
+from .console import JsonOption, out, print_json, progress, reported
 from .image_import import Gamma, import_images
 from .light_list import load_light_list
 from .maps import write_maps
@@ -23,7 +24,6 @@ from .set_file import SUFFIX
 
 __all__ = ["capture", "import_", "solve"]
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 SIMULATION = "With a simulated rig"
 
 
@@ -34,7 +34,7 @@ def capture(
         str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
     ] = "rig.toml",
     label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
-    average: Annotated[int, typer.Option(min=1, max=1024, help="Frames per image.")] = 1,
+    average: Annotated[int, typer.Option(min=1, max=MAX_AVERAGE, help="Frames per image.")] = 1,
     count: Annotated[int, typer.Option(min=1, max=9999, help="Sets in a row.")] = 1,
     surface: Annotated[
         str | None,
@@ -81,6 +81,7 @@ def capture(
     """Take one captured set, or several: ambient image, then each LED in order."""
     if not output.name.endswith(SUFFIX):
         raise InputError(f"{output}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
+    require_folder(output)
     changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}}
     placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
     config = RigConfig() if rig == "sim" else load_config(Path(rig))
@@ -205,15 +206,23 @@ def solve(
     captured = CapturedSet.load(captured_set)
     surface = captured.solve(chosen)
     written = write_maps(captured, surface, output)
-    shares = {
+    shares: dict[str, float] = {
         "valid": float(surface.valid.mean()),
         "saturated": float(surface.saturated.mean()),
         "shadowed": float(surface.shadow_mask.mean()),
     }
     if json:
-        print_json({"set": str(captured_set), "files": [str(path) for path in written], **shares})
+        print_json(
+            {
+                "set": str(captured_set),
+                "files": [str(path) for path in written],
+                **shares,
+                "simulated": captured.metadata.simulated,
+            }
+        )
     else:
-        out.print(f"{output}: {len(written)} files", soft_wrap=True)
+        note = " (of a simulated set)" if captured.metadata.simulated else ""
+        out.print(f"{output}: {len(written)} files{note}", soft_wrap=True)
         out.print(
             f"valid {shares['valid']:.1%}, saturated {shares['saturated']:.1%}, "
             f"in shadow of a light {shares['shadowed']:.1%} of the pixels"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
@@ -61,13 +61,15 @@ class ImageRecord(_Record):
     """Where an image comes from: frames under one light, or a file.
 
     `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
-    `controller_time_us` say when the light was switched, on the rig's and the controller's clock.
-    `stale_frames` were older than that and thrown away, `lost_frames` are gaps in the sequence.
+    `controller_time_us` say when the light was switched, on the rig's and the controller's clock;
+    `led_level_percent` is how bright the LED was driven. `stale_frames` were older than the switch
+    and thrown away, `lost_frames` are gaps in the sequence after it.
     """
 
     light: int | None
     frames: tuple[FrameRecord, ...] = ()
     led_acknowledged_s: FiniteFloat | None = None
+    led_level_percent: int | None = None
     controller_time_us: int | None = None
     stale_frames: int = 0
     corrupt_frames: int = 0
@@ -109,7 +111,7 @@ class SetMetadata(_Record):
     how far the part was turned, where that is known. `placement` is the simulated part.
     """
 
-    schema_version: int = SCHEMA_VERSION
+    schema_version: Literal[1] = 1
     label: str | None
     created_utc: str
     simulated: bool

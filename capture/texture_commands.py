@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
-from classify import Evaluation, TextureLibrary, Trial, evaluate
+from classify import Evaluation, SurfaceEstimate, TextureLibrary, Trial, evaluate
 from classify.errors import InputError
+from classify.library_file import check_path
 
 from .captured_set import CapturedSet
-from .console import out, print_json, progress, reported
+from .console import JsonOption, out, print_json, progress, reported
 from .set_file import SUFFIX
 
 __all__ = ["classify", "evaluate_", "train"]
@@ -23,28 +24,31 @@ SetsArgument = Annotated[list[Path], typer.Argument(metavar="SET...", help="Capt
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 @reported
 def train(sets: SetsArgument, library: LibraryOption, json: JsonOption = False) -> None:
     """Learn textures from labelled sets, any number per class."""
+    check_path(library)
+    simulated = False
 
-    def samples() -> Iterator[tuple[str, Any, float | None]]:
+    def samples() -> Iterator[tuple[str, SurfaceEstimate, float | None]]:
+        nonlocal simulated
         for path, captured in _loaded(sets, "train"):
-            label = _label(path, captured)
-            yield label, captured.solve(), captured.metadata.orientation_deg
+            simulated |= captured.metadata.simulated
+            yield _label(path, captured), captured.solve(), captured.metadata.orientation_deg
 
-    trained = TextureLibrary.train(samples())
+    trained = replace(TextureLibrary.train(samples()), simulated=simulated)
     trained.save(library)
     classes = {
         label: sum(reference.label == label for reference in trained.references)
         for label in trained.labels
     }
     if json:
-        print_json({"library": str(library), "classes": classes})
+        print_json({"library": str(library), "classes": classes, "simulated": simulated})
     else:
-        out.print(f"{library}: {len(classes)} classes from {len(sets)} sets", soft_wrap=True)
+        note = " (simulated)" if simulated else ""
+        out.print(f"{library}: {len(classes)} classes from {len(sets)} sets{note}", soft_wrap=True)
 
 
 @reported

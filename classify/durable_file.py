@@ -10,7 +10,19 @@ from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["durable_file"]
+__all__ = ["durable_file", "require_folder"]
+
+
+def require_folder(path: Path) -> None:
+    """Make sure, before the work, that the folder for its result is there.
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: there is no folder {path.parent}")
 
 
 @contextmanager

@@ -51,10 +51,14 @@ class Match:
 
 @dataclass(frozen=True, eq=False)
 class TextureLibrary:
-    """References of every class, all from segments of one size."""
+    """References of every class, all from segments of one size.
+
+    `simulated` says that some of them never lay under a real camera.
+    """
 
     references: tuple[Reference, ...]
     segment_px: int
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         if not self.references:
@@ -138,7 +142,7 @@ class TextureLibrary:
 
     def save(self, path: str | Path) -> None:
         """Write one ``.ps4lib`` file; whole or not at all."""
-        library_file.write(Path(path), self.references, self.segment_px)
+        library_file.write(Path(path), self.references, self.segment_px, self.simulated)
 
     @staticmethod
     def load(path: str | Path) -> TextureLibrary:

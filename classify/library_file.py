@@ -14,14 +14,15 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from .durable_file import durable_file
+from .durable_file import durable_file, require_folder
 from .errors import LibraryError
 from .scheme import Reference
 from .spectra import ANGLES, MAX_SEGMENT_PX, MIN_SEGMENT_PX, RADII
 from .surface import FloatMap
 
-__all__ = ["VERSION", "read", "write"]
+__all__ = ["SUFFIX", "VERSION", "check_path", "read", "write"]
 
+SUFFIX = ".ps4lib"
 VERSION: Final = 1
 _HEADER = "library.json"
 _ARRAY = "signatures.npy"
@@ -46,13 +47,39 @@ class _Header(BaseModel):
     format: Literal["ps4lib"] = "ps4lib"
     version: Literal[1] = VERSION
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
+    simulated: bool = False
     references: tuple[_ReferenceHeader, ...] = Field(min_length=1)
 
 
-def write(path: Path, references: Sequence[Reference], segment_px: int) -> None:
-    """Write a library to `path`, whole or not at all."""
+def check_path(path: Path) -> None:
+    """Make sure, before the work, that a library can be written to `path`.
+
+    Raises
+    ------
+    LibraryError
+        If the name does not end in ``.ps4lib``: it may be that of something else.
+    InputError
+        If there is no such folder.
+    """
+    if path.suffix != SUFFIX:
+        raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
+    require_folder(path)
+
+
+def write(path: Path, references: Sequence[Reference], segment_px: int, simulated: bool) -> None:
+    """Write a library to `path`, whole or not at all.
+
+    Raises
+    ------
+    LibraryError
+        If the name does not end in ``.ps4lib``.
+    InputError
+        If the file cannot be written.
+    """
+    check_path(path)
     header = _Header(
         segment_px=segment_px,
+        simulated=simulated,
         references=tuple(
             _ReferenceHeader(label=reference.label, orientation_deg=reference.orientation_deg)
             for reference in references
@@ -66,8 +93,8 @@ def write(path: Path, references: Sequence[Reference], segment_px: int) -> None:
         archive.writestr(_ARRAY, array.getvalue())
 
 
-def read(path: Path) -> tuple[tuple[Reference, ...], int]:
-    """References and segment side; every cause of failure is a `LibraryError` naming the file."""
+def read(path: Path) -> tuple[tuple[Reference, ...], int, bool]:
+    """References, segment side, whether simulated; any failure is a `LibraryError` by name."""
     try:
         with zipfile.ZipFile(path) as archive:
             header = _checked_header(_member(archive, path, _HEADER, _MAX_HEADER_BYTES), path)
@@ -83,7 +110,7 @@ def read(path: Path) -> tuple[tuple[Reference, ...], int]:
         Reference(entry.label, learned, entry.orientation_deg)
         for entry, learned in zip(header.references, signatures, strict=True)
     )
-    return references, header.segment_px
+    return references, header.segment_px, header.simulated
 
 
 def _signatures(archive: zipfile.ZipFile, path: Path, count: int) -> FloatMap:

@@ -9,8 +9,12 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from classify import Lighting
-from classify.errors import InputError
 from classify.lighting import RING_TILTS_DEG
+from firmware_sim.firmware import (
+    WATCHDOG_DEFAULT_MS,
+    WATCHDOG_MAX_MS,
+    WATCHDOG_MIN_MS,
+)
 
 from .errors import ConfigError
 
@@ -27,7 +31,7 @@ __all__ = [
 SIMULATED = "simulated"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
-Pixels = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class _Section(BaseModel):
@@ -45,7 +49,7 @@ class LightsConfig(_Section):
     tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
-    watchdog_ms: int = Field(default=5000, ge=100, le=60_000)
+    watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
 
     @property
     def lighting(self) -> Lighting:
@@ -84,7 +88,7 @@ class Placement(_Section):
 
     surface: str = "rock"
     rotate_deg: Degrees = 0.0
-    shift_px: tuple[Pixels, Pixels] = (0.0, 0.0)
+    shift_px: tuple[Shift, Shift] = (0.0, 0.0)
     seed: int = Field(default=1, ge=0, lt=2**63)
 
 
@@ -105,7 +109,7 @@ class SimulationConfig(_Section):
 class RigConfig(_Section):
     """A whole rig. ``RigConfig()`` is the simulated one."""
 
-    name: str = Field(default="simulated rig", min_length=1, max_length=200)
+    name: str = Field(default="rig", min_length=1, max_length=200)
     lights: LightsConfig = LightsConfig()
     camera: CameraConfig = CameraConfig()
     simulation: SimulationConfig = SimulationConfig()
@@ -171,8 +175,6 @@ def load_config(path: Path) -> RigConfig:
 def _validated(values: dict[str, Any], source: str) -> RigConfig:
     try:
         return RigConfig.model_validate(values)
-    except InputError as error:
-        raise ConfigError(f"{source}: {error}") from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(map(str, first["loc"])) or "the whole"

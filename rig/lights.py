@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -73,7 +74,8 @@ class LightController:
         self, port: str, *, clock: Clock | None = None, baud: int = 115_200, watchdog_ms: int = 5000
     ) -> None:
         self._clock = clock if clock is not None else RealClock()
-        self._sequence = 0
+        # Not from 1: late replies to the program before must not look like replies to this one.
+        self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._line = SerialLine(port, baud, _REPLY_TIMEOUT_S)
         try:
             self.identity = self._identify()
@@ -114,27 +116,35 @@ class LightController:
         led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
         return LightState(None if led == -1 else led, tuple(levels), time_us)
 
-    def confirm(self, led: int | None) -> None:
-        """Make sure that `led` (None: no LED) is still what is lit.
+    def confirm(self, led: int | None) -> LightState:
+        """Make sure that `led` (None: no LED) is still what is lit, and return the whole state.
 
         Raises
         ------
         LightControllerError
             If not: the watchdog tripped, or somebody else switched.
         """
-        shown = self.state().led
-        if shown != led:
+        state = self.state()
+        if state.led != led:
             raise LightControllerError(
-                f"{self.port}: {_named(led)} should be lit but {_named(shown)} is; "
+                f"{self.port}: {_named(led)} should be lit but {_named(state.led)} is; "
                 "the controller's watchdog may have tripped"
             )
+        return state
 
     def close(self) -> None:
         """Put the LEDs out if the controller still listens, and release the port."""
         # Whatever goes wrong here, the watchdog puts the LEDs out.
         try:
             with suppress(LightControllerError):
-                self.off()
+                try:
+                    self.off()
+                except LightControllerError:
+                    # An interrupted write may have left half a line, and spoilt this one: end
+                    # it, take its reply, and say it again.
+                    self._line.write(b"\n")
+                    self._line.read_line(time.monotonic() + _REPLY_TIMEOUT_S)
+                    self.off()
         finally:
             self._line.close()
 

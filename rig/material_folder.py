@@ -6,6 +6,7 @@
 | `normal.png`, `.jpg` or `.jpeg` | OpenGL convention: red x right, green y up, blue to the viewer |
 | `albedo.png`, `.jpg` or `.jpeg` | sRGB, colour or grey |
 | `material.json` | `size_mm` (width of the tile) and `relief_mm` (black to white of the height) |
+| `meta.json` | if sizes are unknown: `height.scale_px_per_unit`, pixels from black to white |
 
 A height or a normal map is needed, the rest may be missing.
 """
@@ -23,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
 from classify.errors import InputError
 
+from .colour import linear_from_srgb, luminance
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
 
 __all__ = ["bundled_materials", "load_material"]
@@ -35,6 +37,8 @@ DEFAULT_RMS_SLOPE = 0.30
 
 STEEPEST_SLOPE = 10.0
 """84 degrees. An 8-bit normal this flat to the surface tells no more than that it is steep."""
+
+MAX_JSON_BYTES = 1 << 20
 
 PICTURE_ENDINGS = ("png", "jpg", "jpeg")
 
@@ -88,20 +92,23 @@ def load_material(folder: str | Path) -> PeriodicSurface:
     height_file = _only_file(folder, "height", ("png",))
     normal_file = _only_file(folder, "normal", PICTURE_ENDINGS)
     albedo_file = _only_file(folder, "albedo", PICTURE_ENDINGS)
-    shape_file = normal_file or height_file
-    if shape_file is None:
+    if normal_file is None and height_file is None:
         raise InputError(
             f"{folder}: no height.png and no normal.png or normal.jpg; a material needs one of them"
         )
     maps = {file: _read(file) for file in (normal_file, height_file, albedo_file) if file}
-    shape = maps[shape_file].shape[:2]
+    first, shape = next((file, image.shape[:2]) for file, image in maps.items())
     for file, image in maps.items():
         if image.shape[:2] != shape:
             raise InputError(
-                f"{file}: {image.shape[1]} x {image.shape[0]} px, but {shape_file.name} has "
+                f"{file}: {image.shape[1]} x {image.shape[0]} px, but {first.name} has "
                 f"{shape[1]} x {shape[0]}; the maps of a material must be of one size"
             )
-    albedo = _luminance(maps[albedo_file]) if albedo_file else np.full(shape, DEFAULT_ALBEDO)
+    albedo = (
+        luminance(linear_from_srgb(maps[albedo_file]))
+        if albedo_file
+        else np.full(shape, DEFAULT_ALBEDO)
+    )
     units = maps[height_file].mean(axis=2) if height_file else None
     scale = _known_scale(folder, width_px=shape[1])
     if normal_file:
@@ -111,8 +118,7 @@ def load_material(folder: str | Path) -> PeriodicSurface:
         else:
             scale = scale or _fitted_scale(units, p, q, folder)
             surface = PeriodicSurface(units * scale, p, q, albedo, folder.name)
-    else:
-        assert units is not None
+    elif units is not None:
         scale = scale or _default_scale(units)
         surface = PeriodicSurface.from_height(units * scale, albedo, folder.name)
     return surface.band_limited()
@@ -148,12 +154,6 @@ def _read(file: Path) -> FloatImage:
     return np.asarray(image[..., ::-1] / white, np.float32)
 
 
-def _luminance(rgb: FloatImage) -> FloatImage:
-    """Linear luminance (Rec. 709) of sRGB values (IEC 61966-2-1)."""
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    return np.asarray(linear @ np.array([0.2126, 0.7152, 0.0722], np.float32), np.float32)
-
-
 def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
     """P and q of a normal map."""
     x, y, z = np.moveaxis(2.0 * rgb - 1.0, -1, 0)
@@ -173,7 +173,8 @@ def _fitted_scale(
 ) -> float:
     """Pixels per unit of height that bring its gradients nearest to p and q."""
     unit_p, unit_q = spectral_gradients(np.asarray(units, np.float32))
-    scale = float(np.mean(unit_p * p + unit_q * q)) / rms_slope(unit_p, unit_q) ** 2
+    slope = rms_slope(unit_p, unit_q)
+    scale = float(np.mean(unit_p * p + unit_q * q)) / slope**2 if slope > 0.0 else 0.0
     if scale <= 0.0:
         raise InputError(
             f"{folder}: height.png falls where the normal map rises; white is high and green is "
@@ -214,8 +215,12 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
 
 def _json(file: Path) -> Any:
     try:
+        if file.stat().st_size > MAX_JSON_BYTES:
+            raise InputError(
+                f"{file}: larger than {MAX_JSON_BYTES} bytes; it should be a few lines"
+            )
         return json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON: {error}") from error

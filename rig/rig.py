@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -25,7 +25,7 @@ class Rig:
 
     Attributes
     ----------
-    config, lighting
+    config
         What it was opened with.
     clock
         The clock of frames and acknowledges.
@@ -40,10 +40,11 @@ class Rig:
     lights: LightController
     camera: Camera
     simulation: Simulation | None
-    lighting: Lighting = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "lighting", self.config.lights.lighting)
+    @property
+    def lighting(self) -> Lighting:
+        """Where the lights stand."""
+        return self.config.lights.lighting
 
     def close(self) -> None:
         """Put the LEDs out and release everything; a second call does nothing."""

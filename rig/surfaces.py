@@ -18,7 +18,7 @@ __all__ = [
     "MAX_SIDE_PX",
     "PeriodicSurface",
     "SurfacePatch",
-    "integrate_gradients",
+    "periodic_height",
     "rms_slope",
     "round_band_limit",
     "spectral_gradients",
@@ -114,9 +114,9 @@ class PeriodicSurface:
     def from_gradients(
         cls, p: npt.ArrayLike, q: npt.ArrayLike, albedo: npt.ArrayLike, name: str
     ) -> PeriodicSurface:
-        """A surface whose height is integrated from its gradients (see `integrate_gradients`)."""
+        """A surface whose height is integrated from its gradients (see `periodic_height`)."""
         slope_x, slope_y = np.asarray(p, np.float32), np.asarray(q, np.float32)
-        height = integrate_gradients(slope_x, slope_y)
+        height = periodic_height(slope_x, slope_y)
         return cls(height, slope_x, slope_y, np.asarray(albedo, np.float32), name)
 
     def band_limited(self) -> PeriodicSurface:
@@ -205,7 +205,7 @@ def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
     return p.astype(np.float32), q.astype(np.float32)
 
 
-def integrate_gradients(p: FloatImage, q: FloatImage) -> FloatImage:
+def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
     """The periodic height whose gradients come nearest to p and q, in the least-squares sense.
 
     After Frankot and Chellappa (1988). The mean height is zero; a mean slope, which no periodic

@@ -9,11 +9,11 @@ import re
 from dataclasses import dataclass
 
 from firmware_sim import crc8
+from firmware_sim.firmware import MAX_SEQUENCE
 
 __all__ = ["BANNER", "MAX_SEQUENCE", "Garbled", "Reply", "decode_reply", "encode_command"]
 
 BANNER = b"READY "
-MAX_SEQUENCE = 65535
 
 _REPLY = re.compile(rb"(?:#(\d{1,5}) )?(OK|ERR)(?: ([ -~]*))?")
 

@@ -78,7 +78,7 @@ def test_a_set_says_where_it_comes_from(rig: Rig) -> None:
     assert captured.lighting == rig.lighting
     assert metadata.placement == rig.config.simulation.placement
     assert metadata.orientation_deg == 0.0
-    assert metadata.rig_name == "simulated rig"
+    assert metadata.rig_name == "rig"
     assert metadata.controller is not None
     assert metadata.controller.serial_number == "SIM-0001"
     assert metadata.camera is not None
@@ -326,8 +326,40 @@ def test_a_frame_of_another_size_is_the_cameras_fault(rig: Rig) -> None:
     def cut(frame: Frame) -> Frame:
         return replace(frame, pixels=frame.pixels[:-1])
 
-    with pytest.raises(CameraError, match="the camera sent 64 x 63 px, it had announced 64 x 64"):
+    with pytest.raises(CameraError, match="the camera sent 64 x 63 px of 12 bit, it had"):
         capture_set(with_frames(rig, cut))
+
+
+@pytest.mark.usefixtures("dark_after")
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda frame: replace(
+            frame,
+            exposure_start_s=frame.exposure_start_s + 0.05,
+            exposure_end_s=frame.exposure_end_s + 0.05,
+        ),
+        lambda frame: replace(frame, exposure_start_s=frame.exposure_end_s + 0.01),
+        lambda frame: replace(frame, exposure_start_s=float("nan")),
+    ],
+    ids=["ahead of the clock", "ends before it starts", "not a number"],
+)
+def test_time_stamps_off_the_rigs_clock_are_refused(
+    rig: Rig, change: Callable[[Frame], Frame]
+) -> None:
+    with pytest.raises(CameraError, match="time stamps are not on the rig's clock"):
+        capture_set(with_frames(rig, change))
+
+
+def test_the_level_of_each_led_is_recorded(rig: Rig) -> None:
+    rig.lights.set_level(1, 60)
+    records = capture_set(rig).metadata.images
+    assert [record.led_level_percent for record in records] == [100, 60, 100, 100, None]
+
+
+def test_frames_lost_before_the_switch_are_not_counted(rig: Rig) -> None:
+    rig.clock.sleep_s(3.0)
+    assert all(record.lost_frames == 0 for record in capture_set(rig).metadata.images)
 
 
 @pytest.mark.usefixtures("dark_after")

@@ -14,6 +14,7 @@ import pytest
 import tifffile
 
 from capture import CapturedSet
+from classify import TextureLibrary
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 
 Command = Callable[..., Any]
@@ -151,7 +152,10 @@ def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
         (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
         (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
         (["--label", "two\nlines", "a.ome.tif"], r"label 'two\nlines': use printable"),
-        (["--size", "64", "none/a.ome.tif"], "none/a.ome.tif: cannot be written: No such file"),
+        (
+            ["--size", "64", "none/a.ome.tif"],
+            "none/a.ome.tif: cannot be written: there is no folder",
+        ),
     ],
 )
 def test_each_wrong_option_of_capture_has_its_line(
@@ -293,7 +297,8 @@ def test_solve_writes_its_maps_and_says_how_much_is_valid(
     source = sets / "rock-001.ome.tif"
     result = ps4rig("solve", source, "--out", tmp_path / "maps", "--json")
     answer = json.loads(result.stdout)
-    assert set(answer) == {"set", "files", "valid", "saturated", "shadowed"}
+    assert set(answer) == {"set", "files", "valid", "saturated", "shadowed", "simulated"}
+    assert answer["simulated"] is True
     assert {Path(name).name for name in answer["files"]} >= {
         "p.tif", "q.tif", "albedo.tif", "normals.tif", "height.tif", "residual.tif", "shadow.png",
         "preview.png",
@@ -301,7 +306,9 @@ def test_solve_writes_its_maps_and_says_how_much_is_valid(
     assert all(Path(name).stat().st_size > 0 for name in answer["files"])
     assert 0.9 < answer["valid"] <= 1.0
     plain = ps4rig("solve", source, "--out", tmp_path / "maps")
-    assert plain.stdout.splitlines()[0] == f"{tmp_path / 'maps'}: {len(answer['files'])} files"
+    assert plain.stdout.splitlines()[0] == (
+        f"{tmp_path / 'maps'}: {len(answer['files'])} files (of a simulated set)"
+    )
 
 
 def test_classify_answers_with_exactly_the_agreed_fields(
@@ -353,7 +360,7 @@ def test_train_counts_its_references(ps4rig: Command, sets: Path, tmp_path: Path
     library = tmp_path / "t.ps4lib"
     result = ps4rig("train", *paths, "--library", library, "--json")
     assert json.loads(result.stdout) == {
-        "library": str(library), "classes": {"rock": 2, "sand": 2},
+        "library": str(library), "classes": {"rock": 2, "sand": 2}, "simulated": True,
     }  # fmt: skip
 
 
@@ -447,6 +454,50 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
     (line,) = stderr.splitlines()
     assert f"{tmp_path}/a.ome.tif: cannot be written" in line
     assert list(tmp_path.iterdir()) == []
+
+
+def test_usage_errors_are_one_line_too(spawn: Command, tmp_path: Path) -> None:
+    for arguments, message in (
+        (["capture", "--average", 2000, tmp_path / "a.ome.tif"], "--average"),
+        (["capture"], "OUT"),
+        (["solve", tmp_path / "a.ome.tif"], "--out"),
+        (["classify", "--colour", "x"], "--colour"),
+        (["inspect"], "inspect"),
+    ):
+        process = spawn(*arguments)
+        stdout, stderr = process.communicate(timeout=30)
+        assert (process.returncode, stdout) == (2, "")
+        (line,) = stderr.splitlines()
+        assert line.startswith("ps4rig: ")
+        assert message in line
+
+
+def test_without_a_command_it_shows_what_there_is(spawn: Command) -> None:
+    process = spawn()
+    stdout, stderr = process.communicate(timeout=30)
+    assert (process.returncode, stderr) == (0, "")
+    assert all(name in stdout for name in ("demo", "capture", "import", "evaluate"))
+
+
+def test_a_library_never_replaces_a_set(refused: Refused, sets: Path) -> None:
+    rock = next(sets.glob("rock-001*"))
+    before = rock.read_bytes()
+    assert "end in .ps4lib" in refused("train", rock, "--library", rock)
+    assert rock.read_bytes() == before
+
+
+def test_a_library_of_simulated_sets_says_so(library: Path) -> None:
+    assert TextureLibrary.load(library).simulated
+
+
+def test_maps_say_what_set_they_come_from(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
+    rock = next(sets.glob("rock-001*"))
+    assert ps4rig("solve", rock, "--out", tmp_path).exit_code == 0
+    with tifffile.TiffFile(tmp_path / "p.tif") as tiff:
+        origin = json.loads(tiff.pages.first.description)
+    assert origin["simulated"] is True
+    assert (origin["method"], origin["label"]) == ("ps4", "rock")
+    assert origin["pixels_sha256"] == CapturedSet.load(rock).metadata.pixels_sha256
 
 
 def test_output_that_cannot_be_written_is_one_line(spawn: Command, sets: Path) -> None:

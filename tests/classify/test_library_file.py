@@ -289,7 +289,7 @@ def test_a_flipped_byte_is_refused_or_harmless(
 
 
 def test_a_folder_that_does_not_exist_is_named(library, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written: No such file or directory"):
+    with pytest.raises(InputError, match="cannot be written: there is no folder"):
         library.save(tmp_path / "none" / "x.ps4lib")
 
 

@@ -450,3 +450,18 @@ def test_half_a_line_that_another_program_left_does_no_harm() -> None:
     controller.feed(b"LED:SEL ")
     with serve_pty(controller) as server, LightController(server.address, clock=clock) as lights:
         assert lights.state().led is None
+
+
+def test_a_write_interrupted_in_mid_line_does_not_keep_the_led_on(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.select(2)
+        lights._line.write(b"#9 LED:S")
+    assert bench.lit() == [0.0] * 4
+
+
+def test_late_replies_to_the_program_before_fit_no_sequence_number_of_this_one(bench: Any) -> None:
+    first = []
+    for _ in range(6):
+        with LightController(bench.port, clock=bench.clock) as lights:
+            first.append(lights._sequence)
+    assert len(set(first)) > 3
