@@ -60,8 +60,13 @@ class CapturedSet:
         """The lights of the images."""
         return self.metadata.lighting.to_lighting()
 
-    def solve(self, method: Method = "ps4") -> SurfaceEstimate:
-        """Gradients and albedo, ambient light subtracted; see `classify.photometric_stereo`."""
+    def solve(self, method: Method | None = None) -> SurfaceEstimate:
+        """Gradients and albedo, ambient light subtracted; see `classify.photometric_stereo`.
+
+        Without a method it is PS4, or least squares where there are more than its four lights.
+        """
+        if method is None:
+            method = "least_squares" if len(self.images) > 4 else "ps4"
         return photometric_stereo(
             self.images,
             self.lighting,

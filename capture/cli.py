@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -12,6 +13,7 @@ import typer
 from classify.errors import InputError
 
 from . import set_commands, texture_commands
+from .console import describe
 from .demo import demo
 
 __all__ = ["app", "main"]
@@ -55,6 +57,12 @@ def main() -> None:
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
         status = app(standalone_mode=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError as error:
+        print(f"ps4rig: {describe(error)}", file=sys.stderr)
+        # Nothing is left to be written at the end of the process, where it would fail again.
+        os._exit(InputError.exit_status)
     except Exception as error:
         # The usage errors of typer have no class of their own in its public face.
         message = getattr(error, "format_message", None)

@@ -8,15 +8,27 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 from classify.errors import InputError, Ps4rigError
 
-__all__ = ["JsonOption", "out", "print_json", "progress", "reported"]
+__all__ = [
+    "JsonOption",
+    "describe",
+    "folding_table",
+    "naming",
+    "out",
+    "print_json",
+    "progress",
+    "reported",
+]
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 _INTERRUPTED_STATUS = 130
@@ -58,7 +70,8 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
         try:
             result = command(*arguments, **options)
             # Here and not at the end of the process, where a full disk could no longer be reported.
-            sys.stdout.flush()
+            if sys.stdout is not None:  # closed by whoever started us
+                sys.stdout.flush()
             return result
         except Ps4rigError as error:
             print(f"ps4rig: {' '.join(str(error).split())}", file=sys.stderr)
@@ -71,13 +84,36 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(InputError.exit_status) from None
         except OSError as error:
-            print(f"ps4rig: {error.strerror or error}", file=sys.stderr)
+            print(f"ps4rig: {describe(error)}", file=sys.stderr)
             raise typer.Exit(InputError.exit_status) from None
         except KeyboardInterrupt:
             print("ps4rig: interrupted", file=sys.stderr)
             raise typer.Exit(_INTERRUPTED_STATUS) from None
 
     return run
+
+
+def folding_table(*columns: str) -> Table:
+    """A table that breaks what is too long for the terminal instead of cutting it off."""
+    table = Table()
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file in front of what is wrong with its content."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def describe(error: OSError) -> str:
+    """The file and the cause, as far as the error knows them."""
+    cause = error.strerror or str(error)
+    return f"{error.filename}: {cause}" if error.filename else cause
 
 
 def _terminate(*_: object) -> NoReturn:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from classify import (
     InputError,
@@ -22,8 +21,8 @@ from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
 from .acquisition import capture_set
 from .captured_set import CapturedSet
-from .console import out, progress, reported
-from .report import ReportEntry, write_report
+from .console import folding_table, out, progress, reported
+from .report import ANGLE_NOTE, ReportEntry, write_report
 from .set_file import SUFFIX
 
 __all__ = ["demo"]
@@ -92,9 +91,10 @@ def demo(
     entries = list(progress(_entries(tests, library, references), len(tests), "classify"))
     trials = [Trial(entry.label, entry.orientation_deg, entry.match) for entry in entries]
     report = output / "report.html"
-    write_report(report, entries, evaluate(trials), identity, config)
-    _print_table(trials)
     result = evaluate(trials)
+    write_report(report, entries, result, identity, config)
+    _print_table(trials)
+    out.print(ANGLE_NOTE)
     out.print(
         f"{result.correct} of {result.sets} right. Simulated rig. "
         f"Report: {report}, sets: {sets_folder}",
@@ -132,7 +132,7 @@ def _entries(
 
 
 def _print_table(trials: list[Trial]) -> None:
-    table = Table("true", "found", "true angle", "found angle", "distance", "margin")
+    table = folding_table("true", "found", "true angle", "found angle", "distance", "margin")
     for trial in trials:
         match = trial.match
         table.add_row(

@@ -182,7 +182,13 @@ def _decoded_tiff(path: Path) -> npt.NDArray[Any]:
                     f"{path}: TIFF pixels are {tifffile.PHOTOMETRIC(photometric).name}; save it as "
                     "grey or RGB"
                 )
-            return tiff.asarray()
+            if tiff.pages.first.compression != tifffile.COMPRESSION.LZW:
+                return tiff.asarray()
+        # LZW, which OpenCV writes by default, tifffile reads only with a further package.
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            raise InputError(f"{path}: not a complete TIFF image; it may be truncated")
+        return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
     except (FileNotFoundError, InputError):
         raise
     # What tifffile raises on damaged files depends on where the damage is.

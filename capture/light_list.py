@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, FiniteFloat, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter
 
 from classify import Lighting
 from classify.errors import InputError
@@ -23,6 +23,7 @@ class _NamedLight(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
     file: str
     direction: Vector
+    intensity: float = Field(default=1.0, gt=0.0, allow_inf_nan=False)
 
 
 class _ImagesFile(BaseModel):
@@ -46,10 +47,16 @@ class LightList:
         Image names without folder, one per vector, or None if the vectors are in order.
     vectors
         (x, y, z) towards each light; x right, y up, z to the camera.
+    intensities
+        Relative intensity of each light; all 1 if None.
     """
 
     def __init__(
-        self, source: Path, names: Sequence[str] | None, vectors: Sequence[Vector]
+        self,
+        source: Path,
+        names: Sequence[str] | None,
+        vectors: Sequence[Vector],
+        intensities: Sequence[float] | None = None,
     ) -> None:
         if not 1 <= len(vectors) <= _MAX_LIGHTS:
             raise InputError(
@@ -61,6 +68,7 @@ class LightList:
         self.source = source
         self._names = names
         self._vectors = vectors
+        self._intensities = intensities or [1.0] * len(vectors)
 
     def image_paths(self) -> list[Path]:
         """The images it names, beside it.
@@ -88,16 +96,19 @@ class LightList:
                     f"{self.source}: {len(self._vectors)} lights for {len(images)} images; "
                     "give one each, in the same order"
                 )
-            return self._lighting(self._vectors)
-        by_name = dict(zip(self._names, self._vectors, strict=True))
-        missing = [image.name for image in images if image.name not in by_name]
+            return self._lighting(range(len(images)))
+        index_of = {name: index for index, name in enumerate(self._names)}
+        missing = [image.name for image in images if image.name not in index_of]
         if missing:
             raise InputError(f"{self.source}: lists no light for {missing[0]}")
-        return self._lighting([by_name[image.name] for image in images])
+        return self._lighting([index_of[image.name] for image in images])
 
-    def _lighting(self, vectors: Sequence[Vector]) -> Lighting:
+    def _lighting(self, chosen: Sequence[int]) -> Lighting:
         try:
-            return Lighting(np.array(vectors))
+            return Lighting(
+                np.array([self._vectors[index] for index in chosen]),
+                np.array([self._intensities[index] for index in chosen]),
+            )
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from error
 
@@ -106,7 +117,8 @@ def load_light_list(path: Path) -> LightList:
     """Read ``.lp`` (count, then ``name x y z`` a line) or ``.json``.
 
     JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
-    "direction": [x, y, z]}``, or an object with such a list under ``images``.
+    "direction": [x, y, z]}``, or an object with such a list under ``images``. Beside a direction
+    there may be ``"intensity": number``, relative to the other lights.
 
     Raises
     ------
@@ -164,4 +176,5 @@ def _parsed_json(path: Path, text: str) -> LightList:
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
-    return LightList(path, names or None, vectors)
+    intensities = [e.intensity if isinstance(e, _NamedLight) else 1.0 for e in entries]
+    return LightList(path, names or None, vectors, intensities)

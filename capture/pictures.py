@@ -58,7 +58,8 @@ def normal_map(normals: npt.NDArray[np.float32]) -> Picture:
 def relief(surface: SurfaceEstimate) -> Picture:
     """The relief without its albedo, lit from the upper left."""
     light = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
-    return grey(np.maximum(surface.normals @ light, 0.0), top=1.0)
+    # From 0 facing away to 1 facing the light: steep slopes keep their shape in the dark.
+    return grey(0.5 + 0.5 * (surface.normals @ light), top=1.0)
 
 
 def shadow_map(surface: SurfaceEstimate) -> Picture:

@@ -20,8 +20,12 @@ from rig import ControllerIdentity, RigConfig
 from . import pictures
 from .captured_set import CapturedSet
 
-__all__ = ["ReportEntry", "write_report"]
+__all__ = ["ANGLE_NOTE", "ReportEntry", "write_report"]
 
+ANGLE_NOTE = (
+    "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
+    "that looks the same after a quarter turn (Tiles036) is known modulo 90 only."
+)
 _PICTURE_PX = 176
 _TEMPLATE = Path(__file__).with_name("report.html")
 
@@ -60,6 +64,7 @@ def write_report(
         correct=str(result.correct),
         sets=str(result.sets),
         classes=str(len(result.per_class)),
+        angle_note=ANGLE_NOTE,
         rows="\n".join(_row(number, entry) for number, entry in enumerate(entries)),
         details="\n".join(_detail(number, entry) for number, entry in enumerate(entries)),
     )

@@ -16,7 +16,7 @@ from rig import ConfigError, Placement, Rig, RigConfig, load_config, open_rig, s
 
 from .acquisition import MAX_AVERAGE, capture_set
 from .captured_set import CapturedSet
-from .console import JsonOption, out, print_json, progress, reported
+from .console import JsonOption, naming, out, print_json, progress, reported
 from .image_import import Gamma, import_images
 from .light_list import load_light_list
 from .maps import write_maps
@@ -126,7 +126,10 @@ def _numbered(output: Path, count: int) -> list[Path]:
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SUFFIX)
-    return [output.with_name(f"{stem}-{number:03d}{SUFFIX}") for number in range(1, count + 1)]
+    digits = max(3, len(str(count)))
+    return [
+        output.with_name(f"{stem}-{number:0{digits}d}{SUFFIX}") for number in range(1, count + 1)
+    ]
 
 
 @reported
@@ -195,16 +198,22 @@ def solve(
     captured_set: Annotated[Path, typer.Argument(metavar="SET", help="A captured set.")],
     output: Annotated[Path, typer.Option("--out", help="Folder for the maps.", metavar="DIR")],
     method: Annotated[
-        str, typer.Option(help=f"One of {', '.join(METHODS)}.", metavar="METHOD")
-    ] = "ps4",
+        str | None,
+        typer.Option(
+            help=f"One of {', '.join(METHODS)}. [default: ps4; more than four lights: "
+            "least_squares]",
+            metavar="METHOD",
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Write p, q, albedo, normals, relative height, shadow and residual of a set."""
-    if method not in METHODS:
+    if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
-    chosen: Method = method
+    chosen: Method | None = method
     captured = CapturedSet.load(captured_set)
-    surface = captured.solve(chosen)
+    with naming(captured_set):
+        surface = captured.solve(chosen)
     written = write_maps(captured, surface, output)
     shares: dict[str, float] = {
         "valid": float(surface.valid.mean()),

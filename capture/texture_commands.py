@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from classify import Evaluation, SurfaceEstimate, TextureLibrary, Trial, evaluate
 from classify.errors import InputError
 from classify.library_file import check_path
 
 from .captured_set import CapturedSet
-from .console import JsonOption, out, print_json, progress, reported
+from .console import JsonOption, folding_table, naming, out, print_json, progress, reported
 from .set_file import SUFFIX
 
 __all__ = ["classify", "evaluate_", "train"]
@@ -36,7 +35,9 @@ def train(sets: SetsArgument, library: LibraryOption, json: JsonOption = False) 
         nonlocal simulated
         for path, captured in _loaded(sets, "train"):
             simulated |= captured.metadata.simulated
-            yield _label(path, captured), captured.solve(), captured.metadata.orientation_deg
+            with naming(path):
+                surface = captured.solve()
+            yield _label(path, captured), surface, captured.metadata.orientation_deg
 
     trained = replace(TextureLibrary.train(samples()), simulated=simulated)
     trained.save(library)
@@ -57,19 +58,20 @@ def classify(sets: SetsArgument, library: LibraryOption, json: JsonOption = Fals
     trained = TextureLibrary.load(library)
     results = []
     for path, captured in _loaded(sets, "classify"):
-        match = trained.classify(captured.solve())
+        with naming(path):
+            match = trained.classify(captured.solve())
         results.append(
             {"set": str(path), **asdict(match), "simulated": captured.metadata.simulated}
         )
     if json:
         print_json(results)
         return
-    table = Table("set", "texture", "angle", "distance", "runner-up", "margin")
+    table = folding_table("set", "texture", "angle", "distance", "runner-up", "margin")
     for row in results:
         table.add_row(
             row["set"] + (" (simulated)" if row["simulated"] else ""),
             row["label"] or "unknown",
-            f"{row['orientation_deg']:.1f}",
+            f"{row['orientation_deg']:.1f}°",
             f"{row['distance']:.4f}",
             row["runner_up"] or "-",
             "-" if row["margin"] is None else f"{row['margin']:.2f}",
@@ -90,20 +92,16 @@ def evaluate_(
     if not paths:
         raise InputError(f"{folder}: holds no captured sets (*{SUFFIX})")
     trained = TextureLibrary.load(library)
-    result = evaluate(
-        [
-            Trial(
-                _label(path, captured),
-                captured.metadata.orientation_deg,
-                trained.classify(captured.solve()),
-            )
-            for path, captured in _loaded(paths, "evaluate")
-        ]
-    )
+    trials = []
+    for path, captured in _loaded(paths, "evaluate"):
+        with naming(path):
+            match = trained.classify(captured.solve())
+        trials.append(Trial(_label(path, captured), captured.metadata.orientation_deg, match))
+    result = evaluate(trials)
     if json:
         print_json(_as_json(result))
         return
-    table = Table("class", "sets", "right", "accuracy", "angle error", "95 %", "taken for")
+    table = folding_table("class", "sets", "right", "accuracy", "angle error", "95 %", "taken for")
     for label, row in result.per_class.items():
         errors = row.orientation_error_deg
         others = {

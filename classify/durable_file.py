@@ -51,7 +51,8 @@ def durable_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
         _sync(path.parent)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        cause = error.strerror or f"{error}; is the disk full?"
+        raise InputError(f"{path}: cannot be written: {cause}") from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

@@ -160,7 +160,8 @@ def load_config(path: Path) -> RigConfig:
         raise ConfigError(f"{path}: no such rig configuration (or use --rig sim)") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    # Besides its own error tomllib lets through those of deep nesting and of endless numbers.
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
     lights = values.get("lights", {})
     if isinstance(lights, dict) and "port" not in lights:
@@ -177,5 +178,6 @@ def _validated(values: dict[str, Any], source: str) -> RigConfig:
         return RigConfig.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
-        field = ".".join(map(str, first["loc"])) or "the whole"
-        raise ConfigError(f"{source}: {field}: {first['msg']}") from error
+        field = "".join(f"{part}." for part in first["loc"]).rstrip(".")
+        cause = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(": ".join(filter(None, (source, field, cause)))) from error

@@ -179,7 +179,8 @@ class LightController:
         if heard:
             said = heard[:40].decode("ascii", "replace")
             raise LightControllerError(
-                f"{self.port}: what is there is not a light controller (it said {said!r})"
+                f"{self.port}: no intact answer to *IDN? in {_OPEN_TIMEOUT_S:g} s; this is not a "
+                f"light controller, or the line is bad (it said {said!r})"
             )
         raise LightControllerError(
             f"{self.port}: no answer in {_OPEN_TIMEOUT_S:g} s; is this the light controller, and "

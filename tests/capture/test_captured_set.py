@@ -30,3 +30,13 @@ def test_solving_subtracts_the_ambient_light(rig: Rig) -> None:
     assert lit.mean() > 0.3
     for found, true in ((surface.p, truth.p), (surface.q, truth.q)):
         assert np.corrcoef(found[lit], true[lit])[0, 1] > 0.99
+
+
+def test_more_than_four_lights_are_solved_by_least_squares(
+    made_set: Callable[..., CapturedSet],
+) -> None:
+    five = made_set(np.full((5, 4, 4), 900, np.uint16))
+    assert five.solve().method == "least_squares"
+    assert made_set(np.full((4, 4, 4), 900, np.uint16)).solve().method == "ps4"
+    with pytest.raises(InputError, match="ps4 needs exactly 4 lights, this set has 3"):
+        made_set(np.full((3, 4, 4), 900, np.uint16)).solve()

@@ -280,3 +280,17 @@ def test_files_of_another_kind_or_none(four: Photographs, tmp_path: Path) -> Non
 
 def test_a_label_that_no_file_could_hold(four: Photographs) -> None:
     refused(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
+
+
+def test_an_lzw_tiff_as_opencv_writes_it_is_read(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    grey = rng.integers(0, 60000, (4, 20, 30), dtype=np.uint16)
+    paths = [tmp_path / f"{index}.tif" for index in range(4)]
+    for path, image in zip(paths, grey, strict=True):
+        cv2.imwrite(str(path), image, [cv2.IMWRITE_TIFF_COMPRESSION, 5])
+    with tifffile.TiffFile(paths[0]) as tiff:
+        assert tiff.pages.first.compression == tifffile.COMPRESSION.LZW
+    assert np.array_equal(import_images(paths, Lighting.ring()).images, grey)
+    paths[0].write_bytes(paths[0].read_bytes()[:200])
+    with pytest.raises(InputError, match="TIFF"):
+        import_images(paths, Lighting.ring())

@@ -191,3 +191,18 @@ def test_any_text_is_read_or_refused(
     except InputError as error:
         message = str(error)
         assert path.name in message
+
+
+def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_path: Path) -> None:
+    path = tmp_path / "lights.json"
+    lights = [
+        {"file": f"{name}.png", "direction": [x, y, 1], "intensity": intensity}
+        for name, x, y, intensity in (("a", 1, 0, 1.0), ("b", 0, 1, 2.0), ("c", -1, 0, 0.5))
+    ]
+    path.write_text(json.dumps(lights), encoding="utf-8")
+    lighting = load_light_list(path).lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
+    assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
+    lights[0]["intensity"] = 0
+    path.write_text(json.dumps(lights), encoding="utf-8")
+    with pytest.raises(InputError, match="not a list of lights"):
+        load_light_list(path)

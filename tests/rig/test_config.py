@@ -66,7 +66,10 @@ def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) ->
         (SIMULATED + "[camera]\nkind = 'none'\n", "camera.kind"),
         (SIMULATED + "[camera]\nwidth_px = 8\n", "camera.width_px"),
         (SIMULATED + "[camera]\nframe_rate_hz = 60\n", "camera: .*exposure_ms = 20 does not fit"),
-        (SIMULATED + "watchdog_ms = 100\n", "the whole: .*watchdog_ms = 100 would put the LEDs"),
+        (
+            SIMULATED + "watchdog_ms = 100\n",
+            "lights.watchdog_ms = 100 would put the LEDs",
+        ),
         (SIMULATED + "[simulation]\nclock = 'slow'\n", "simulation.clock"),
         (SIMULATED + "[simulation]\nambient = inf\n", "simulation.ambient"),
         (SIMULATED + "[simulation.placement]\nseed = -1\n", "simulation.placement.seed"),
@@ -92,7 +95,14 @@ def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
 def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
-    for name, message in (("binary.toml", "not valid TOML"), ("large.toml", "larger than")):
+    (tmp_path / "deep.toml").write_text("a = " + "[" * 9000, encoding="utf-8")
+    (tmp_path / "long.toml").write_text("a = " + "9" * 9000, encoding="utf-8")
+    for name, message in (
+        ("binary.toml", "not valid TOML"),
+        ("deep.toml", "not valid TOML"),
+        ("long.toml", "not valid TOML"),
+        ("large.toml", "larger than"),
+    ):
         with pytest.raises(ConfigError, match=message):
             load_config(tmp_path / name)
     with pytest.raises(ConfigError, match="cannot be read"):

@@ -237,9 +237,9 @@ def test_a_port_where_nobody_answers_is_given_up(bare_pty: tuple[int, str]) -> N
 @pytest.mark.parametrize(
     ("chatter", "message"),
     [
-        (b"$GPGGA,123519,4807.038,N\r\n", "what is there is not a light controller.*GPGGA"),
+        (b"$GPGGA,123519,4807.038,N\r\n", "this is not a light controller.*GPGGA"),
         (b"\x00\xff" * 40, "512 bytes without a line end"),
-        (b"#1 OK\n\n~\n~~~00\nREADY \n", "what is there is not a light controller"),
+        (b"#1 OK\n\n~\n~~~00\nREADY \n", "this is not a light controller"),
     ],
 )
 def test_a_port_that_chatters_is_given_up(
