@@ -10,13 +10,13 @@ from typing import Annotated
 import typer
 
 from classify import (
-    InputError,
     Spectra,
     TextureLibrary,
     Trial,
     evaluate,
     surface_spectra,
 )
+from classify.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
 from .acquisition import capture_set
@@ -33,13 +33,13 @@ TEST_SEED = 1000
 
 @dataclass(frozen=True)
 class _TestPlacement:
-    """Another patch of the surface, turned: far enough away to share no pixel in the middle."""
+    """Another patch of the surface, turned. It shares a corner with the learned one at most."""
 
     rotate_deg: float
     shift_px: tuple[float, float]
 
 
-_TESTS = (_TestPlacement(37.0, (190.0, 60.0)), _TestPlacement(112.0, (-70.0, 200.0)))
+_TESTS = (_TestPlacement(37.0, (256.0, 120.0)), _TestPlacement(112.0, (-100.0, 256.0)))
 
 
 @reported
@@ -51,10 +51,8 @@ def demo(
     """Capture, train and classify on the simulated rig, and write a report. No hardware."""
     names = surface_names()
     sets_folder = output / "sets"
-    try:
-        sets_folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{output}: cannot be made: {error.strerror}") from error
+    for folder in (output, sets_folder):
+        make_folder(folder)
     config = RigConfig().with_changes(camera={"width_px": FRAME_PX, "height_px": FRAME_PX})
     out.print("Simulated rig: no light, camera or part of this demo is real.")
     with open_rig(config) as rig:

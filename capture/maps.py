@@ -11,8 +11,7 @@ import numpy.typing as npt
 import tifffile
 
 from classify import SurfaceEstimate, integrate_gradients
-from classify.durable_file import durable_file
-from classify.errors import InputError
+from classify.durable_file import durable_file, make_folder
 
 from . import pictures
 from .captured_set import CapturedSet
@@ -31,10 +30,7 @@ def write_maps(captured: CapturedSet, surface: SurfaceEstimate, folder: Path) ->
     InputError
         If the folder cannot be made or written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+    make_folder(folder)
     maps = {
         "p": surface.p,
         "q": surface.q,

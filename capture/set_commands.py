@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from classify import METHODS, Lighting, Method
-from classify.durable_file import require_folder
 from classify.errors import InputError
 from rig import ConfigError, Placement, Rig, RigConfig, load_config, open_rig, surface_names
 
@@ -20,7 +19,7 @@ from .console import JsonOption, naming, out, print_json, progress, reported
 from .image_import import Gamma, import_images
 from .light_list import load_light_list
 from .maps import write_maps
-from .set_file import SUFFIX
+from .set_file import SUFFIX, check_path
 
 __all__ = ["capture", "import_", "solve"]
 
@@ -79,9 +78,7 @@ def capture(
     json: JsonOption = False,
 ) -> None:
     """Take one captured set, or several: ambient image, then each LED in order."""
-    if not output.name.endswith(SUFFIX):
-        raise InputError(f"{output}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
-    require_folder(output)
+    check_path(output)
     changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}}
     placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
     config = RigConfig() if rig == "sim" else load_config(Path(rig))

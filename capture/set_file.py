@@ -16,12 +16,12 @@ import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
-from classify.durable_file import durable_file
+from classify.durable_file import durable_file, require_folder
 from classify.errors import InputError
 
 from .set_metadata import SCHEMA_VERSION, SetMetadata
 
-__all__ = ["SUFFIX", "Planes", "pixels_sha256", "read", "write"]
+__all__ = ["SUFFIX", "Planes", "check_path", "pixels_sha256", "read", "write"]
 
 SUFFIX = ".ome.tif"
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
@@ -33,6 +33,18 @@ _MAX_SIDE_PX = 32768
 Planes = npt.NDArray[np.uint16]
 
 
+def check_path(path: Path) -> None:
+    """Make sure, before the work, that a set can be written to `path`.
+
+    Raises
+    ------
+    InputError
+        If the name does not end in ``.ome.tif``, or there is no such folder.
+    """
+    _check_name(path)
+    require_folder(path)
+
+
 def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetadata) -> None:
     """Write the planes of a set and what is known about them to `path`, whole or not at all.
 
@@ -42,8 +54,7 @@ def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetad
         If the name does not end in ``.ome.tif``, the metadata are about other pixels, or the file
         cannot be written.
     """
-    if not path.name.endswith(SUFFIX):
-        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
+    _check_name(path)
     if pixels_sha256(images, ambient) != metadata.pixels_sha256:
         raise InputError(
             f"{path}: the pixels are not those of the metadata; give it their pixels_sha256"
@@ -86,6 +97,11 @@ def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
             "after it was captured, use the original"
         )
     return images, ambient, metadata
+
+
+def _check_name(path: Path) -> None:
+    if not path.name.endswith(SUFFIX):
+        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
 
 
 def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:

@@ -10,7 +10,21 @@ from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["durable_file", "require_folder"]
+__all__ = ["durable_file", "make_folder", "require_folder"]
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those above it, where they are not there yet.
+
+    Raises
+    ------
+    InputError
+        If that cannot be done.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def require_folder(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -155,7 +156,7 @@ class TextureLibrary:
         """
         return TextureLibrary(*library_file.read(Path(path)))
 
-    @property
+    @cached_property
     def _stack(self) -> FloatMap:
         return np.stack([reference.signature for reference in self.references])
 
