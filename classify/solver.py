@@ -114,6 +114,8 @@ def photometric_stereo(
         saturated=(flags & 2) != 0,
         valid=flags == 0,
         method=method,
+        images=stack,
+        lighting=lighting,
     )
 
 

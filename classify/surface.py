@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from .lighting import Lighting
 
 __all__ = ["FloatMap", "SurfaceEstimate"]
 
@@ -39,6 +42,11 @@ class SurfaceEstimate:
         the camera, or its standard error, from the noise of these images, exceeds 0.5.
     method
         Name of the solver.
+    images
+        (N, H, W) the images that were solved, as they were given, for what compares images and
+        not surfaces; None for an estimate that comes from elsewhere.
+    lighting
+        The N lights of these images.
     """
 
     p: FloatMap
@@ -50,6 +58,8 @@ class SurfaceEstimate:
     saturated: npt.NDArray[np.bool_]
     valid: npt.NDArray[np.bool_]
     method: str
+    images: npt.NDArray[Any] | None = None
+    lighting: Lighting | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
