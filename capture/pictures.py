@@ -2,54 +2,105 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify import Lighting, SurfaceEstimate, integrate_gradients
+from classify import Lighting, SurfaceEstimate
+from classify.kernels import NO_DROPPED_LIGHT
+from classify.surface import FloatMap
 
 from .captured_set import CapturedSet
 
 __all__ = [
+    "ColourScale",
+    "Picture",
     "contact_sheet",
+    "dropped_colours",
+    "dropped_map",
     "grey",
     "light_pictures",
     "normal_map",
     "png_bytes",
+    "reduced",
     "relief",
+    "shaded",
+    "shadow_colours",
     "shadow_map",
-    "signed",
-    "surface_pictures",
+    "thinned",
 ]
 
 Picture = npt.NDArray[np.uint8]
+_PICTURE_PX = 512
 _SHOWN_LIGHTS = 4
+# Of the values, so that a few wild ones do not make all others pale.
+_SHOWN_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
 )
+_NO_LIGHT_COLOUR = (235, 235, 235)
+_GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+_RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
+
+
+def _blue_white_red() -> Picture:
+    position = np.linspace(-1.0, 1.0, 256)[:, None]
+    end = np.where(position > 0, (178.0, 24.0, 43.0), (33.0, 102.0, 172.0))
+    colours: Picture = np.rint(247.0 + np.abs(position) * (end - 247.0)).astype(np.uint8)
+    return colours
+
+
+_BLUE_WHITE_RED = _blue_white_red()
+
+
+@dataclass(frozen=True, eq=False)
+class ColourScale:
+    """256 colours for the values from `low` to `high`; those beyond get the last colour."""
+
+    low: float
+    high: float
+    colours: Picture
+
+    @classmethod
+    def grey(cls, values: npt.NDArray[Any], top: float | None = None) -> ColourScale:
+        """Black at 0, white at `top` (the 99.5th percentile if None)."""
+        return cls(0.0, _limit(values) if top is None else top, _GREYS)
+
+    @classmethod
+    def signed(cls, values: FloatMap) -> ColourScale:
+        """White at 0, positive red, negative blue, full at the 99.5th percentile of sizes."""
+        top = _limit(np.abs(values))
+        return cls(-top, top, _BLUE_WHITE_RED)
+
+    def paint(self, values: npt.NDArray[Any]) -> Picture:
+        """(H, W) values as a picture."""
+        per_value = 255.0 / (self.high - self.low)
+        levels = values.astype(np.float32)
+        levels *= per_value
+        levels += 0.5 - self.low * per_value
+        return _coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
+
+
+def _limit(values: npt.NDArray[Any]) -> float:
+    """A high percentile; where that is 0 the highest value, and 1 if that is 0 too."""
+    return float(np.percentile(values, _SHOWN_PERCENT)) or float(values.max()) or 1.0
+
+
+def _coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
+    """(H, W) indices into (256, 3) colours."""
+    picture: Picture = cv2.applyColorMap(levels, colours[:, None, :]).astype(np.uint8, copy=False)
+    return picture
 
 
 def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
     """(H, W) as grey, black at 0 and white at `top` (the 99.5th percentile if None)."""
-    white = float(np.percentile(image, 99.5)) if top is None else top
-    levels = np.clip(image.astype(np.float32) * np.float32(255.0 / max(white, 1e-12)), 0, 255)
-    return np.repeat(levels.astype(np.uint8)[:, :, None], 3, axis=2)
+    return ColourScale.grey(image, top).paint(image)
 
 
-def signed(values: npt.NDArray[np.float32]) -> Picture:
-    """(H, W) with zero white, positive red, negative blue."""
-    top = max(float(np.percentile(np.abs(values), 99.5)), 1e-12)
-    strength = np.clip(values / top, -1.0, 1.0)[:, :, None]
-    red = np.array([178, 24, 43], dtype=np.float32)
-    blue = np.array([33, 102, 172], dtype=np.float32)
-    full = np.where(strength > 0, red, blue)
-    colours: Picture = (247.0 + np.abs(strength) * (full - 247.0)).astype(np.uint8)
-    return colours
-
-
-def normal_map(normals: npt.NDArray[np.float32]) -> Picture:
+def normal_map(normals: FloatMap) -> Picture:
     """(H, W, 3) unit normals in the usual colours, (n + 1) / 2, y up."""
     colours: Picture = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
     return colours
@@ -57,38 +108,68 @@ def normal_map(normals: npt.NDArray[np.float32]) -> Picture:
 
 def relief(surface: SurfaceEstimate) -> Picture:
     """The relief without its albedo, lit from the upper left."""
-    light = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
+    return shaded(surface.normals)
+
+
+def shaded(normals: FloatMap) -> Picture:
+    """(H, W, 3) normals lit from the upper left."""
     # From 0 facing away to 1 facing the light: steep slopes keep their shape in the dark.
-    return grey(0.5 + 0.5 * (surface.normals @ light), top=1.0)
+    return grey(0.5 + 0.5 * (normals @ _RELIEF_LIGHT), top=1.0)
 
 
 def shadow_map(surface: SurfaceEstimate) -> Picture:
     """Number of lights in shadow: light grey 0, then yellow to black for 1 to 4 and more."""
-    return _SHADOW_COLOURS[np.minimum(surface.shadow_count, len(_SHADOW_COLOURS) - 1)]
+    return _coloured(surface.shadow_count, shadow_colours())
 
 
-def light_pictures(captured: CapturedSet) -> dict[str, Picture]:
-    """The images under the first four lights on one scale, by tilt."""
-    top = float(np.percentile(captured.images[:_SHOWN_LIGHTS], 99.5))
+def shadow_colours() -> Picture:
+    """(256, 3) colour for each number of lights in shadow."""
+    return _SHADOW_COLOURS[np.minimum(np.arange(256), len(_SHADOW_COLOURS) - 1)]
+
+
+def dropped_map(surface: SurfaceEstimate, lights: int) -> Picture:
+    """The light that was left out at each pixel: one hue per light, light grey where none was."""
+    return _coloured(surface.dropped, dropped_colours(lights))
+
+
+def dropped_colours(lights: int) -> Picture:
+    """(256, 3) colour for each value of `SurfaceEstimate.dropped`."""
+    hues = np.zeros((256, 1, 3), dtype=np.uint8)
+    lights = min(lights, NO_DROPPED_LIGHT)
+    hues[:lights, 0] = [(180 * light // lights, 165, 215) for light in range(lights)]
+    colours: Picture = cv2.cvtColor(hues, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
+    colours[NO_DROPPED_LIGHT] = _NO_LIGHT_COLOUR
+    return colours
+
+
+def light_pictures(captured: CapturedSet, count: int = _SHOWN_LIGHTS) -> dict[str, Picture]:
+    """The images under the first lights on one scale, by tilt, none larger than needed."""
+    images = [reduced(image) for image in captured.images[:count]]
+    top = _limit(np.stack(images))
+    tilts_deg = captured.lighting.tilts_deg
     return {
-        f"light {index}: tilt {captured.lighting.tilts_deg[index]:.0f}": grey(image, top)
-        for index, image in enumerate(captured.images[:_SHOWN_LIGHTS])
+        f"light {index}: tilt {tilts_deg[index]:.0f}": grey(image, top)
+        for index, image in enumerate(images)
     }
 
 
-def surface_pictures(surface: SurfaceEstimate) -> dict[str, Picture]:
-    """The maps of a surface, by name."""
-    height = integrate_gradients(surface.p, surface.q)
-    return {
-        "albedo": grey(surface.albedo),
-        "relief": relief(surface),
-        "normals": normal_map(surface.normals),
-        "p = dz/dx": signed(surface.p),
-        "q = dz/dy": signed(surface.q),
-        "height (relative)": signed(height),
-        "lights in shadow": shadow_map(surface),
-        "residual": grey(surface.residual),
-    }
+def reduced(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W) or (H, W, 3) values, averaged down to a longer side of at most 512 px."""
+    return _resized(values, cv2.INTER_AREA)
+
+
+def thinned(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same for what has no mean, as names have none: every so many pixels."""
+    return _resized(values, cv2.INTER_NEAREST)
+
+
+def _resized(values: npt.NDArray[Any], interpolation: int) -> npt.NDArray[Any]:
+    rows, columns = values.shape[:2]
+    scale = _PICTURE_PX / max(rows, columns)
+    if scale >= 1.0:
+        return values
+    size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
+    return cv2.resize(values, size, interpolation=interpolation)
 
 
 def contact_sheet(pictures: dict[str, Picture]) -> Picture:
@@ -114,7 +195,7 @@ def contact_sheet(pictures: dict[str, Picture]) -> Picture:
 
 def png_bytes(picture: Picture) -> bytes:
     """RGB picture as a PNG file."""
-    done, buffer = cv2.imencode(".png", np.ascontiguousarray(picture[:, :, ::-1]))
+    done, buffer = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
     if not done:  # only for an array that is no picture
         raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
     return buffer.tobytes()

@@ -1,5 +1,6 @@
 """The maps of a solved set as files."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,22 @@ import tifffile
 
 from capture import CapturedSet
 from capture.maps import write_maps
+from classify import (
+    Lighting,
+    integrate_gradients,
+    local_relief,
+    relight,
+    surface_curvature,
+    surface_roughness,
+)
 from classify.errors import InputError
 
-FLOAT_MAPS = {"p", "q", "albedo", "normals", "height", "residual"}
-PICTURES = {"shadow", "valid", "preview"}
+FLOAT_MAPS = {
+    "p", "q", "albedo", "normals", "height", "raised", "mean_curvature", "gaussian_curvature",
+    "relit", "residual",
+}  # fmt: skip
+PICTURES = {"shadow", "dropped", "valid", "preview"}
+OTHERS = {"roughness.json", "index.html"}
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +41,7 @@ def test_maps_are_float32_tiffs_of_exactly_what_was_solved(
     surface = captured.solve()
     paths = write_maps(captured, surface, tmp_path / "new" / "maps")
     assert {path.name for path in paths} == {
-        *(f"{name}.tif" for name in FLOAT_MAPS), *(f"{name}.png" for name in PICTURES),
+        *(f"{name}.tif" for name in FLOAT_MAPS), *(f"{name}.png" for name in PICTURES), *OTHERS,
     }  # fmt: skip
     read = {path.stem: tifffile.imread(path) for path in paths if path.suffix == ".tif"}
     assert all(values.dtype == np.float32 for values in read.values())
@@ -64,12 +77,100 @@ def test_pictures_can_be_looked_at(captured: CapturedSet, tmp_path: Path) -> Non
     assert min(cv2.imread(str(tmp_path / "preview.png")).shape[:2]) > 300
 
 
+def test_derived_maps_are_those_of_classify(captured: CapturedSet, tmp_path: Path) -> None:
+    surface = captured.solve()
+    light = Lighting.from_angles([200.0], 30.0)
+    write_maps(captured, surface, tmp_path, light=light)
+    height = integrate_gradients(surface.p, surface.q)
+    curvature = surface_curvature(surface)
+    expected = {
+        "raised": local_relief(height, surface.valid),
+        "mean_curvature": curvature.mean,
+        "gaussian_curvature": curvature.gaussian,
+        "relit": relight(surface, light)[0],
+    }
+    for name, values in expected.items():
+        np.testing.assert_array_equal(tifffile.imread(tmp_path / f"{name}.tif"), values)
+
+
+def test_each_tiff_says_where_it_comes_from_and_in_what_unit(
+    captured: CapturedSet, tmp_path: Path
+) -> None:
+    write_maps(captured, captured.solve(), tmp_path)
+    about = {}
+    for name in FLOAT_MAPS:
+        with tifffile.TiffFile(tmp_path / f"{name}.tif") as file:
+            about[name] = json.loads(file.pages[0].tags["ImageDescription"].value)
+    for each in about.values():
+        assert each["simulated"] is True
+        assert each["label"] == "rock"
+        assert each["method"] == "ps4"
+        assert each["pixels_sha256"] == captured.metadata.pixels_sha256
+    assert {name for name, each in about.items() if each.get("relative")} == {"height", "raised"}
+    assert about["mean_curvature"]["unit"] == "1/px"
+    assert about["gaussian_curvature"]["unit"] == "1/px^2"
+    assert about["relit"]["light"] == {"tilt_deg": 135.0, "slant_deg": 45.0}
+
+
+def test_roughness_has_units_and_says_what_is_relative(
+    captured: CapturedSet, tmp_path: Path
+) -> None:
+    surface = captured.solve()
+    write_maps(captured, surface, tmp_path)
+    written = json.loads((tmp_path / "roughness.json").read_text())
+    found = surface_roughness(surface)
+    assert written["simulated"] is True
+    assert written["valid_pixels"] == found.valid_pixels
+    shown = {
+        symbol: (each["value"], each["unit"], each["relative"])
+        for symbol, each in written["parameters"].items()
+    }
+    assert shown == {
+        "Sdq": (found.sdq, "1", False),
+        "Sdr": (found.sdr_percent, "%", False),
+        "Sa": (found.sa_px, "px", True),
+        "Sq": (found.sq_px, "px", True),
+    }
+
+
+def test_a_set_without_a_valid_pixel_has_maps_and_no_roughness(
+    made_set: Callable[..., CapturedSet], tmp_path: Path
+) -> None:
+    black = made_set(np.zeros((4, 20, 30), np.uint16))
+    surface = black.solve()
+    assert not surface.valid.any()
+    write_maps(black, surface, tmp_path)
+    written = json.loads((tmp_path / "roughness.json").read_text())
+    assert written["valid_pixels"] == 0
+    assert [each["value"] for each in written["parameters"].values()] == [None] * 4
+    for name in ("raised", "mean_curvature", "gaussian_curvature", "relit"):
+        assert not tifffile.imread(tmp_path / f"{name}.tif").any()
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (200, 3)])
 def test_images_of_any_shape_have_maps(
     made_set: Callable[..., CapturedSet], tmp_path: Path, shape: tuple[int, int]
 ) -> None:
     set_ = made_set(np.full((4, *shape), 2000, np.uint16))
-    assert len(write_maps(set_, set_.solve(), tmp_path)) == 9
+    names = {path.name for path in write_maps(set_, set_.solve(), tmp_path)}
+    assert len(names) == len(FLOAT_MAPS) + len(PICTURES) + len(OTHERS)
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert tifffile.imread(tmp_path / "mean_curvature.tif").shape == shape
+
+
+@pytest.mark.parametrize("lights", [3, 9])
+def test_more_or_fewer_lights_have_maps(
+    made_set: Callable[..., CapturedSet], tmp_path: Path, lights: int
+) -> None:
+    set_ = made_set(np.full((lights, 40, 50), 2000, np.uint16))
+    write_maps(set_, set_.solve("least_squares"), tmp_path)
+    assert ("1 more are not shown" in (tmp_path / "index.html").read_text()) == (lights == 9)
+
+
+def test_a_surface_is_relit_by_one_light(captured: CapturedSet, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="relit under 4 lights; give one"):
+        write_maps(captured, captured.solve(), tmp_path / "maps", light=Lighting.ring(45.0))
+    assert not (tmp_path / "maps").exists()
 
 
 def test_a_file_in_the_place_of_the_folder_stays(captured: CapturedSet, tmp_path: Path) -> None:
