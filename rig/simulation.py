@@ -20,13 +20,16 @@ from .scene import SceneImages, render_frame
 from .sensor import SensorModel
 from .simulated_camera import SimulatedCamera
 from .surfaces import PeriodicSurface
-from .synthetic import SYNTHETIC_NAMES, synthetic_surface, tile_side_px
+from .synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 
 __all__ = ["Simulation", "surface_names"]
 
 
 def surface_names() -> tuple[str, ...]:
-    """The surfaces that need no folder: the synthetic ones, then the bundled materials."""
+    """The surfaces to begin with: the four of the thesis, then the bundled materials.
+
+    None needs a folder, and neither do the other names of `SYNTHETIC_TEXTURES`.
+    """
     return (*SYNTHETIC_NAMES, *bundled_materials())
 
 
@@ -98,7 +101,7 @@ class Simulation:
     def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
         name = placement.surface
         key: tuple[object, ...] = (name,)
-        if name in SYNTHETIC_NAMES:
+        if name in SYNTHETIC_TEXTURES:
             key = (name, placement.seed, size_px)
         # The last one is kept, because a surface is mostly captured in many orientations.
         if self._surface is None or self._surface[0] != key:
@@ -107,7 +110,7 @@ class Simulation:
 
 
 def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
-    if name in SYNTHETIC_NAMES:
+    if name in SYNTHETIC_TEXTURES:
         return synthetic_surface(name, seed, tile_side_px(size_px))
     bundled = bundled_materials()
     if name in bundled:
@@ -116,6 +119,6 @@ def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
     if not folder.is_dir():
         raise InputError(
             f"surface {name!r} is neither a material folder nor one of "
-            + ", ".join(surface_names())
+            + ", ".join((*SYNTHETIC_TEXTURES, *bundled))
         )
     return load_material(folder)

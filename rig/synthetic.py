@@ -1,61 +1,167 @@
-"""The four synthetic surfaces of the thesis: rock, sand, malv, ogil (SCIENCE section 3)."""
+"""Synthetic textures: the four surfaces of the thesis, and the 30 and 2 to measure with.
+
+`SYNTHETIC_30` holds the four (SCIENCE section 3), variations of them, and relief that is not
+Gaussian. Any two differ in the power spectrum of relief or of albedo, some of them little, and four
+pairs in albedo alone. Each of `EQUAL_SPECTRUM_TWINS` has the power spectra of one of the 30.
+"""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
 
 from classify.errors import InputError
 
-from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, round_band_limit, spectral_gradients
+from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, together, turned
+from .random_fields import (
+    Field,
+    cells,
+    crested,
+    gaussian,
+    inverted,
+    phase_randomised,
+    ridged,
+    shaded,
+    shot_noise,
+)
+from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
 
-__all__ = ["ALBEDO", "RMS_SLOPE", "SYNTHETIC_NAMES", "synthetic_surface", "tile_side_px"]
-
-Frequencies = npt.NDArray[np.float64]
+__all__ = [
+    "ALBEDO",
+    "EQUAL_SPECTRUM_TWINS",
+    "RMS_SLOPE",
+    "SYNTHETIC_30",
+    "SYNTHETIC_NAMES",
+    "SYNTHETIC_TEXTURES",
+    "synthetic_surface",
+    "tile_side_px",
+]
 
 RMS_SLOPE = 0.5
-"""sqrt(mean(p^2 + q^2)) of every tile: of 0.4 to 0.5 what gives sand its shadow counts."""
+"""sqrt(mean(p^2 + q^2)) of the four: of 0.4 to 0.5 what gives sand its shadow counts."""
 
 ALBEDO = 0.8
-"""Everywhere: the thesis's synthetic surfaces differ in relief alone."""
+"""Where there is no pattern; the thesis's synthetic surfaces differ in relief alone."""
+
+PATTERN_ALBEDO, PATTERN_SWING, DARKEST = 0.55, 0.3, 0.05
 
 SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
 
 
-def _rock(u: Frequencies, v: Frequencies) -> Frequencies:
-    """Isotropic fractal, w^-3 (beta = 2H + 2)."""
-    return np.asarray(np.hypot(u, v) ** -3.0)
+@dataclass(frozen=True)
+class _Pattern:
+    """Albedo of `PATTERN_ALBEDO` on average, +-`PATTERN_SWING` about it, from a field.
+
+    Without a field the height decides: the higher, the brighter. For `contrast` see `shaded`.
+    """
+
+    field: Field | None
+    contrast: float
+
+    def albedo(
+        self, height: npt.NDArray[np.float64], rng: np.random.Generator
+    ) -> npt.NDArray[np.float64]:
+        values = height if self.field is None else self.field(rng, len(height))
+        # The band limit lets a few pixels in a million swing beyond what a reflectance can be.
+        pattern = PATTERN_ALBEDO + PATTERN_SWING * shaded(values, self.contrast)
+        return np.clip(pattern, DARKEST, 1.0)
 
 
-def _malv(u: Frequencies, v: Frequencies) -> Frequencies:
-    """After Mulvaney (1989): flat up to 0.04 cycles/px, then as rock."""
-    return np.asarray(((u**2 + v**2) / 0.04**2 + 1.0) ** -1.5)
+@dataclass(frozen=True)
+class _Texture:
+    relief: Field
+    rms_slope: float = RMS_SLOPE
+    pattern: _Pattern | None = None
 
 
-def _ogil(u: Frequencies, v: Frequencies) -> Frequencies:
-    """After Ogilvy: a grain along x, as it is smoother along x than along y."""
-    return 1.0 / ((u**2 + 0.03**2) * (v**2 + 0.12**2))
+_ROCK = gaussian(fractal(3.0))
+_SAND = gaussian(ripples(0.05, 0.010, 0.012))
+_MALV = gaussian(mulvaney(0.04))
+_FINE_RIPPLES = gaussian(ripples(0.11, 0.018, 0.022))
+_DOMES = shot_noise(lambda u, v: np.exp(-((u**2 + v**2) / 0.04**2)), spacing_px=16.0)
+_COBBLES = cells(spacing_px=20.0)
+_BLOTCHES = gaussian(mulvaney(0.02))
+_SPECKLE = gaussian(ring(0.25, 0.06))
+_EVEN_RIPPLES = ripples(0.08, 0.010, 0.010)
 
-
-def _sand(u: Frequencies, v: Frequencies) -> Frequencies:
-    """Ripples of 20 pixels whose wave vector lies along x: Gaussian lobes at +-0.05 cycles/px."""
-    across = np.exp(-0.5 * (v / 0.012) ** 2)
-    lobes = np.exp(-0.5 * ((u - 0.05) / 0.010) ** 2) + np.exp(-0.5 * ((u + 0.05) / 0.010) ** 2)
-    return np.asarray(across * lobes)
-
-
-_POWER_SPECTRA: dict[str, Callable[[Frequencies, Frequencies], Frequencies]] = {
-    "rock": _rock,
-    "sand": _sand,
-    "malv": _malv,
-    "ogil": _ogil,
+_FOUR = {
+    "rock": _Texture(_ROCK),
+    "sand": _Texture(_SAND),
+    "malv": _Texture(_MALV),
+    "ogil": _Texture(gaussian(ogilvy(0.03, 0.12))),
 }
 
-SYNTHETIC_NAMES = tuple(_POWER_SPECTRA)
+_VARIATIONS = {
+    # Gaussian relief; rock_smooth, malv_near and ripples_near are hard to tell from the four.
+    "rock_smooth": _Texture(gaussian(fractal(3.5))),
+    "rock_rough": _Texture(gaussian(fractal(2.2)), 0.45),
+    "malv_near": _Texture(gaussian(mulvaney(0.07))),
+    "malv_fine": _Texture(gaussian(mulvaney(0.15)), 0.45),
+    "ogil_long": _Texture(gaussian(ogilvy(0.008, 0.07))),
+    "brushed": _Texture(gaussian(ogilvy(0.008, 0.25))),
+    "ripples_near": _Texture(gaussian(ripples(0.065, 0.010, 0.012))),
+    "ripples_wavy": _Texture(gaussian(ripples(0.05, 0.018, 0.028)), 0.45),
+    "ripples_fine": _Texture(_FINE_RIPPLES, 0.45),
+    "weave": _Texture(gaussian(together(_EVEN_RIPPLES, turned(_EVEN_RIPPLES, 90.0))), 0.45),
+    "lattice": _Texture(gaussian(together(_EVEN_RIPPLES, turned(_EVEN_RIPPLES, 65.0))), 0.45),
+    "peel": _Texture(gaussian(ring(0.06, 0.012)), 0.45),
+    # Relief that is more than its spectrum.
+    "domes": _Texture(_DOMES, 0.45),
+    "cobbles": _Texture(_COBBLES, 0.45),
+    "ridged": _Texture(ridged(gaussian(ring(0.03, 0.012))), 0.45),
+    "crested": _Texture(crested(gaussian(ripples(0.04, 0.008, 0.010))), 0.45),
+    # The relief of another class, told from it by albedo alone.
+    "rock_speckled": _Texture(_ROCK, pattern=_Pattern(_SPECKLE, 0.5)),
+    "malv_blotched": _Texture(_MALV, pattern=_Pattern(_BLOTCHES, 3.0)),
+    "sand_striped": _Texture(_SAND, pattern=_Pattern(gaussian(turned(_EVEN_RIPPLES, 60.0)), 1.0)),
+    "ripples_tinted": _Texture(_FINE_RIPPLES, 0.45, _Pattern(None, 1.0)),
+    # Relief and albedo of their own.
+    "rock_flecked": _Texture(
+        gaussian(fractal(2.8)),
+        0.45,
+        _Pattern(inverted(shot_noise(mulvaney(0.10), spacing_px=24.0)), 0.8),
+    ),
+    "marble": _Texture(
+        gaussian(mulvaney(0.02)), 0.45, _Pattern(gaussian(ripples(0.025, 0.008, 0.015)), 2.0)
+    ),
+    "weave_dyed": _Texture(
+        gaussian(together(ripples(0.05, 0.01, 0.01), turned(ripples(0.10, 0.01, 0.01), 90.0))),
+        0.45,
+        _Pattern(gaussian(turned(_EVEN_RIPPLES, 45.0)), 1.0),
+    ),
+    "ridged_tinted": _Texture(ridged(gaussian(ring(0.05, 0.015))), 0.45, _Pattern(None, 0.7)),
+    "ogil_blotched": _Texture(
+        gaussian(ogilvy(0.05, 0.10)), 0.45, _Pattern(gaussian(mulvaney(0.06)), 2.0)
+    ),
+    "peel_stained": _Texture(
+        gaussian(ring(0.09, 0.015)), 0.45, _Pattern(gaussian(fractal(1.5)), 1.0)
+    ),
+}
+
+_TWINS = {
+    "pits": _Texture(inverted(_DOMES), 0.45),
+    "cobbles_gaussian": _Texture(phase_randomised(_COBBLES), 0.45),
+}
+
+_TEXTURES = _FOUR | _VARIATIONS | _TWINS
+
+SYNTHETIC_NAMES = tuple(_FOUR)
+"""The four of the thesis."""
+
+SYNTHETIC_30 = tuple(_FOUR | _VARIATIONS)
+"""The four and 26 more, for measuring a classifier."""
+
+SYNTHETIC_TEXTURES = tuple(_TEXTURES)
+"""All names that `synthetic_surface` knows: the 30 and their 2 twins."""
+
+EQUAL_SPECTRUM_TWINS = {"pits": "domes", "cobbles_gaussian": "cobbles"}
+"""Two more classes, each with that one of the 30 whose power spectra it has.
+
+Pits are domes the other way round. The other has the amplitudes of cobbles with random phases.
+"""
 
 
 def tile_side_px(size_px: int) -> int:
@@ -70,15 +176,15 @@ def tile_side_px(size_px: int) -> int:
 
 
 def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
-    """A Gaussian random surface with the power spectrum of one of `SYNTHETIC_NAMES`.
+    """One realisation of a random texture, the same texture whatever the size of the tile.
 
-    Random phases and Rayleigh amplitudes, in cycles per pixel whatever the size of the tile;
-    level on average, of rms slope `RMS_SLOPE` and of one albedo, `ALBEDO`.
+    Level on average and scaled to the rms slope of its class. The four of the thesis are
+    Gaussian, of rms slope `RMS_SLOPE` and of one albedo, `ALBEDO`.
 
     Parameters
     ----------
     name
-        rock, sand, malv or ogil.
+        One of `SYNTHETIC_TEXTURES`.
     seed
         Not negative. The same seed and side give the same surface, another seed another
         realisation of the same texture.
@@ -90,23 +196,20 @@ def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
     InputError
         For a name that is not known, a negative seed or a side out of range.
     """
-    if name not in _POWER_SPECTRA:
+    if name not in _TEXTURES:
         raise InputError(
-            f"no synthetic surface is called {name!r}; there are {', '.join(SYNTHETIC_NAMES)}"
+            f"no synthetic surface is called {name!r}; there are {', '.join(_TEXTURES)}"
         )
     if seed < 0:
         raise InputError(f"seed {seed} of surface {name} is negative; give 0 or more")
     if not 16 <= tile_px <= MAX_SIDE_PX:
         raise InputError(f"a tile of {tile_px} px; its side must be 16 to {MAX_SIDE_PX}")
-    u = fft.rfftfreq(tile_px)[None, :]
-    v = fft.fftfreq(tile_px)[:, None]
-    with np.errstate(divide="ignore"):
-        amplitude = np.sqrt(_POWER_SPECTRA[name](u, v)) * round_band_limit(tile_px, tile_px)
-    amplitude[0, 0] = 0.0
+    texture = _TEXTURES[name]
     # The name is part of the seed: two textures of one seed do not share their phases.
-    generator = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    # White Gaussian noise has Rayleigh amplitudes and free phases, with the right symmetry.
-    noise = fft.rfft2(generator.standard_normal((tile_px, tile_px)), workers=-1)
-    height = fft.irfft2(noise * amplitude, s=(tile_px, tile_px), workers=-1).astype(np.float32)
-    height *= np.float32(RMS_SLOPE / rms_slope(*spectral_gradients(height)))
-    return PeriodicSurface.from_height(height, np.full_like(height, ALBEDO), name)
+    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    relief = texture.relief(rng, tile_px)
+    height = relief.astype(np.float32)
+    height *= np.float32(texture.rms_slope / rms_slope(*spectral_gradients(height)))
+    if texture.pattern is None:
+        return PeriodicSurface.from_height(height, np.full_like(height, ALBEDO), name)
+    return PeriodicSurface.from_height(height, texture.pattern.albedo(relief, rng), name)
