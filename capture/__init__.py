@@ -9,10 +9,7 @@
 No photometric or spectral mathematics here: that is `classify`. No device driver: that is `rig`.
 """
 
-from .acquisition import capture_set
-from .captured_set import CapturedSet
-from .errors import SetRejected
-from .image_import import import_images
-from .set_metadata import SetMetadata
+import lazy_loader
 
-__all__ = ["CapturedSet", "SetMetadata", "SetRejected", "capture_set", "import_images"]
+# The names are those of __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

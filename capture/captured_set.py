@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
+from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.errors import InputError
 
 from . import set_file
@@ -63,16 +64,35 @@ class CapturedSet:
     def solve(self, method: Method | None = None) -> SurfaceEstimate:
         """Gradients and albedo, ambient light subtracted; see `classify.photometric_stereo`.
 
-        Without a method it is PS4, or least squares where there are more than its four lights.
+        Without a method it is ps4_robust, or least_squares where there are more than four lights.
         """
-        if method is None:
-            method = "least_squares" if len(self.images) > 4 else "ps4"
         return photometric_stereo(
             self.images,
             self.lighting,
             method,
             ambient=self.ambient,
             full_scale=self.metadata.full_scale,
+            noise=self.noise,
+        )
+
+    @property
+    def noise(self) -> SensorNoise | None:
+        """Noise of the images, from the camera's gain, read noise and black level; else None.
+
+        These count in the camera's own pixel values. The images are stretched by s from there,
+        and the mean of n frames: the gain becomes gain n / s and the read noise s / sqrt(n) times
+        what it is, with the rounding of each frame now part of it.
+        """
+        camera = self.metadata.camera
+        if camera is None or camera.gain_e_per_dn is None or camera.read_noise_dn is None:
+            return None
+        stretch = self.metadata.full_scale / ((1 << self.metadata.bit_depth) - 1)
+        frames = max((len(image.frames) for image in self.metadata.images), default=1) or 1
+        rounding = 1.0 / 12.0 if frames > 1 else 0.0
+        return SensorNoise(
+            gain_e_per_dn=camera.gain_e_per_dn * frames / stretch,
+            read_noise_dn=stretch * math.sqrt((camera.read_noise_dn**2 + rounding) / frames),
+            black_level_dn=stretch * (camera.black_level_dn or 0.0),
         )
 
     def save(self, path: str | Path) -> None:

@@ -1,4 +1,7 @@
-"""The command ``ps4rig``."""
+"""The command ``ps4rig``.
+
+What a command needs is imported where it runs: ``--help`` is to be there at once.
+"""
 
 from __future__ import annotations
 
@@ -12,24 +15,24 @@ import typer
 
 from classify.errors import InputError
 
-from . import set_commands, texture_commands
-from .console import describe
-from .demo import demo
+from . import demo_command, reproduce_command, set_commands, texture_commands
+from .console import INTERRUPTED_STATUS, describe
 
-__all__ = ["app", "main"]
+__all__ = ["app", "run"]
 
 app = typer.Typer(
     help="Four-light photometric stereo: capture a surface, find its texture and its angle.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(demo)
+app.command()(demo_command.demo)
 app.command()(set_commands.capture)
 app.command("import")(set_commands.import_)
 app.command()(set_commands.solve)
 app.command()(texture_commands.train)
 app.command()(texture_commands.classify)
 app.command("evaluate")(texture_commands.evaluate_)
+app.command()(reproduce_command.reproduce)
 
 
 def _version(asked: bool) -> None:
@@ -51,8 +54,14 @@ def _options(
         print(context.get_help())
 
 
-def main() -> None:
-    """Entry point of the console command."""
+def run() -> int:
+    """Run the command that the process was started with; returns its exit status.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it was interrupted.
+    """
     # What it says about damaged files is said once, by the error line.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
@@ -63,11 +72,15 @@ def main() -> None:
         print(f"ps4rig: {describe(error)}", file=sys.stderr)
         # Nothing is left to be written at the end of the process, where it would fail again.
         os._exit(InputError.exit_status)
+    except typer.Abort:
+        status = INTERRUPTED_STATUS
     except Exception as error:
         # The usage errors of typer have no class of their own in its public face.
         message = getattr(error, "format_message", None)
         if message is None:
             raise
         print(f"ps4rig: {' '.join(message().split())}; see --help", file=sys.stderr)
-        sys.exit(InputError.exit_status)
-    sys.exit(status if isinstance(status, int) else 0)
+        return InputError.exit_status
+    if status == INTERRUPTED_STATUS:  # typer made a status of the exception
+        raise KeyboardInterrupt
+    return status if isinstance(status, int) else 0

@@ -8,30 +8,59 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from classify.errors import InputError, Ps4rigError
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
 __all__ = [
+    "INTERRUPTED_STATUS",
     "JsonOption",
+    "SchedulerOption",
+    "SetsArgument",
+    "WorkersOption",
     "describe",
     "folding_table",
-    "naming",
     "out",
     "print_json",
     "progress",
     "reported",
 ]
 
+INTERRUPTED_STATUS = 130
+MAX_WORKERS = 1024
+MANY_SETS = "With many sets"
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-_INTERRUPTED_STATUS = 130
+SetsArgument = Annotated[
+    list[Path],
+    typer.Argument(metavar="SET...", help="Captured sets, and folders with captured sets."),
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=MAX_WORKERS,
+        help="Processes on this machine.",
+        show_default="one per core",
+        metavar="N",
+        rich_help_panel=MANY_SETS,
+    ),
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Scheduler of a Dask cluster that sees the same files, as tcp://HOST:8786. "
+        "Whoever runs it can run code here: give only one that you trust.",
+        metavar="ADDRESS",
+        rich_help_panel=MANY_SETS,
+    ),
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -49,19 +78,32 @@ def print_json(value: Any) -> None:
 def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
     """Pass on `items` with a bar on stderr, on a terminal only."""
     console = Console(stderr=True)
-    hidden = not console.is_terminal
+    if not console.is_terminal:
+        yield from items
+        return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         yield from bar.track(items, total=total, description=what)
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn what a command raises into one line on stderr and an exit status."""
+    """Turn what a command raises into one line on stderr and an exit status.
+
+    Of an interrupt there is only the status: its line is that of the whole program.
+    """
 
     @functools.wraps(command)
     def run(*arguments: P.args, **options: P.kwargs) -> R:
@@ -87,27 +129,19 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             print(f"ps4rig: {describe(error)}", file=sys.stderr)
             raise typer.Exit(InputError.exit_status) from None
         except KeyboardInterrupt:
-            print("ps4rig: interrupted", file=sys.stderr)
-            raise typer.Exit(_INTERRUPTED_STATUS) from None
+            raise typer.Exit(INTERRUPTED_STATUS) from None
 
     return run
 
 
 def folding_table(*columns: str) -> Table:
     """A table that breaks what is too long for the terminal instead of cutting it off."""
+    from rich.table import Table
+
     table = Table()
     for column in columns:
         table.add_column(column, overflow="fold")
     return table
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Put the file in front of what is wrong with its content."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def describe(error: OSError) -> str:

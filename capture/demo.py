@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from classify import (
     Spectra,
@@ -21,11 +18,11 @@ from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
 from .acquisition import capture_set
 from .captured_set import CapturedSet
-from .console import folding_table, out, progress, reported
+from .console import folding_table, out, progress
 from .report import ANGLE_NOTE, ReportEntry, write_report
 from .set_file import SUFFIX
 
-__all__ = ["demo"]
+__all__ = ["run_demo"]
 
 FRAME_PX = 256
 TEST_SEED = 1000
@@ -42,13 +39,14 @@ class _TestPlacement:
 _TESTS = (_TestPlacement(37.0, (256.0, 120.0)), _TestPlacement(112.0, (-100.0, 256.0)))
 
 
-@reported
-def demo(
-    output: Annotated[
-        Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
-    ] = Path("demo-report"),
-) -> None:
-    """Capture, train and classify on the simulated rig, and write a report. No hardware."""
+def run_demo(output: Path) -> None:
+    """Capture, train and classify on the simulated rig, and write the report into a folder.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to.
+    """
     names = surface_names()
     sets_folder = output / "sets"
     for folder in (output, sets_folder):

@@ -101,7 +101,7 @@ def _detail(number: int, entry: ReportEntry) -> str:
         f"<figcaption>{escape(name)}</figcaption></figure>"
         for name, picture in shown.items()
     ]
-    turn_deg = match.orientation_deg
+    turn_deg = match.orientation_deg or 0.0
     for name, test, reference in zip(
         ("gradient", "albedo"), entry.spectra.polar, entry.reference.polar, strict=True
     ):

@@ -4,26 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from classify import METHODS, Lighting, Method
 from classify.errors import InputError
-from rig import ConfigError, Placement, Rig, RigConfig, load_config, open_rig, surface_names
+from classify.methods import METHODS, Method
 
-from .acquisition import MAX_AVERAGE, capture_set
-from .captured_set import CapturedSet
-from .console import JsonOption, naming, out, print_json, progress, reported
-from .image_import import Gamma, import_images
-from .light_list import load_light_list
-from .maps import write_maps
-from .set_file import SUFFIX, check_path
+from .console import (
+    JsonOption,
+    SchedulerOption,
+    SetsArgument,
+    WorkersOption,
+    out,
+    print_json,
+    progress,
+    reported,
+)
+
+if TYPE_CHECKING:
+    from classify import Lighting
+    from rig import Placement, Rig
+
+    from .captured_set import CapturedSet
+    from .set_tasks import SolvedSet
 
 __all__ = ["capture", "import_", "solve"]
 
 SIMULATION = "With a simulated rig"
+_RING = "0,90,180,270"
 
 
 @reported
@@ -33,12 +44,13 @@ def capture(
         str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
     ] = "rig.toml",
     label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
-    average: Annotated[int, typer.Option(min=1, max=MAX_AVERAGE, help="Frames per image.")] = 1,
+    average: Annotated[int, typer.Option(min=1, help="Frames per image.")] = 1,
     count: Annotated[int, typer.Option(min=1, max=9999, help="Sets in a row.")] = 1,
     surface: Annotated[
         str | None,
         typer.Option(
-            help=f"A material folder, or one of {', '.join(surface_names())}.",
+            help="A material folder, or a name: rock, sand, malv, ogil and more; a wrong one "
+            "lists them all.",
             rich_help_panel=SIMULATION,
             metavar="NAME|DIR",
         ),
@@ -78,6 +90,10 @@ def capture(
     json: JsonOption = False,
 ) -> None:
     """Take one captured set, or several: ambient image, then each LED in order."""
+    from rig import ConfigError, RigConfig, load_config, open_rig
+
+    from .set_file import check_path
+
     check_path(output)
     changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}}
     placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
@@ -112,6 +128,8 @@ def capture(
 def _captured(
     rig: Rig, placements: list[Placement], count: int, label: str | None, average: int
 ) -> Iterator[CapturedSet]:
+    from .acquisition import capture_set
+
     for placement in placements:
         if rig.simulation is not None and rig.simulation.placement != placement:
             rig.simulation.place(placement)
@@ -120,6 +138,8 @@ def _captured(
 
 
 def _numbered(output: Path, count: int) -> list[Path]:
+    from .set_file import SUFFIX
+
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SUFFIX)
@@ -142,7 +162,7 @@ def import_(
     tilts: Annotated[
         str | None,
         typer.Option(
-            help="Tilt of the light of each image, degrees, with commas. [default: 0,90,180,270]"
+            help="Tilt of the light of each image, degrees, with commas.", show_default=_RING
         ),
     ] = None,
     slant: Annotated[
@@ -152,13 +172,20 @@ def import_(
         Path | None, typer.Option(help="Light vectors instead of tilts: .json or RTI .lp.")
     ] = None,
     gamma: Annotated[
-        Gamma | None, typer.Option(help="How brightness is coded; needed for 8-bit JPEG.")
+        Literal["linear", "srgb"] | None,
+        typer.Option(help="How brightness is coded; needed for 8-bit JPEG."),
     ] = None,
     ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights out.")] = None,
     label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
+    from classify import Lighting
+
+    from .image_import import import_images
+    from .light_list import load_light_list
+    from .set_file import SUFFIX
+
     *images, output = paths
     if not output.name.endswith(SUFFIX):
         raise InputError(f"{output}: the last argument is the file to write, NAME{SUFFIX}")
@@ -171,7 +198,7 @@ def import_(
     else:
         if slant is None:
             raise InputError("give --slant DEG of the lights, or --lights FILE")
-        lighting = Lighting.from_angles(_degrees(tilts or "0,90,180,270"), slant)
+        lighting = Lighting.from_angles(_degrees("--tilts", tilts or _RING, _RING), slant)
     captured = import_images(images, lighting, gamma=gamma, ambient=ambient, label=label)
     captured.save(output)
     if json:
@@ -180,56 +207,94 @@ def import_(
         out.print(f"{output}: {len(images)} lights", soft_wrap=True)
 
 
-def _degrees(text: str) -> list[float]:
+def _degrees(option: str, text: str, example: str) -> list[float]:
     try:
         degrees = [float(part) for part in text.split(",")]
     except ValueError:
         degrees = [math.nan]
     if not all(map(math.isfinite, degrees)):
-        raise InputError(f"--tilts {text}: give degrees with commas, as 0,90,180,270")
+        raise InputError(f"{option} {text}: give degrees with commas, as {example}")
     return degrees
 
 
 @reported
 def solve(
-    captured_set: Annotated[Path, typer.Argument(metavar="SET", help="A captured set.")],
-    output: Annotated[Path, typer.Option("--out", help="Folder for the maps.", metavar="DIR")],
+    sets: SetsArgument,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            help="Folder for the maps; of several sets each gets a folder of its name in it.",
+            metavar="DIR",
+        ),
+    ],
     method: Annotated[
         str | None,
         typer.Option(
-            help=f"One of {', '.join(METHODS)}. [default: ps4; more than four lights: "
-            "least_squares]",
+            help=f"One of {', '.join(METHODS)}.",
+            show_default="ps4_robust; for more than four lights least_squares",
             metavar="METHOD",
         ),
     ] = None,
+    relight: Annotated[
+        str | None,
+        typer.Option(
+            help="Light of the relit image, degrees.",
+            show_default="135,45",
+            metavar="TILT,SLANT",
+        ),
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write p, q, albedo, normals, relative height, shadow and residual of a set."""
+    """Write the maps of captured sets: p, q, albedo, normals, relative height, shadow and more."""
     if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
-    captured = CapturedSet.load(captured_set)
-    with naming(captured_set):
-        surface = captured.solve(chosen)
-    written = write_maps(captured, surface, output)
-    shares: dict[str, float] = {
-        "valid": float(surface.valid.mean()),
-        "saturated": float(surface.saturated.mean()),
-        "shadowed": float(surface.shadow_mask.mean()),
-    }
+    from .archive import output_folders
+    from .batch import Batch
+    from .set_tasks import SolveTask, solve_set
+    from .surface_maps import RELIT_LIGHT
+
+    light = RELIT_LIGHT if relight is None else _light(relight)
+    folders = output_folders(sets, output)
+    tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
+    rows = []
+    with Batch(workers, scheduler) as batch:
+        solving = batch.map(partial(solve_set, method=chosen, light=light), tasks)
+        solved = progress(solving, len(tasks), "solve")
+        for (path, folder), surface in zip(folders.items(), solved, strict=True):
+            if json:
+                rows.append(_as_json(path, folder, surface))
+            else:
+                note = " (of a simulated set)" if surface.simulated else ""
+                out.print(f"{folder}: {len(surface.files)} files{note}", soft_wrap=True)
+                out.print(
+                    f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
+                    f"in shadow of a light {surface.shadowed:.1%} of the pixels"
+                )
     if json:
-        print_json(
-            {
-                "set": str(captured_set),
-                "files": [str(path) for path in written],
-                **shares,
-                "simulated": captured.metadata.simulated,
-            }
-        )
-    else:
-        note = " (of a simulated set)" if captured.metadata.simulated else ""
-        out.print(f"{output}: {len(written)} files{note}", soft_wrap=True)
-        out.print(
-            f"valid {shares['valid']:.1%}, saturated {shares['saturated']:.1%}, "
-            f"in shadow of a light {shares['shadowed']:.1%} of the pixels"
-        )
+        # One set asked for by its file is answered by one object.
+        print_json(rows if folders.get(sets[0]) != output else rows[0])
+
+
+def _light(angles: str) -> Lighting:
+    from classify import Lighting
+
+    degrees = _degrees("--relight", angles, "135,45")
+    if len(degrees) != 2:
+        raise InputError(f"--relight {angles}: give tilt and slant in degrees, as 135,45")
+    tilt_deg, slant_deg = degrees
+    return Lighting.from_angles([tilt_deg], slant_deg)
+
+
+def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
+    return {
+        "set": str(path),
+        "files": [str(folder / name) for name in surface.files],
+        "valid": surface.valid,
+        "saturated": surface.saturated,
+        "shadowed": surface.shadowed,
+        "simulated": surface.simulated,
+    }

@@ -9,6 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +23,7 @@ from classify.errors import InputError
 
 from .set_metadata import SCHEMA_VERSION, SetMetadata
 
-__all__ = ["SUFFIX", "Planes", "check_path", "pixels_sha256", "read", "write"]
+__all__ = ["SUFFIX", "Planes", "check_path", "pixels_sha256", "read", "read_header", "write"]
 
 SUFFIX = ".ome.tif"
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
@@ -75,19 +77,9 @@ def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetad
 
 def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
     """Images, ambient image and metadata; every cause of failure is an `InputError` by name."""
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            metadata = _metadata(tiff, path)
-            planes = _planes(tiff, path, len(metadata.images))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except (PermissionError, IsADirectoryError) as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    except InputError:
-        raise
-    # What tifffile raises on damaged files depends on where the damage is.
-    except Exception as error:
-        raise InputError(f"{path}: not a readable TIFF ({error}); it may be truncated") from error
+    with _opened(path) as tiff:
+        metadata, _ = _header(tiff, path)
+        planes = np.stack([page.asarray() for page in tiff.pages])
     lights = len(metadata.lighting.directions)
     images = planes[:lights]
     ambient = planes[lights] if len(planes) > lights else None
@@ -97,6 +89,28 @@ def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
             "after it was captured, use the original"
         )
     return images, ambient, metadata
+
+
+def read_header(path: Path) -> tuple[SetMetadata, tuple[int, int]]:
+    """Metadata, and rows and columns of the images; no pixel is read. Fails as `read` does."""
+    with _opened(path) as tiff:
+        return _header(tiff, path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+    try:
+        with tifffile.TiffFile(path) as tiff:
+            yield tiff
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except (PermissionError, IsADirectoryError) as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except InputError:
+        raise
+    # What tifffile raises on damaged files depends on where the damage is.
+    except Exception as error:
+        raise InputError(f"{path}: not a readable TIFF ({error}); it may be truncated") from error
 
 
 def _check_name(path: Path) -> None:
@@ -180,15 +194,17 @@ def _metadata(tiff: tifffile.TiffFile, path: Path) -> SetMetadata:
     return metadata
 
 
-def _planes(tiff: tifffile.TiffFile, path: Path, expected: int) -> Planes:
-    count = len(tiff.pages)
+def _header(tiff: tifffile.TiffFile, path: Path) -> tuple[SetMetadata, tuple[int, int]]:
+    metadata = _metadata(tiff, path)
+    count, expected = len(tiff.pages), len(metadata.images)
     if count != expected or count > _MAX_PAGES:
         raise InputError(f"{path}: holds {count} images, its metadata name {expected}")
     shapes = {(page.shape, str(page.dtype)) for page in tiff.pages}
     shape, dtype = next(iter(shapes))
     if len(shapes) > 1 or dtype != "uint16" or len(shape) != 2 or max(shape) > _MAX_SIDE_PX:
         raise InputError(f"{path}: its pages are not grey 16-bit images of one size")
-    return np.stack([page.asarray() for page in tiff.pages])
+    rows, columns = shape
+    return metadata, (rows, columns)
 
 
 def pixels_sha256(images: Planes, ambient: Planes | None) -> str:

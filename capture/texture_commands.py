@@ -2,67 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from classify import Evaluation, SurfaceEstimate, TextureLibrary, Trial, evaluate
 from classify.errors import InputError
-from classify.library_file import check_path
+from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
 
-from .captured_set import CapturedSet
-from .console import JsonOption, folding_table, naming, out, print_json, progress, reported
-from .set_file import SUFFIX
+from .console import (
+    JsonOption,
+    SchedulerOption,
+    SetsArgument,
+    WorkersOption,
+    folding_table,
+    out,
+    print_json,
+    progress,
+    reported,
+)
+
+if TYPE_CHECKING:
+    from classify import Evaluation
+
+    from .set_tasks import ClassifiedSet
 
 __all__ = ["classify", "evaluate_", "train"]
 
-SetsArgument = Annotated[list[Path], typer.Argument(metavar="SET...", help="Captured sets.")]
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
 
+ClassifierOption = Annotated[
+    str,
+    typer.Option(help=f"How textures are compared: {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME"),
+]
+
 
 @reported
-def train(sets: SetsArgument, library: LibraryOption, json: JsonOption = False) -> None:
+def train(
+    sets: SetsArgument,
+    library: LibraryOption,
+    classifier: ClassifierOption = DEFAULT_CLASSIFIER,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = False,
+) -> None:
     """Learn textures from labelled sets, any number per class."""
+    from classify.library_file import check_path
+
+    from .archive import find_sets
+    from .training import train_library
+
     check_path(library)
-    simulated = False
-
-    def samples() -> Iterator[tuple[str, SurfaceEstimate, float | None]]:
-        nonlocal simulated
-        for path, captured in _loaded(sets, "train"):
-            simulated |= captured.metadata.simulated
-            with naming(path):
-                surface = captured.solve()
-            yield _label(path, captured), surface, captured.metadata.orientation_deg
-
-    trained = replace(TextureLibrary.train(samples()), simulated=simulated)
+    paths = find_sets(sets)
+    trained, classes = train_library(
+        paths, library.parent, _known(classifier), workers=workers, scheduler=scheduler
+    )
     trained.save(library)
-    classes = {
-        label: sum(reference.label == label for reference in trained.references)
-        for label in trained.labels
-    }
+    simulated = trained.simulated
     if json:
         print_json({"library": str(library), "classes": classes, "simulated": simulated})
     else:
         note = " (simulated)" if simulated else ""
-        out.print(f"{library}: {len(classes)} classes from {len(sets)} sets{note}", soft_wrap=True)
+        out.print(f"{library}: {len(classes)} classes from {len(paths)} sets{note}", soft_wrap=True)
 
 
 @reported
-def classify(sets: SetsArgument, library: LibraryOption, json: JsonOption = False) -> None:
+def classify(
+    sets: SetsArgument,
+    library: LibraryOption,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    json: JsonOption = False,
+) -> None:
     """Say which texture each set shows, and how far it is turned."""
-    trained = TextureLibrary.load(library)
-    results = []
-    for path, captured in _loaded(sets, "classify"):
-        with naming(path):
-            match = trained.classify(captured.solve())
-        results.append(
-            {"set": str(path), **asdict(match), "simulated": captured.metadata.simulated}
-        )
+    from .archive import find_sets
+
+    paths = find_sets(sets)
+    answers = _classified(paths, library, workers, scheduler)
+    results = [
+        {"set": str(path), **asdict(answer.match), "simulated": answer.simulated}
+        for path, answer in zip(paths, answers, strict=True)
+    ]
     if json:
         print_json(results)
         return
@@ -71,7 +98,7 @@ def classify(sets: SetsArgument, library: LibraryOption, json: JsonOption = Fals
         table.add_row(
             row["set"] + (" (simulated)" if row["simulated"] else ""),
             row["label"] or "unknown",
-            f"{row['orientation_deg']:.1f}°",
+            "-" if row["orientation_deg"] is None else f"{row['orientation_deg']:.1f}°",
             f"{row['distance']:.4f}",
             row["runner_up"] or "-",
             "-" if row["margin"] is None else f"{row['margin']:.2f}",
@@ -81,22 +108,29 @@ def classify(sets: SetsArgument, library: LibraryOption, json: JsonOption = Fals
 
 @reported
 def evaluate_(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of labelled sets.")],
+    sets: SetsArgument,
     library: LibraryOption,
+    classifier: Annotated[
+        str | None,
+        typer.Option(
+            help="Ask another classifier, which learns from the sets that the library was trained "
+            f"from: {', '.join(CLASSIFIER_NAMES)}.",
+            metavar="NAME",
+        ),
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Classify every labelled set below a folder and compare with the labels."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder")
-    paths = sorted(folder.rglob(f"*{SUFFIX}"))
-    if not paths:
-        raise InputError(f"{folder}: holds no captured sets (*{SUFFIX})")
-    trained = TextureLibrary.load(library)
-    trials = []
-    for path, captured in _loaded(paths, "evaluate"):
-        with naming(path):
-            match = trained.classify(captured.solve())
-        trials.append(Trial(_label(path, captured), captured.metadata.orientation_deg, match))
+    """Classify labelled sets, all those below a folder, and compare with their labels."""
+    from classify import Trial, evaluate
+
+    from .archive import find_sets
+
+    paths = find_sets(sets)
+    with _library_for(library, classifier, workers, scheduler) as asked:
+        answers = _classified(paths, asked, workers, scheduler, label_required=True)
+    trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
     result = evaluate(trials)
     if json:
         print_json(_as_json(result))
@@ -127,15 +161,52 @@ def evaluate_(
     )
 
 
-def _loaded(paths: Sequence[Path], what: str) -> Iterator[tuple[Path, CapturedSet]]:
-    for path in progress(paths, len(paths), what):
-        yield path, CapturedSet.load(path)
+def _classified(
+    paths: list[Path],
+    library: Path,
+    workers: int | None,
+    scheduler: str | None,
+    label_required: bool = False,
+) -> list[ClassifiedSet]:
+    from classify import TextureLibrary
+
+    from .batch import Batch
+    from .set_tasks import classify_set
+
+    TextureLibrary.load(library)  # once here, so that what is wrong with it is said at once
+    task = partial(classify_set, library=library.absolute(), label_required=label_required)
+    with Batch(workers, scheduler) as batch:
+        answers = batch.map(task, [path.absolute() for path in paths])
+        return list(progress(answers, len(paths), "classify"))
 
 
-def _label(path: Path, captured: CapturedSet) -> str:
-    if not captured.label:
-        raise InputError(f"{path}: has no label; capture or import it with --label")
-    return captured.label
+def _known(classifier: str) -> str:
+    if classifier not in CLASSIFIER_NAMES:
+        raise InputError(f"--classifier {classifier}: choose one of {', '.join(CLASSIFIER_NAMES)}")
+    return classifier
+
+
+@contextmanager
+def _library_for(
+    library: Path, classifier: str | None, workers: int | None, scheduler: str | None
+) -> Iterator[Path]:
+    """The library itself, or one of the same sets for another classifier, for as long as asked."""
+    from classify import TextureLibrary
+
+    from .training import train_again
+
+    if classifier is None or TextureLibrary.load(library).classifier == _known(classifier):
+        yield library
+        return
+    trained = train_again(
+        TextureLibrary.load(library), library, classifier, workers=workers, scheduler=scheduler
+    )
+    # The workers of a cluster see the folder of the library, but not this machine's own.
+    shared = None if scheduler is None else library.absolute().parent
+    with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=shared) as folder:
+        path = Path(folder) / library.name
+        trained.save(path)
+        yield path
 
 
 def _degrees(value: float | None) -> str:

@@ -8,30 +8,7 @@
 Arrays and small frozen dataclasses only: no cameras, no ports, no captured-set files, no printing.
 """
 
-from .errors import InputError, LibraryError, Ps4rigError
-from .evaluation import Evaluation, Trial, evaluate
-from .height import integrate_gradients
-from .library import Match, TextureLibrary
-from .lighting import Lighting
-from .solver import METHODS, Method, photometric_stereo
-from .spectra import Spectra, surface_spectra
-from .surface import SurfaceEstimate
+import lazy_loader
 
-__all__ = [
-    "METHODS",
-    "Evaluation",
-    "InputError",
-    "LibraryError",
-    "Lighting",
-    "Match",
-    "Method",
-    "Ps4rigError",
-    "Spectra",
-    "SurfaceEstimate",
-    "TextureLibrary",
-    "Trial",
-    "evaluate",
-    "integrate_gradients",
-    "photometric_stereo",
-    "surface_spectra",
-]
+# The names are those of __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

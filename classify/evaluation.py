@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .errors import InputError
-from .library import Match
+from .match import Match
 
 __all__ = ["ClassResult", "Evaluation", "OrientationError", "Trial", "evaluate"]
 
@@ -24,9 +24,10 @@ class Trial:
     @property
     def orientation_error_deg(self) -> float | None:
         """Error modulo half a turn, 0 to 90; None where unknown or the class is wrong."""
-        if self.orientation_deg is None or self.match.label != self.label:
+        found_deg = self.match.orientation_deg
+        if self.orientation_deg is None or found_deg is None or self.match.label != self.label:
             return None
-        difference = self.match.orientation_deg - self.orientation_deg
+        difference = found_deg - self.orientation_deg
         return abs((difference + 90.0) % 180.0 - 90.0)
 
 

@@ -13,12 +13,19 @@ import numpy.typing as npt
 from numba import njit, prange
 
 __all__ = [
+    "FAST",
     "MIN_NORMAL_Z",
+    "NOT_VALID",
     "NO_DROPPED_LIGHT",
+    "REPAIRED",
+    "SATURATED",
     "SHADOW_FLOOR",
     "SHADOW_FRACTION",
+    "SPECULAR",
     "drop_darkest",
+    "judge_row",
     "linear",
+    "solve_lights",
 ]
 
 # A normal nearer to the horizon than this (a slope of 50) is noise, not surface.
@@ -28,15 +35,24 @@ MIN_NORMAL_Z = np.float32(0.02)
 # the light (prediction negative, value near zero) counts as well, and one without any light too.
 SHADOW_FRACTION = np.float32(0.5)
 SHADOW_FLOOR = np.float32(0.1)
+# A light that gives so much more than predicted, and by so much of the albedo, is a highlight.
+_HIGHLIGHT_FRACTION = np.float32(1.5)
+_HIGHLIGHT_FLOOR = np.float32(0.2)
 NO_DROPPED_LIGHT = 255
+# Bits of the flags.
+NOT_VALID, SATURATED, SPECULAR, REPAIRED = np.uint8(1), np.uint8(2), np.uint8(4), np.uint8(8)
+
+# Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
+# determines a normal.
+_MIN_EIGENVALUE = 1e-6
 
 Array = npt.NDArray[Any]
 
 # NaN and infinity stay exact; only rounding order may change.
-_FAST = {"contract", "arcp", "nsz", "reassoc"}
+FAST = {"contract", "arcp", "nsz", "reassoc"}
 
 
-@njit(parallel=True, fastmath=_FAST, cache=True, error_model="numpy")
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def drop_darkest(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise_floor: np.float32, pinv: Array, corrections: Array, null: Array, directions: Array,
@@ -52,13 +68,14 @@ def drop_darkest(
     rows, columns = p.shape
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
+    zero, one = np.float32(0.0), np.float32(1.0)
     for r in prange(rows):
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
             v1 = np.float32(images[1, r, c])
             v2 = np.float32(images[2, r, c])
             v3 = np.float32(images[3, r, c])
-            brightest = max(max(v0, v1), max(v2, v3))
+            saturated = max(max(v0, v1), max(v2, v3)) >= saturation
             if ambient is not None:
                 dark = np.float32(ambient[r, c])
                 v0 -= dark
@@ -104,59 +121,162 @@ def drop_darkest(
             s1 = directions[1, 0] * bx + directions[1, 1] * by + directions[1, 2] * bz
             s2 = directions[2, 0] * bx + directions[2, 1] * by + directions[2, 2] * bz
             s3 = directions[3, 0] * bx + directions[3, 1] * by + directions[3, 2] * bz
-            shadow_count[r, c] = (
-                (v0 <= SHADOW_FRACTION * max(s0, floor))
-                + (v1 <= SHADOW_FRACTION * max(s1, floor))
-                + (v2 <= SHADOW_FRACTION * max(s2, floor))
-                + (v3 <= SHADOW_FRACTION * max(s3, floor))
+            # Counted in float32: whatever stays in one type, eight pixels at a time can be done.
+            shadows = (
+                (one if v0 <= SHADOW_FRACTION * max(s0, floor) else zero)
+                + (one if v1 <= SHADOW_FRACTION * max(s1, floor) else zero)
+                + (one if v2 <= SHADOW_FRACTION * max(s2, floor) else zero)
+                + (one if v3 <= SHADOW_FRACTION * max(s3, floor) else zero)
             )
-            flags[r, c] = (2 if brightest >= saturation else 0) + (0 if visible else 1)
+            shadow_count[r, c] = np.uint8(shadows)
+            # With two lights in shadow, one of them is in the solution.
+            flags[r, c] = np.uint8(
+                (one if not visible or shadows > one or saturated else zero)
+                + (np.float32(SATURATED) if saturated else zero)
+            )
 
 
-@njit(parallel=True, fastmath=_FAST, cache=True, error_model="numpy")
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def linear(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise_floor: np.float32, weights: Array, directions: Array,
+    noise_floor: np.float32, weights: Array, directions: Array, used: Array,
     p: Array, q: Array, albedo: Array, residual: Array, shadow_count: Array, flags: Array,
 ) -> None:  # fmt: skip
-    """Any number of lights by b = weights i: least squares, or three chosen beforehand."""
+    """Any number of lights by b = weights i: least squares, or three chosen beforehand.
+
+    `used` (N,) bool says which lights the weights count. Lights that are saturated at a pixel are
+    left out there as long as the rest determine the normal.
+    """
     lights = images.shape[0]
     rows, columns = p.shape
     for r in prange(rows):
-        # One row of accumulators stays in the first-level cache while the lights pass over it.
+        # Sums over the lights of one row at a time: the inner loops then run along the pixels.
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
-        squares = np.zeros(columns, np.float32)
-        shadows = np.zeros(columns, np.uint8)
+        floors = np.full(columns, noise_floor)
+        lost = np.zeros(columns, np.uint8)
         for k in range(lights):
-            for c in range(columns):
-                v = np.float32(images[k, r, c])
-                brightest[c] = max(brightest[c], v)
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
-                bx[c] += weights[0, k] * v
-                by[c] += weights[1, k] * v
-                bz[c] += weights[2, k] * v
-        for k in range(lights):
-            for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
-                s = directions[k, 0] * bx[c] + directions[k, 1] * by[c] + directions[k, 2] * bz[c]
-                rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-                squares[c] += (v - s) * (v - s)
-                shadows[c] += v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+            if used[k]:
+                for c in range(columns):
+                    v = np.float32(images[k, r, c])
+                    brightest[c] = max(brightest[c], v)
+                    if ambient is not None:
+                        v -= np.float32(ambient[r, c])
+                    v *= gains[k]
+                    bx[c] += weights[0, k] * v
+                    by[c] += weights[1, k] * v
+                    bz[c] += weights[2, k] * v
         for c in range(columns):
+            if brightest[c] >= saturation:
+                rest = used.copy()
+                for k in range(lights):
+                    rest[k] &= np.float32(images[k, r, c]) < saturation
+                solved, x, y, z = solve_lights(images, ambient, gains, directions, rest, r, c)
+                lost[c] = not solved
+                if solved:
+                    bx[c], by[c], bz[c] = x, y, z
+        judge_row(
+            images, ambient, gains, saturation, directions, used, r, bx, by, bz, floors, lost,
+            p, q, albedo, residual, shadow_count, flags,
+        )  # fmt: skip
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def solve_lights(
+    images: Array, ambient: Array | None, gains: Array, directions: Array, used: Array,
+    r: int, c: int,
+) -> tuple[bool, np.float32, np.float32, np.float32]:  # fmt: skip
+    """Scaled normal of one pixel by the normal equations of some of its lights.
+
+    The first value is false where these do not determine it: fewer than three, or in one plane.
+    """
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(images.shape[0]):
+        if used[k]:
+            v = np.float32(images[k, r, c])
+            if ambient is not None:
+                v -= np.float32(ambient[r, c])
+            value = float(v * gains[k])
+            lx, ly, lz = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
+            xx += lx * lx
+            xy += lx * ly
+            xz += lx * lz
+            yy += ly * ly
+            yz += ly * lz
+            zz += lz * lz
+            x += lx * value
+            y += ly * value
+            z += lz * value
+    # The inverse as adjugate over determinant.
+    a00, a01, a02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    a11, a12, a22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant = xx * a00 + xy * a01 + xz * a02
+    # The product of the two larger eigenvalues is at most a quarter of the squared trace.
+    trace = xx + yy + zz
+    if not determinant > 0.25 * _MIN_EIGENVALUE * trace * trace:
+        return False, np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    return (
+        True,
+        np.float32((a00 * x + a01 * y + a02 * z) / determinant),
+        np.float32((a01 * x + a11 * y + a12 * z) / determinant),
+        np.float32((a02 * x + a12 * y + a22 * z) / determinant),
+    )
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def judge_row(
+    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
+    directions: Array, used: Array, r: int,
+    bx: Array, by: Array, bz: Array, floors: Array, lost: Array,
+    p: Array, q: Array, albedo: Array, residual: Array, shadow_count: Array, flags: Array,
+) -> None:  # fmt: skip
+    """Write all maps of a row from its scaled normals.
+
+    A slope is known where bz^2 >= `floors` rho, the pixel is not `lost`, and at least three of the
+    lights `used` are out of shadow. Of a highlight in a light that is not used nothing is lost.
+    """
+    lights = images.shape[0]
+    columns = p.shape[1]
+    zero, one = np.float32(0.0), np.float32(1.0)
+    squares = np.zeros(columns, np.float32)
+    brightest = np.zeros(columns, np.float32)
+    # Shadows, lit lights and highlights in a byte each: with few arrays to write, the compiler
+    # does eight pixels at a time.
+    tally = np.zeros(columns, np.int32)
+    for k in range(lights):
+        x, y, z = directions[k]
+        gain = gains[k]
+        is_lit = np.int32(1 << 8) if used[k] else np.int32(0)
+        for c in range(columns):
+            v = np.float32(images[k, r, c])
+            brightest[c] = max(brightest[c], v)
+            if ambient is not None:
+                v -= np.float32(ambient[r, c])
+            v *= gain
+            s = x * bx[c] + y * by[c] + z * bz[c]
+            squares[c] += (v - s) * (v - s)
             rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-            visible = bz[c] > MIN_NORMAL_Z * rho and bz[c] * bz[c] >= noise_floor * rho
-            inverse = np.float32(1.0) / bz[c] if visible else np.float32(0.0)
-            p[r, c] = -bx[c] * inverse
-            q[r, c] = -by[c] * inverse
-            albedo[r, c] = rho
-            residual[r, c] = np.sqrt(squares[c] / np.float32(lights))
-            shadow_count[r, c] = shadows[c]
-            flags[r, c] = (2 if brightest[c] >= saturation else 0) + (0 if visible else 1)
+            highlight = max(_HIGHLIGHT_FRACTION * s, max(s, zero) + _HIGHLIGHT_FLOOR * rho)
+            shadowed = v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+            tally[c] += (np.int32(1) if shadowed else is_lit) + (
+                np.int32(1 << 16) if v >= highlight else np.int32(0)
+            )
+    share = one / np.float32(lights)
+    for c in range(columns):
+        rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
+        visible = bz[c] > MIN_NORMAL_Z * rho and bz[c] * bz[c] >= floors[c] * rho
+        inverse = one / bz[c] if visible else zero
+        p[r, c] = -bx[c] * inverse
+        q[r, c] = -by[c] * inverse
+        albedo[r, c] = rho
+        residual[r, c] = np.sqrt(squares[c] * share)
+        shadow_count[r, c] = np.uint8(tally[c] & 255)
+        known = visible and (tally[c] >> 8) & 255 >= 3 and lost[c] == 0
+        flags[r, c] = (
+            (np.uint8(0) if known else NOT_VALID)
+            | (SATURATED if brightest[c] >= saturation else np.uint8(0))
+            | (SPECULAR if visible and tally[c] >> 16 > 0 else np.uint8(0))
+        )

@@ -124,6 +124,13 @@ class Lighting:
         across = np.hypot(self.directions[:, 0], self.directions[:, 1])
         return _rounded(np.degrees(np.arctan2(across, self.directions[:, 2])))
 
+    def within(self, degrees: float, other: Lighting) -> bool:
+        """Whether `other` has as many lights, each within so many degrees of its own."""
+        if len(self) != len(other):
+            return False
+        cosines = np.clip((self.directions * other.directions).sum(axis=1), -1.0, 1.0)
+        return bool(np.degrees(np.arccos(cosines)).max() <= degrees)
+
     def light_nearest_tilt(self, tilt_deg: float, within_deg: float = 30.0) -> int:
         """Index of the light whose tilt is nearest to `tilt_deg`.
 

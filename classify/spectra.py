@@ -10,11 +10,25 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
+from numba import get_num_threads, njit, prange
 
 from .errors import InputError
+from .kernels import FAST
 from .surface import FloatMap, SurfaceEstimate
+from .texture_fields import TextureFields, texture_fields
 
-__all__ = ["ANGLES", "MIN_SEGMENT_PX", "Spectra", "segment_for", "surface_spectra"]
+__all__ = [
+    "ANGLES",
+    "MAX_SEGMENT_PX",
+    "MIN_SEGMENT_PX",
+    "RADII",
+    "Spectra",
+    "field_spectra",
+    "image_spectrum",
+    "polar_radii_px",
+    "segment_for",
+    "surface_spectra",
+]
 
 ANGLES = 90
 RADII = 28
@@ -23,9 +37,8 @@ MAX_SEGMENT_PX = 256
 # Radii run geometrically between these, so that a coarse and a fine texture get equal shares.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
-# Where two or more lights are in shadow a solver can return any slope; one such pixel outweighs
-# a thousand others in a power spectrum unless it is bounded.
-_MAX_SLOPE = np.float32(2.0)
+
+Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +53,20 @@ class Spectra:
         spectrum of an image does not (thesis section 9.4).
     albedo
         (R, 90) float32, A, the same for albedo divided by its mean.
+    relief
+        (R, 90) float32, |cos(theta) P + sin(theta) Q|^2: the part of M whose slopes lie along the
+        wave vector, as those of a relief do. The rest of M is curl, which no relief has: error.
+    co_spectrum
+        (R, 90) float32, real part of relief times conjugate albedo: positive where what is high
+        is bright. A wave's relief counts as its slope turned a quarter wave back.
     segment_px
         Side of the segments. It fixes the radii, so only spectra of equal segments compare.
     """
 
     gradient: FloatMap
     albedo: FloatMap
+    relief: FloatMap
+    co_spectrum: FloatMap
     segment_px: int
 
     @property
@@ -70,6 +91,12 @@ class Spectra:
         step = np.float32(np.pi / ANGLES)
         return self.gradient.sum(axis=1) * step, self.albedo.sum(axis=1) * step
 
+    @property
+    def curl_density(self) -> float:
+        """Mean of M less relief over the plane, in units of M: how large the errors are."""
+        area = np.square(self.radii_cpp)  # of rings whose radii are geometric
+        return float(((self.gradient - self.relief).mean(axis=1) * area).sum() / area.sum())
+
 
 def segment_for(shape: tuple[int, int]) -> int:
     """Side of the segments for a frame: a power of two, at most half its shorter side.
@@ -89,11 +116,7 @@ def segment_for(shape: tuple[int, int]) -> int:
 
 
 def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> Spectra:
-    """Spectra of a surface by Welch's averaging of overlapping segments.
-
-    The thesis is silent on window, segments and mean: here the segments overlap by half or a
-    little more so that they cover the frame, each loses its mean and gets a circular Hann window
-    (a square one would stay behind when the surface turns).
+    """Spectra of a surface; see `field_spectra`.
 
     Parameters
     ----------
@@ -112,40 +135,75 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
         raise InputError(
             f"{side} px segments; a texture needs segments of at least {MIN_SEGMENT_PX} px"
         )
-    if min(surface.shape) < side:
-        raise InputError(
-            f"a frame of {surface.shape[1]} x {surface.shape[0]} px is smaller than the "
-            f"{side} px segments of the library; use larger frames"
-        )
-    if not surface.valid.any():
-        raise InputError("no pixel of this surface is valid; check exposure and lights")
-    slope = np.empty(surface.shape, dtype=np.complex64)
-    slope.real = surface.p
-    slope.imag = surface.q
-    slope *= _MAX_SLOPE / np.maximum(np.abs(slope), _MAX_SLOPE)
-    slope[~surface.valid] = slope[surface.valid].mean()
-    mean_albedo = surface.albedo[surface.valid].mean()
-    relative_albedo = np.where(surface.valid, surface.albedo / mean_albedo, np.float32(1.0))
+    _check_side(side, surface.shape)
+    return field_spectra(texture_fields(surface), side)
 
-    window = _circular_hann(side)
-    norm = np.float32(1.0 / np.sum(window.astype(np.float64) ** 2))
-    gradient_power = np.zeros((side, side), dtype=np.float32)
-    albedo_power = np.zeros((side, side // 2 + 1), dtype=np.float32)
-    row_starts, column_starts = (_starts(length, side) for length in surface.shape)
-    corners = [(row, column) for row in row_starts for column in column_starts]
-    for row, column in corners:
-        cut = np.s_[row : row + side, column : column + side]
-        gradient_power += _power(scipy.fft.fft2(_windowed(slope[cut], window)))
-        albedo_power += _power(scipy.fft.rfft2(_windowed(relative_albedo[cut], window)))
-    # |P|^2 + |Q|^2 at k is the mean of |F(p + iq)|^2 at k and -k; the half plane is enough.
-    mirrored = np.roll(gradient_power[::-1, ::-1], 1, axis=(0, 1))
-    gradient_half = 0.5 * (gradient_power + mirrored)[:, : side // 2 + 1]
-    scale = norm / np.float32(len(corners))
+
+def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
+    """Spectra by Welch's averaging of overlapping segments.
+
+    The thesis is silent on window, segments and mean: here the segments overlap by half or a
+    little more so that they cover the frame, each loses its mean and gets a circular Hann window
+    (a square one would stay behind when the surface turns).
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a segment.
+    """
+    side = segment_px
+    _check_side(side, fields.shape)
+    row_starts, column_starts = (_starts(length, side) for length in fields.shape)
+    sums = np.zeros((4, side, side // 2 + 1), np.float32)
+    window, along = _circular_hann(side), _wave_directions(side)
+    starts, weight = np.array(column_starts), float(window.sum(dtype=np.float64))
+    segments = np.empty((len(starts), 3, side, side), np.float32)
+    for row in row_starts:
+        # One row of segments at a time: enough work for all cores, little memory.
+        cut = np.s_[row : row + side]
+        strips = tuple(
+            map(np.ascontiguousarray, (fields.p[cut], fields.q[cut], fields.albedo[cut]))
+        )
+        _cut(strips, starts, window, weight, segments)
+        transforms = scipy.fft.rfft2(segments, workers=get_num_threads())
+        _accumulate(transforms, along, sums)
+    norm = 1.0 / (len(row_starts) * len(column_starts) * np.sum(np.square(window, dtype=float)))
+    gradient, albedo, relief, co_spectrum = sums * np.float32(norm)
     return Spectra(
-        gradient=_to_polar(gradient_half * scale, side),
-        albedo=_to_polar(albedo_power * scale, side),
+        gradient=_to_polar(gradient, side),
+        albedo=_to_polar(albedo, side),
+        relief=_to_polar(relief, side),
+        co_spectrum=_to_polar(co_spectrum, side),
         segment_px=side,
     )
+
+
+def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
+    """(R, 90) float32 power spectrum of one image divided by its mean, on the same polar grid.
+
+    It carries cos^2(theta - tilt) of the light it was taken under, and so does not turn with the
+    surface: what chapter 6 of the thesis begins with, and chapters 7 to 9 improve on.
+
+    Raises
+    ------
+    InputError
+        If the image is smaller than a segment, or black.
+    """
+    _check_side(segment_px, image.shape)
+    mean = float(image.mean())
+    if mean <= 0.0:
+        raise InputError("the image is black; check exposure and lights")
+    values = np.ascontiguousarray(image, np.float32) / np.float32(mean)
+    flat = np.zeros_like(values)
+    return field_spectra(TextureFields(flat, flat, values), segment_px).albedo
+
+
+def _check_side(side: int, shape: tuple[int, ...]) -> None:
+    if min(shape) < side:
+        raise InputError(
+            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
+            f"{side} px segments of the library; use larger frames"
+        )
 
 
 def _starts(length: int, side: int) -> list[int]:
@@ -161,14 +219,60 @@ def _circular_hann(side: int) -> FloatMap:
     return np.where(radius < 1.0, 0.5 + 0.5 * np.cos(np.pi * radius), 0.0).astype(np.float32)
 
 
-def _windowed(segment: npt.NDArray[Any], window: FloatMap) -> npt.NDArray[Any]:
-    """Less its weighted mean, so that nothing is left at zero frequency, times the window."""
-    windowed: npt.NDArray[Any] = (segment - (segment * window).sum() / window.sum()) * window
-    return windowed
+@lru_cache(maxsize=8)
+def _wave_directions(side: int) -> FloatMap:
+    """(2, side, side // 2 + 1) cos and sin of the direction of each wave vector, y up."""
+    u = scipy.fft.rfftfreq(side)[None, :]
+    v = -scipy.fft.fftfreq(side)[:, None]
+    radius = np.hypot(u, v)
+    radius[0, 0] = 1.0
+    directions: FloatMap = np.stack([u / radius, v / radius]).astype(np.float32)
+    return directions
 
 
-def _power(spectrum: npt.NDArray[np.complex64]) -> FloatMap:
-    return spectrum.real**2 + spectrum.imag**2
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _cut(
+    strips: tuple[Array, ...], starts: Array, window: Array, weight: float, segments: Array
+) -> None:
+    """Fill (n, 3, side, side): each segment less its weighted mean, times the window."""
+    count, fields, side, _ = segments.shape
+    for k in prange(count * fields):
+        n, field = k // fields, k % fields
+        strip, start, segment = strips[field], starts[n], segments[n, field]
+        weighted = 0.0
+        for r in range(side):
+            line = strip[r, start : start + side]
+            line_sum = np.float32(0.0)
+            for c in range(side):
+                line_sum += line[c] * window[r, c]
+            weighted += line_sum
+        mean = np.float32(weighted / weight)
+        for r in range(side):
+            line = strip[r, start : start + side]
+            for c in range(side):
+                segment[r, c] = (line[c] - mean) * window[r, c]
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _accumulate(transforms: Array, along: Array, sums: Array) -> None:
+    """Add the powers of all segments, (n, 3, side, half) complex, to M, A, relief, co-spectrum."""
+    count, _, rows, columns = transforms.shape
+    for r in prange(rows):
+        for n in range(count):
+            for c in range(columns):
+                p, q, albedo = (
+                    transforms[n, 0, r, c],
+                    transforms[n, 1, r, c],
+                    transforms[n, 2, r, c],
+                )
+                slope = along[0, r, c] * p + along[1, r, c] * q
+                sums[0, r, c] += (
+                    p.real * p.real + p.imag * p.imag + q.real * q.real + q.imag * q.imag
+                )
+                sums[1, r, c] += albedo.real * albedo.real + albedo.imag * albedo.imag
+                sums[2, r, c] += slope.real * slope.real + slope.imag * slope.imag
+                # slope = i k z, so that z lies along -i slope: Re(-i slope conj(albedo)).
+                sums[3, r, c] += slope.imag * albedo.real - slope.real * albedo.imag
 
 
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
@@ -191,8 +295,12 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 
 def _to_polar(half_plane: FloatMap, side: int) -> FloatMap:
     columns, rows = _polar_map(side)
-    # Amplitudes, not powers, are interpolated: they bend less between bins.
-    shifted = np.sqrt(np.roll(half_plane, side // 2, axis=0))
+    # Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
+    # co-spectrum stays within the root of both powers (Cauchy and Schwarz).
+    amplitude = np.copysign(np.sqrt(np.abs(half_plane)), half_plane)
+    shifted = np.roll(amplitude, side // 2, axis=0)
     # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
-    polar = cv2.remap(shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    return (polar**2).astype(np.float32)
+    polar: FloatMap = cv2.remap(
+        shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+    ).astype(np.float32, copy=False)
+    return polar * np.abs(polar)

@@ -56,6 +56,8 @@ class SurfaceEstimate:
     dropped: npt.NDArray[np.uint8]
     shadow_count: npt.NDArray[np.uint8]
     saturated: npt.NDArray[np.bool_]
+    specular: npt.NDArray[np.bool_]
+    repaired: npt.NDArray[np.bool_]
     valid: npt.NDArray[np.bool_]
     method: str
     images: npt.NDArray[Any] | None = None

@@ -10,30 +10,7 @@ The drivers never know that they talk to a simulation: it is a pty, a firmware a
 below them. No classification here, and nothing about sessions or stations.
 """
 
-from .camera import Camera, CameraInfo, Frame, FrameFlag
-from .config import Placement, RigConfig, load_config
-from .errors import CameraError, ConfigError, HardwareError, LightControllerError
-from .lights import ControllerIdentity, LightController, Switch
-from .rig import Rig, open_rig
-from .simulation import Simulation, surface_names
+import lazy_loader
 
-__all__ = [
-    "Camera",
-    "CameraError",
-    "CameraInfo",
-    "ConfigError",
-    "ControllerIdentity",
-    "Frame",
-    "FrameFlag",
-    "HardwareError",
-    "LightController",
-    "LightControllerError",
-    "Placement",
-    "Rig",
-    "RigConfig",
-    "Simulation",
-    "Switch",
-    "load_config",
-    "open_rig",
-    "surface_names",
-]
+# The names are those of __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

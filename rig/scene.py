@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.lighting import Lighting
+from classify.shadows import cast_shadow
 
-from .shadows import cast_shadow
 from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
 
 __all__ = ["SceneImages", "render_frame", "render_scene"]

@@ -2,64 +2,69 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
-from .orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
-from .spectra import Spectra
-from .surface import FloatMap
+from classify.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.spectra import Spectra, surface_spectra
+from classify.surface import FloatMap, SurfaceEstimate
 
-__all__ = ["Reference", "compare", "signature"]
+from .classifier import Classifier, Comparison, Observation, Parameters
 
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """One training set: its class, its signature (2, R, A) and the orientation it lay in."""
-
-    label: str
-    signature: FloatMap
-    orientation_deg: float
+__all__ = ["SPECTRA_2D", "SPECTRA_2D_POWER", "observe_spectra", "per_octave", "turns_by_polar"]
 
 
-def signature(spectra: Spectra) -> FloatMap:
-    """(2, R, A) float32: what a library keeps of a surface, magnitude spectra of M and A.
+def observe_spectra(surface: SurfaceEstimate, segment_px: int) -> Observation:
+    """M and A of a surface, each multiplied by the square of the frequency."""
+    return {"per_octave": per_octave(surface_spectra(surface, segment_px))}
 
-    The thesis leaves power or magnitude open, and how gradient weighs against albedo. Magnitudes
-    are kept, because a few strong low frequencies outvote all others in a power spectrum. Each
-    row is weighted by its frequency, which makes slope^2 and albedo^2 per octave comparable.
+
+def per_octave(spectra: Spectra) -> FloatMap:
+    """(2, R, A) float32: M and A times frequency squared.
+
+    The thesis leaves open how low frequencies weigh against high ones, and gradient against
+    albedo; this makes them slope^2 and albedo^2 per octave.
     """
     density = np.stack([spectra.gradient, spectra.albedo])
-    per_octave = np.square(spectra.radii_cpp).astype(np.float32)[:, None]
-    magnitude: FloatMap = np.sqrt(density * per_octave)
-    return magnitude
+    power: FloatMap = density * np.square(spectra.radii_cpp).astype(np.float32)[:, None]
+    return power
 
 
-def compare(
-    test: FloatMap, references: FloatMap
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Distance and turn of one signature against n references.
+def turns_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+    """(n,) turns in grid steps at the least squared error of the 1D polar spectra of M and A."""
+    return turn_of_least_error(_errors_1d(test, references))
+
+
+def _magnitude(observation: Observation, _: Parameters) -> FloatMap:
+    """Magnitudes: a few strong low frequencies outvote all others in a power spectrum."""
+    return np.sqrt(observation["per_octave"])
+
+
+def _power(observation: Observation, _: Parameters) -> FloatMap:
+    power: FloatMap = observation["per_octave"]
+    return power
+
+
+def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Distance and turn of one (2, R, A) signature against n references.
 
     For each reference the 1D polar spectra of M and A give the turn of least squared error; the
     2D spectra, turned by it, give the total squared error (thesis scheme 9.3). The error is
     divided by the energy of both signatures, for M and A separately, so that it lies between
     0 and 1 and a rough texture cannot drown a smooth one.
-
-    Parameters
-    ----------
-    test
-        (2, R, A) signature.
-    references
-        (n, 2, R, A) signatures.
-
-    Returns
-    -------
-    distances
-        (n,) float64 in [0, 1].
-    turns_deg
-        (n,) float64, anticlockwise turn from the reference to the test, [0, 180).
     """
+    turns = turns_by_polar(test, references)
+    turned = roll_angles(test, turns)
+    difference = np.square(turned - references).sum(axis=(2, 3))
+    energy = np.square(turned).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
+        axis=(2, 3)
+    )
+    shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
+    return Comparison(shares.mean(axis=1), turns * STEP_DEG)
+
+
+def _errors_1d(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+    """(n, A) squared errors of the polar spectra for every turn, relative to their energy."""
     errors_1d = np.zeros((len(references), test.shape[-1]))
     for channel in range(2):
         polar = test[channel].sum(axis=0)
@@ -69,12 +74,12 @@ def compare(
         )
         errors = squared_errors_by_turn(polar, reference_polar)
         errors_1d += errors / np.maximum(energy, np.finfo(np.float64).tiny)[:, None]
-    turns = turn_of_least_error(errors_1d)
+    return errors_1d
 
-    turned = roll_angles(test, turns)
-    difference = np.square(turned - references).sum(axis=(2, 3))
-    energy = np.square(turned).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
-        axis=(2, 3)
-    )
-    shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
-    return shares.mean(axis=1), turns * STEP_DEG
+
+SPECTRA_2D = Classifier(
+    name="spectra_2d", observe=observe_spectra, signature=_magnitude, compare=_compare
+)
+SPECTRA_2D_POWER = Classifier(
+    name="spectra_2d_power", observe=observe_spectra, signature=_power, compare=_compare
+)

@@ -19,7 +19,7 @@ from capture.set_metadata import ImageRecord, LightingRecord
 from classify import Lighting
 from rig import Rig, RigConfig, open_rig
 
-COMMAND = (sys.executable, "-c", "from capture.cli import main; main()")
+COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]
 
 

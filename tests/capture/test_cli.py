@@ -148,6 +148,7 @@ def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
         (["--bits", "9", "a.ome.tif"], "camera.bits"),
         (["--size", "8", "a.ome.tif"], "camera.width_px"),
         (["--slant", "90", "a.ome.tif"], "lights.slant_deg"),
+        (["--average", "1025", "a.ome.tif"], "average is 1025; it must be 1 to 1024"),
         (["--seed", "-1", "a.ome.tif"], "placement.seed"),
         (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
         (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
@@ -415,7 +416,7 @@ def test_other_mistakes_have_their_line_too(
     assert "file: cannot be made" in refused("solve", rock, "--out", tmp_path / "file")
     assert "no.ps4lib" in refused("classify", rock, "--library", tmp_path / "no.ps4lib")
     assert "file" in refused("classify", rock, "--library", tmp_path / "file")
-    assert "no such folder" in refused("evaluate", tmp_path / "none", "--library", library)
+    assert "no such file or folder" in refused("evaluate", tmp_path / "none", "--library", library)
     assert "holds no captured sets" in refused("evaluate", tmp_path, "--library", library)
     assert "none" in refused("train", rock, "--library", tmp_path / "none" / "t.ps4lib")
 
@@ -458,7 +459,7 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
 
 def test_usage_errors_are_one_line_too(spawn: Command, tmp_path: Path) -> None:
     for arguments, message in (
-        (["capture", "--average", 2000, tmp_path / "a.ome.tif"], "--average"),
+        (["capture", "--average", 0, tmp_path / "a.ome.tif"], "--average"),
         (["capture"], "OUT"),
         (["solve", tmp_path / "a.ome.tif"], "--out"),
         (["classify", "--colour", "x"], "--colour"),
@@ -496,7 +497,7 @@ def test_maps_say_what_set_they_come_from(ps4rig: Command, sets: Path, tmp_path:
     with tifffile.TiffFile(tmp_path / "p.tif") as tiff:
         origin = json.loads(tiff.pages.first.description)
     assert origin["simulated"] is True
-    assert (origin["method"], origin["label"]) == ("ps4", "rock")
+    assert (origin["method"], origin["label"]) == (CapturedSet.load(rock).solve().method, "rock")
     assert origin["pixels_sha256"] == CapturedSet.load(rock).metadata.pixels_sha256
 
 

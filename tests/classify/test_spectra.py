@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 
 from classify import InputError, surface_spectra
 from classify.orientation import roll_angles, squared_errors_by_turn, turn_of_least_error
-from classify.spectra import ANGLES, MIN_SEGMENT_PX, _starts, segment_for
+from classify.spectra import (
+    ANGLES,
+    MIN_SEGMENT_PX,
+    RADII,
+    _starts,
+    field_spectra,
+    image_spectrum,
+    segment_for,
+)
+from classify.texture_fields import texture_fields
 
 
 def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amplitude=0.2):
@@ -25,7 +34,7 @@ def turn_between(test: np.ndarray, reference: np.ndarray) -> float:
     return float((turn * 180.0 / ANGLES + 90.0) % 180.0 - 90.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.floats(0.06, 0.42), st.floats(0, 180), st.sampled_from([(128, 128), (96, 200)]))
 def test_a_wave_peaks_at_its_angle_and_frequency(surface_of, frequency, angle_deg, shape) -> None:
     spectra = surface_spectra(ripple(surface_of, frequency, angle_deg, shape))
@@ -186,3 +195,136 @@ def test_a_surface_without_a_valid_pixel_is_refused(texture) -> None:
     surface.valid[:] = False
     with pytest.raises(InputError, match="no pixel of this surface is valid"):
         surface_spectra(surface)
+
+
+def coherence(spectra) -> np.ndarray:
+    """Co-spectrum over the root of both powers, where there is any power."""
+    powers = spectra.relief * spectra.albedo
+    strong = powers > 1e-3 * powers.max()
+    return spectra.co_spectrum[strong] / np.sqrt(powers[strong])
+
+
+@pytest.mark.parametrize("kind", ["ripple", "grain", "even"])
+def test_slopes_of_a_relief_lie_along_their_waves(texture, kind: str) -> None:
+    spectra = surface_spectra(texture(kind, 25.0, seed=1))
+    # Some: a window spreads a wave over bins that lie in directions of their own.
+    assert np.abs(spectra.gradient - spectra.relief).sum() < 0.05 * spectra.gradient.sum()
+    assert 0.0 <= spectra.curl_density < 1e-3 * spectra.gradient.max()
+
+
+def test_slopes_across_their_waves_are_no_relief(texture, surface_of) -> None:
+    """A quarter turn of every slope, where it is: all curl."""
+    surface = texture("grain", 25.0, seed=1)
+    spectra = surface_spectra(surface_of(-surface.q, surface.p, surface.albedo))
+    assert spectra.relief.sum() < 0.05 * spectra.gradient.sum()
+
+
+def test_half_of_white_noise_is_curl_and_its_density_is_the_variance(surface_of) -> None:
+    p, q, albedo = 0.05 * np.random.default_rng(0).standard_normal((3, 512, 512))
+    spectra = surface_spectra(surface_of(p, q, 1 + albedo), 64)
+    assert spectra.curl_density == pytest.approx(0.05**2, rel=0.05)
+    # Interpolated amplitudes of few averages fall short by some per cent.
+    assert spectra.relief.mean() == pytest.approx(0.05**2, rel=0.1)
+    assert spectra.albedo.mean() == pytest.approx(0.05**2, rel=0.1)
+
+
+def test_curl_density_is_what_noise_adds_to_a_texture(texture, surface_of) -> None:
+    surface = texture("fine", seed=1, side=256)
+    p, q = 0.05 * np.random.default_rng(1).standard_normal((2, 256, 256))
+    spectra = surface_spectra(surface_of(surface.p + p, surface.q + q, surface.albedo), 64)
+    assert spectra.curl_density == pytest.approx(0.05**2, rel=0.1)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_relief_is_a_part_of_the_gradient(surface_of, seed: int) -> None:
+    p, q, albedo = np.random.default_rng(seed).standard_normal((3, 64, 80))
+    spectra = surface_spectra(surface_of(p, q, 2 + 0.2 * albedo))
+    assert (spectra.relief >= 0.0).all()
+    assert (spectra.relief <= spectra.gradient * (1 + 1e-5)).all()
+    within = np.sqrt(spectra.relief * spectra.albedo)
+    assert (np.abs(spectra.co_spectrum) <= within * (1 + 1e-5)).all()
+    for density in (spectra.gradient, spectra.albedo, spectra.relief, spectra.co_spectrum):
+        assert density.shape == (RADII, ANGLES)
+        assert density.dtype == np.float32
+
+
+@pytest.mark.parametrize(("contrast", "sign"), [(0.3, 1.0), (-0.3, -1.0)])
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0, 115.0])
+def test_the_co_spectrum_is_positive_where_what_is_high_is_bright(
+    surface_of, turn_deg: float, contrast: float, sign: float
+) -> None:
+    rows, columns = np.mgrid[:128, :128]
+    u, v = 0.1 * np.cos(np.radians(turn_deg)), 0.1 * np.sin(np.radians(turn_deg))
+    phase = 2 * np.pi * (u * columns - v * rows) + 0.4
+    height, along = np.cos(phase), -np.sin(phase)
+    spectra = surface_spectra(surface_of(2 * u * along, 2 * v * along, 1 + contrast * height))
+    np.testing.assert_allclose(coherence(spectra), sign, atol=0.05)
+    # On the slopes, that is a quarter of a wave off, it is neither.
+    sideways = surface_spectra(surface_of(2 * u * along, 2 * v * along, 1 + contrast * along))
+    np.testing.assert_allclose(coherence(sideways), 0.0, atol=0.05)
+
+
+def test_relief_and_paint_that_know_nothing_of_each_other_have_little_in_common(texture) -> None:
+    spectra = surface_spectra(texture("even", seed=1, side=256))
+    assert abs(coherence(spectra).mean()) < 0.1
+
+
+@pytest.mark.parametrize("turn_deg", [30.0, 90.0, 146.0])
+def test_the_co_spectrum_turns_with_the_surface(texture, surface_of, turn_deg: float) -> None:
+    def tinted(turn: float):
+        # What stands out is bright, so far as three pixels tell.
+        surface = texture("grain", turn, seed=1)
+        out = -(np.gradient(surface.p, axis=1) - np.gradient(surface.q, axis=0))
+        return surface_spectra(surface_of(surface.p, surface.q, 1 + 0.3 * out), segment_px=128)
+
+    still, turned = tinted(0.0), tinted(turn_deg)
+    back = roll_angles(turned.co_spectrum, np.array([turn_deg * ANGLES / 180.0]))[0]
+    assert np.corrcoef(back.ravel(), still.co_spectrum.ravel())[0, 1] > 0.95
+    assert still.co_spectrum.sum() > 0.0
+
+
+def test_the_spectrum_of_an_image_is_that_of_paint(texture) -> None:
+    surface = texture("grain", seed=1)
+    image = (surface.albedo * 40_000).astype(np.uint16)
+    expected = surface_spectra(surface, 64).albedo
+    np.testing.assert_allclose(image_spectrum(image, 64), expected, rtol=0.02, atol=1e-8)
+    darker = image_spectrum(image.astype(np.float32) / 7, 64)
+    np.testing.assert_allclose(darker, image_spectrum(image, 64), rtol=1e-3, atol=1e-8)
+
+
+def test_the_spectrum_of_an_image_carries_the_direction_of_its_light(
+    stationary, photographed
+) -> None:
+    """cos^2(theta - tilt), although the texture is the same in every direction."""
+    images = photographed(stationary("malv", seed=3, side=256)).images
+    for image, tilt_deg in zip(images[:2], (0.0, 90.0), strict=True):
+        polar = image_spectrum(image, 64).mean(axis=0)
+        second = np.fft.rfft(polar / polar.mean())[1] * 2 / ANGLES
+        assert np.abs(second) > 0.6
+        towards_deg = -np.degrees(np.angle(second)) / 2
+        assert (towards_deg - tilt_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=5.0)
+
+
+def test_images_without_a_spectrum_are_refused() -> None:
+    with pytest.raises(InputError, match="the image is black"):
+        image_spectrum(np.zeros((64, 64), np.uint8), 32)
+    with pytest.raises(InputError, match="smaller than the 64 px segments"):
+        image_spectrum(np.ones((64, 63), np.uint8), 64)
+
+
+def test_an_even_image_has_a_spectrum_of_nothing() -> None:
+    np.testing.assert_allclose(image_spectrum(np.full((64, 80), 200, np.uint8), 32), 0.0, atol=1e-9)
+
+
+def test_fields_have_the_spectra_of_their_surface(texture) -> None:
+    """In segments of any size: quarters of a frame are taken with smaller ones."""
+    surface = texture("grain", seed=1)
+    ours, theirs = surface_spectra(surface, 32), field_spectra(texture_fields(surface), 32)
+    np.testing.assert_array_equal(ours.gradient, theirs.gradient)
+    np.testing.assert_array_equal(ours.co_spectrum, theirs.co_spectrum)
+    small = field_spectra(texture_fields(surface), 16)
+    assert small.segment_px == 16
+    assert np.isfinite(small.gradient).all()
+    with pytest.raises(InputError, match="smaller than the 256 px segments"):
+        field_spectra(texture_fields(surface), 256)

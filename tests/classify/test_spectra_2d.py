@@ -1,35 +1,54 @@
-"""Distance and turn between signatures."""
+"""Scheme 9.3: distance and turn between 2D spectra."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify import surface_spectra
+from classify import SurfaceEstimate
+from classify.classifiers import CLASSIFIERS
+from classify.classifiers.spectra_2d import turns_by_polar
 from classify.orientation import roll_angles
-from classify.scheme import compare, signature
 from classify.spectra import ANGLES, RADII
+
+SCHEME = CLASSIFIERS["spectra_2d"]
+OF_POWER = CLASSIFIERS["spectra_2d_power"]
+
+
+def signature(surface: SurfaceEstimate, scheme=SCHEME) -> np.ndarray:
+    return scheme.signature(scheme.observe(surface, 64), {})
+
+
+def compare(test: np.ndarray, references: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = SCHEME.compare(test, references, {})
+    assert found.turns_deg is not None
+    return found.distances, found.turns_deg
 
 
 @pytest.fixture(scope="module")
 def learned(texture) -> np.ndarray:
-    return signature(surface_spectra(texture("grain", seed=1)))
+    return signature(texture("grain", seed=1))
 
 
-def test_signature_is_finite_and_of_one_size(learned) -> None:
-    assert learned.shape == (2, RADII, ANGLES)
-    assert learned.dtype == np.float32
-    assert np.isfinite(learned).all()
-    assert (learned >= 0).all()
+@pytest.mark.parametrize("scheme", [SCHEME, OF_POWER], ids=lambda each: each.name)
+def test_signature_is_finite_and_of_one_size(texture, scheme) -> None:
+    found = signature(texture("grain", seed=1), scheme)
+    assert found.shape == (2, RADII, ANGLES)
+    assert found.dtype == np.float32
+    assert np.isfinite(found).all()
+    assert (found >= 0).all()
 
 
-def test_signature_holds_magnitudes(surface_of, texture) -> None:
-    """Twice the slopes: twice the signature of M, the same of A."""
+def test_one_signature_holds_magnitudes_the_other_powers(surface_of, texture) -> None:
+    """Twice the slopes: twice or four times the signature of M, the same of A."""
     surface = texture("grain", seed=1)
-    one = signature(surface_spectra(surface))
-    two = signature(surface_spectra(surface_of(2 * surface.p, 2 * surface.q, surface.albedo)))
-    np.testing.assert_allclose(two[0], 2 * one[0], rtol=0.05, atol=1e-4)
-    np.testing.assert_array_equal(two[1], one[1])
+    steeper = surface_of(2 * surface.p, 2 * surface.q, surface.albedo)
+    for scheme, times in ((SCHEME, 2.0), (OF_POWER, 4.0)):
+        one, two = signature(surface, scheme), signature(steeper, scheme)
+        # Some slopes reach the bound.
+        np.testing.assert_allclose(two[0], times * one[0], rtol=0.05, atol=1e-4)
+        np.testing.assert_array_equal(two[1], one[1])
+    np.testing.assert_allclose(signature(surface) ** 2, signature(surface, OF_POWER), rtol=1e-5)
 
 
 def test_a_signature_is_at_distance_zero_of_itself(learned) -> None:
@@ -47,13 +66,24 @@ def test_a_turned_signature_is_found_at_its_angle(learned, turn_deg: float) -> N
     assert distances[0] < 0.01
 
 
+def test_the_angle_comes_from_the_polar_spectra_alone(learned) -> None:
+    """Whatever the radii hold, as long as their sums are the same."""
+    rng = np.random.default_rng(0)
+    other = learned[:, rng.permutation(RADII)]
+    turned = roll_angles(other, np.array([-20.0 * ANGLES / 180.0]))[0].astype(np.float32)
+    distances, turns = compare(turned, learned[None])
+    assert (turns[0] - 20.0 + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
+    assert distances[0] > 0.05
+    np.testing.assert_allclose(turns_by_polar(turned, learned[None]) * 2.0, turns)
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_distances_lie_between_zero_and_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     test, *references = rng.random((4, 2, RADII, ANGLES)).astype(np.float32) ** 4
     distances, turns = compare(test, np.stack([*references, 0 * test]))
     assert ((distances >= 0) & (distances <= 1 + 1e-12)).all()
-    assert ((turns >= 0) & (turns < 180)).all()
+    assert ((turns >= 0) & (turns <= 180)).all()
     assert distances[-1] == pytest.approx(1.0)
 
 
@@ -68,6 +98,7 @@ def test_a_rough_channel_does_not_drown_a_smooth_one(learned) -> None:
     assert drowned[0] == pytest.approx(plain[0], rel=1e-3)
 
 
+@pytest.mark.filterwarnings("error")
 def test_smooth_surfaces_are_alike_and_unlike_textures(learned) -> None:
     nothing = np.zeros_like(learned)
     distances, turns = compare(nothing, np.stack([nothing, learned]))

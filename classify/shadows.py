@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from .errors import InputError
 
 __all__ = ["cast_shadow"]
 

@@ -8,7 +8,7 @@ from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates
 
 from classify.errors import InputError
 from classify.lighting import light_vectors
-from rig.shadows import cast_shadow
+from classify.shadows import cast_shadow
 from rig.synthetic import synthetic_surface
 
 

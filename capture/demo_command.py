@@ -1,0 +1,24 @@
+"""The command ``ps4rig demo``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .console import reported
+
+__all__ = ["demo"]
+
+
+@reported
+def demo(
+    output: Annotated[
+        Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
+    ] = Path("demo-report"),
+) -> None:
+    """Capture, train and classify on the simulated rig, and write a report. No hardware."""
+    from .demo import run_demo
+
+    run_demo(output)

@@ -1,0 +1,40 @@
+"""The command ``ps4rig reproduce``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .console import SchedulerOption, WorkersOption, out, reported
+
+__all__ = ["reproduce"]
+
+
+@reported
+def reproduce(
+    output: Annotated[
+        Path, typer.Option("--out", help="Folder for the page, pictures and CSV.", metavar="DIR")
+    ],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer textures and orientations; two minutes.")
+    ] = False,
+    materials: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of material folders for the table of scanned materials.",
+            show_default="those that ship",
+            metavar="DIR",
+        ),
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
+    from .reproduction.plan import material_textures, plan_of
+    from .reproduction.run import reproduce as run
+
+    plan = plan_of(quick, material_textures(materials))
+    page = run(plan, output, workers, scheduler)
+    out.print(f"{page}: every figure and table, simulated", soft_wrap=True)

@@ -1,0 +1,157 @@
+"""Exams: turned patches, and what each library answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from classify import Method, TextureLibrary
+from classify.classifiers import classifier_named
+
+from .plan import BEST_SOLVER, OURS, THESIS, Exam, Experiment, Protocol
+from .rejection import References, ScorePair, distance_pair, score_pairs, without
+from .scenes import Patch, Texture
+from .training import library_path, quarters_path
+
+__all__ = ["Answer", "ExamResult", "ExamTask", "Rejection", "exam_tasks", "take_exam"]
+
+
+@dataclass(frozen=True)
+class ExamTask:
+    """One patch under all conditions of an experiment, against all its libraries."""
+
+    experiment: Experiment
+    texture: Texture
+    test: int
+    protocol: Protocol
+    folder: Path
+
+
+class Answer(NamedTuple):
+    """What one library says of one patch. Angles in degrees, modulo 180."""
+
+    experiment: str
+    exam: str
+    protocol: str
+    solver: str
+    classifier: str
+    texture: str
+    turn_deg: float
+    nearest: str
+    found_deg: float | None
+    sharpness: float | None
+    rejected: bool
+
+    @property
+    def right(self) -> bool:
+        """Whether the nearest class is the true one."""
+        return self.nearest == self.texture
+
+
+class Rejection(NamedTuple):
+    """Scores of one patch, and whether our library calls it unknown.
+
+    `rejected_unknown` is what it says when it has not learned the texture of the patch.
+    """
+
+    experiment: str
+    exam: str
+    protocol: str
+    texture: str
+    pairs: dict[str, ScorePair]
+    rejected: bool
+    rejected_unknown: bool
+
+
+class ExamResult(NamedTuple):
+    """All that one patch gave."""
+
+    answers: list[Answer]
+    rejections: list[Rejection]
+
+
+def exam_tasks(experiment: Experiment, folder: Path) -> Iterable[ExamTask]:
+    """All patches of an experiment. Those of one texture follow each other and share its tile."""
+    for texture in experiment.textures:
+        for protocol in experiment.protocols:
+            for test in range(len(experiment.turns_deg)):
+                yield ExamTask(experiment, texture, test, protocol, folder)
+
+
+def take_exam(task: ExamTask) -> ExamResult:
+    """Ask all libraries about one patch."""
+    experiment, texture = task.experiment, task.texture
+    place = experiment.test_place(texture, task.test, task.protocol)
+    patch = Patch(place, experiment.frame_px)
+    result = ExamResult([], [])
+    for exam in experiment.exams:
+        if texture not in exam.lesson.textures:
+            continue
+        for solver, classifier in exam.lesson.systems:
+            result.answers.append(_answer(task, patch, exam, solver, classifier))
+        if exam.lesson.rejecting:
+            result.rejections.append(_rejection(task, patch, exam))
+    return result
+
+
+def _answer(task: ExamTask, patch: Patch, exam: Exam, solver: Method, classifier: str) -> Answer:
+    library = _library(task, exam, solver, classifier)
+    observation = patch.observation(
+        exam.conditions, solver, classifier, library.segment_px, train=False
+    )
+    signature = classifier_named(classifier).signature(observation, library.parameters)
+    match = library.match(signature)
+    return Answer(
+        experiment=task.experiment.name,
+        exam=exam.name,
+        protocol=task.protocol,
+        solver=solver,
+        classifier=classifier,
+        texture=task.texture.name,
+        turn_deg=patch.place.rotate_deg,
+        nearest=match.nearest,
+        found_deg=match.orientation_deg,
+        sharpness=match.sharpness,
+        rejected=match.label is None,
+    )
+
+
+def _rejection(task: ExamTask, patch: Patch, exam: Exam) -> Rejection:
+    label = task.texture.name
+    library = _library(task, exam, BEST_SOLVER, OURS)
+    quarters = _load(quarters_path(task.folder, task.experiment.name, exam.lesson.name))
+    observation = patch.observation(
+        exam.conditions, BEST_SOLVER, OURS, library.segment_px, train=True
+    )
+    pairs = score_pairs(observation, label, References(library, quarters))
+
+    thesis = _library(task, exam, BEST_SOLVER, THESIS)
+    seen = patch.observation(exam.conditions, BEST_SOLVER, THESIS, thesis.segment_px, train=False)
+    signature = classifier_named(THESIS).signature(seen, thesis.parameters)
+    pairs["thesis"] = distance_pair(signature, label, thesis)
+
+    seen = patch.observation(exam.conditions, BEST_SOLVER, OURS, library.segment_px, train=False)
+    signature = classifier_named(OURS).signature(seen, library.parameters)
+    return Rejection(
+        experiment=task.experiment.name,
+        exam=exam.name,
+        protocol=task.protocol,
+        texture=label,
+        pairs=pairs,
+        rejected=library.match(signature).label is None,
+        rejected_unknown=without(library, label).match(signature).label is None,
+    )
+
+
+def _library(task: ExamTask, exam: Exam, solver: Method, classifier: str) -> TextureLibrary:
+    return _load(
+        library_path(task.folder, task.experiment.name, exam.lesson.name, solver, classifier)
+    )
+
+
+@lru_cache(maxsize=512)
+def _load(path: Path) -> TextureLibrary:
+    return TextureLibrary.load(path)

@@ -1,0 +1,84 @@
+"""The page of a reproduction: one HTML file that needs nothing beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from string import Template
+
+from .exhibit import Exhibit, as_text
+
+__all__ = ["page"]
+
+_TEMPLATE = Path(__file__).with_name("page.html")
+# Longer lists of numbers are in the CSV file only.
+_SHOWN_ROWS = 60
+_QUICK = (
+    " <b>Quick version:</b> fewer textures and orientations, smaller frames than "
+    "<code>ps4rig reproduce</code> without <code>--quick</code>; a percent is one or two tests."
+)
+
+
+def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], quick: bool) -> str:
+    """The page as HTML, from each exhibit and its picture, in their order."""
+    sections: dict[str, list[str]] = {}
+    for exhibit, picture in exhibits:
+        sections.setdefault(exhibit.section, []).append(_exhibit(exhibit, picture))
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        quick=_QUICK if quick else "",
+        facts="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+            for name, value in facts.items()
+        ),
+        contents="".join(
+            f'<li><a href="#{exhibit.key}">{escape(exhibit.title)}</a></li>'
+            for exhibit, _ in exhibits
+        ),
+        sections="".join(
+            f"<h2>{escape(name)}</h2>{''.join(members)}" for name, members in sections.items()
+        ),
+        version=escape(version("ps4rig")),
+    )
+
+
+def _exhibit(exhibit: Exhibit, picture: bytes) -> str:
+    notes = "".join(f"<p>{escape(note)}</p>" for note in exhibit.notes)
+    files = f'<p class="files">{exhibit.key}.csv, {exhibit.key}.png</p>'
+    title, body = escape(exhibit.title), _table(exhibit)
+    if exhibit.draw is not None:
+        data = base64.b64encode(picture).decode("ascii")
+        image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
+        numbers = f"<details><summary>numbers</summary>{body}</details>" if body else ""
+        body = f"<figure>{image}</figure>{numbers}"
+    return f'<section id="{exhibit.key}"><h3>{title}</h3>{notes}{body}{files}</section>'
+
+
+def _table(exhibit: Exhibit) -> str:
+    if exhibit.draw is not None and len(exhibit.rows) > _SHOWN_ROWS:
+        return ""
+    numeric = [
+        all(isinstance(row[index], int | float | None) for row in exhibit.rows)
+        for index in range(len(exhibit.columns))
+    ]
+    head = "".join(
+        f"<th{' class=number' if number else ''}>{escape(name)}</th>"
+        for name, number in zip(exhibit.columns, numeric, strict=True)
+    )
+    body = "".join(_row(exhibit, row) for row in exhibit.rows)
+    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _row(exhibit: Exhibit, row: Iterable[object]) -> str:
+    cells = []
+    for name, cell in zip(exhibit.columns, row, strict=True):
+        kind = ""
+        if name.startswith(("notes", "thesis")):
+            kind = ' class="given"'
+        elif isinstance(cell, int | float):
+            kind = ' class="number"'
+        assert cell is None or isinstance(cell, str | int | float)
+        cells.append(f"<td{kind}>{escape(as_text(cell, exhibit.digits))}</td>")
+    return f"<tr>{''.join(cells)}</tr>"

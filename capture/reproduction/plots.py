@@ -1,0 +1,201 @@
+"""How exhibits are drawn, on a matplotlib figure that is given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .exhibit import Row, as_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "COLOURS",
+    "OUR_COLOUR",
+    "Line",
+    "Panel",
+    "draw_bars",
+    "draw_lines",
+    "draw_pictures",
+    "draw_polar",
+    "draw_table",
+    "table_size_in",
+]
+
+COLOURS = {
+    "ps3a": "#d6604d",
+    "ps4": "#4393c3",
+    "ps4_robust": "#1b7837",
+    "truth": "#555555",
+}
+"""One colour for each solver, in every figure."""
+
+OUR_COLOUR = "#f4c542"
+"""Of our classifier, where others have the colours of their solvers."""
+
+_CYCLE = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
+_ROW_IN = 0.24
+
+
+@dataclass(frozen=True)
+class Line:
+    """A curve with a name; `style` and `colour` as matplotlib has them."""
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float | None]
+    style: str = "-o"
+    colour: str | None = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes."""
+
+    title: str
+    lines: tuple[Line, ...]
+
+
+def draw_lines(
+    figure: Figure,
+    panels: Sequence[Panel],
+    x_label: str,
+    y_label: str,
+    *,
+    levels: Sequence[tuple[float, str]] = (),
+    y_range: tuple[float, float] | None = None,
+    log_x: bool = False,
+) -> None:
+    """Curves side by side; `levels` are values of others, drawn across."""
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for ax, panel in zip(axes, panels, strict=True):
+        for value, name in levels:
+            ax.axhline(value, color="#999999", linewidth=0.8, linestyle=":")
+            ax.annotate(
+                name, (0.99, value), xycoords=("axes fraction", "data"), ha="right", va="bottom",
+                fontsize=7, color="#666666",
+            )  # fmt: skip
+        for number, line in enumerate(panel.lines):
+            y = [np.nan if value is None else value for value in line.y]
+            ax.plot(
+                line.x, y, line.style, label=line.label, markersize=4, linewidth=1.4,
+                color=line.colour or _CYCLE[number % len(_CYCLE)],
+            )  # fmt: skip
+        ax.set_title(panel.title, fontsize=10)
+        ax.set_xlabel(x_label)
+        ax.grid(visible=True, color="#eeeeee")
+        if log_x:
+            ax.set_xscale("symlog", linthresh=1.0)
+        if y_range:
+            ax.set_ylim(*y_range)
+    axes[0].set_ylabel(y_label)
+    _legend(figure, axes[-1])
+
+
+def draw_bars(
+    figure: Figure,
+    names: Sequence[str],
+    panels: Sequence[tuple[str, Sequence[tuple[str, str, Sequence[float | None]]]]],
+    x_label: str,
+) -> None:
+    """For each name a group of bars: (label, colour, values) in each titled panel."""
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    places = np.arange(len(names))
+    for ax, (title, groups) in zip(axes, panels, strict=True):
+        height = 0.8 / len(groups)
+        for number, (label, colour, values) in enumerate(groups):
+            widths = [0.0 if value is None else value for value in values]
+            offset = (number - (len(groups) - 1) / 2.0) * height
+            ax.barh(places + offset, widths, height, label=label, color=colour)
+        ax.set_title(title, fontsize=10)
+        ax.set_xlabel(x_label)
+        ax.grid(visible=True, axis="x", color="#eeeeee")
+        ax.set_axisbelow(True)
+    axes[0].set_yticks(places, names, fontsize=8)
+    axes[0].invert_yaxis()
+    _legend(figure, axes[-1])
+
+
+def draw_polar(
+    figure: Figure,
+    panels: Sequence[tuple[str, Sequence[tuple[str, Sequence[float]]]]],
+) -> None:
+    """Polar spectra over half a turn, drawn around, all on one scale."""
+    top = max(max(values) for _, curves in panels for _, values in curves)
+    for number, (title, curves) in enumerate(panels):
+        ax: Any = figure.add_subplot(1, len(panels), number + 1, projection="polar")
+        for index, (label, values) in enumerate(curves):
+            around = np.concatenate([values, values, values[:1]]) / top
+            angles = np.linspace(0.0, 2.0 * np.pi, len(around))
+            ax.plot(angles, around, linewidth=1.1, label=label, color=_CYCLE[index % len(_CYCLE)])
+        ax.set_title(title, fontsize=10)
+        ax.set_ylim(0.0, 1.05)
+        ax.set_yticklabels([])
+        ax.tick_params(labelsize=7)
+    _legend(figure, figure.axes[-1])
+
+
+def draw_pictures(
+    figure: Figure,
+    pictures: Sequence[tuple[str, npt.NDArray[Any]]],
+    *,
+    value_range: tuple[float, float],
+    colours: str,
+    label: str,
+) -> None:
+    """Maps side by side on one scale of colours."""
+    axes = figure.subplots(1, len(pictures), squeeze=False)[0]
+    low, high = value_range
+    for ax, (title, values) in zip(axes, pictures, strict=True):
+        shown = ax.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+        ax.set_title(title, fontsize=9)
+        ax.set_axis_off()
+    figure.colorbar(shown, ax=axes, shrink=0.8, label=label)
+
+
+def _legend(figure: Figure, ax: Any) -> None:
+    """Below all axes, where it hides nothing."""
+    handles, labels = ax.get_legend_handles_labels()
+    columns = min(len(labels), max(1, int(figure.get_figwidth() / 2.4)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
+
+
+def draw_table(figure: Figure, columns: Sequence[str], rows: Sequence[Row], digits: int) -> None:
+    """A table of text."""
+    from matplotlib.transforms import Bbox
+
+    cells = [[as_text(cell, digits) for cell in row] for row in rows]
+    widths = [
+        max(len(str(column)), *(len(row[index]) for row in cells)) + 2
+        for index, column in enumerate(columns)
+    ]
+    ax = figure.add_axes((0.01, 0.01, 0.98, 0.98))
+    ax.set_axis_off()
+    table = ax.table(
+        cellText=cells,
+        colLabels=list(columns),
+        colWidths=[width / sum(widths) for width in widths],
+        cellLoc="left",
+        bbox=Bbox.unit(),
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    for (row, _), cell in table.get_celld().items():
+        cell.set_edgecolor("#dddddd")
+        if row == 0:
+            cell.set_text_props(weight="bold")
+            cell.set_facecolor("#f2f2f2")
+
+
+def table_size_in(columns: Sequence[str], rows: Sequence[Row], digits: int) -> tuple[float, float]:
+    """Width and height that hold a table."""
+    widths = [
+        max(len(str(column)), *(len(as_text(row[index], digits)) for row in rows)) + 2
+        for index, column in enumerate(columns)
+    ]
+    return max(4.0, 0.072 * sum(widths)), _ROW_IN * (len(rows) + 1) + 0.05

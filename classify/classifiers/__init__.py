@@ -1,0 +1,43 @@
+"""The ways to tell textures apart, all behind one `Classifier`.
+
+`joint` is the default; the others are those of the thesis and of Varma and Zisserman, to compare.
+"""
+
+from classify.errors import InputError
+
+from .classifier import Classifier, Comparison, Observation, Parameters
+from .joint import JOINT
+from .profiles import IMAGE_POLAR, POLAR, POLAR_RADIAL
+from .spectra_2d import SPECTRA_2D, SPECTRA_2D_POWER
+from .textons import VARMA_ZISSERMAN
+
+__all__ = [
+    "CLASSIFIERS",
+    "Classifier",
+    "Comparison",
+    "Observation",
+    "Parameters",
+    "classifier_named",
+]
+
+CLASSIFIERS = {
+    each.name: each
+    for each in (
+        JOINT, SPECTRA_2D, SPECTRA_2D_POWER, POLAR_RADIAL, POLAR, IMAGE_POLAR, VARMA_ZISSERMAN
+    )
+}  # fmt: skip
+
+
+def classifier_named(name: str) -> Classifier:
+    """The classifier of that name.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if name not in CLASSIFIERS:
+        raise InputError(
+            f"no classifier is called {name!r}; choose one of {', '.join(CLASSIFIERS)}"
+        )
+    return CLASSIFIERS[name]

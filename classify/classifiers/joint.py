@@ -1,0 +1,289 @@
+"""The classifier by default: polar spectra over all turns, and local statistics, in one distance.
+
+Both parts are measured in units of how much one surface differs from itself: the four quarters
+of every training set say how far spectra and statistics of one texture scatter, which numbers
+scatter together, and which classes scatter more than others. No constant of a distance comes
+from anywhere else.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.angular_harmonics import HARMONICS, Complex, harmonics, least_error, unturned_norms
+from classify.local_statistics import (
+    PARTS,
+    LocalStatistics,
+    levels_for,
+    local_statistics,
+    statistics_vector,
+)
+from classify.spectra import RADII, Spectra, field_spectra
+from classify.surface import FloatMap, SurfaceEstimate
+from classify.texture_fields import TextureFields, texture_fields
+from classify.turned_lights import under_turned_lights
+
+from .classifier import Classifier, Comparison, Observation, Parameters
+
+__all__ = ["JOINT"]
+
+# A density below this many times the mean error (the curl, which no relief has) counts as that:
+# the logarithm of an error would weigh as much as that of a texture. Errors are those of the upper
+# quartile of the training sets: where one has much shadow, others will once they are turned.
+_FLOOR_ERRORS = 3.0
+_LEAST_FLOOR = 1e-6
+# The number of DFT cells on a ring grows with its radius, and so does what a ring can tell;
+# beyond this many bins the rings of a geometric grid share their cells.
+_CAP_BINS = 8.0
+# A coherence scatters by a quarter of the variance of a logarithm of power.
+_CHANNEL_WEIGHTS = (1.0, 1.0, 4.0)
+_CHANNELS = len(_CHANNEL_WEIGHTS)
+# Share of the statistics' distance beside that of the spectra.
+_LOCAL_SHARE = 0.3
+# Correlations between statistics are estimated from few quarters: half of each is believed.
+_SHRINKAGE = 0.5
+_LEAST_SCATTER = 0.01
+# Between quarters of a surface with any noise it is 1 and more; smooth plates without noise differ
+# by the rounding of single precision, which must not become the unit.
+_LEAST_DISTANCE = 0.1
+# A class that scatters more is given more room, by this power of its scatter: four quarters tell
+# it to a factor of two or so, not better.
+_SCATTER_POWER = 0.25
+# Beyond this many times what one in a hundred distances between quarters reaches, a surface is none
+# of the class. The quantile is believed as far as there are distances; `_TYPICAL_LIMIT` counts as
+# `_TYPICAL_PAIRS` of them, for libraries of few sets.
+_LIMIT_QUANTILE = 0.99
+_LIMIT_MARGIN = 1.15
+_TYPICAL_LIMIT = 2.4
+_TYPICAL_PAIRS = 60
+_MAX_LEFT_OUT = 200
+# A reference nearer than this to another of the same set tells nothing new.
+_WORTH_KEEPING = 0.1
+# Variance of the albedo response over that of the curl, for white noise of equal density.
+_ALBEDO_GAINS = (4.06, 6.20, 7.18, 7.56, 8.23)
+
+_PAIRS = tuple((i, j) for i in range(PARTS) for j in range(i))
+_SERIES = _CHANNELS * RADII
+_SERIES_FLOATS = 2 * _SERIES * HARMONICS
+
+
+def _observe(surface: SurfaceEstimate, segment_px: int) -> Observation:
+    fields = texture_fields(surface)
+    return _observation(fields, segment_px)
+
+
+def _observation(fields: TextureFields, segment_px: int) -> Observation:
+    spectra = field_spectra(fields, segment_px)
+    measured = local_statistics(fields, levels_for(segment_px))
+    return {
+        "polar": _stacked(spectra),
+        "curl_density": np.array(spectra.curl_density),
+        "moments": measured.moments,
+        "energies": measured.energies,
+    }
+
+
+def _observe_training(surface: SurfaceEstimate, segment_px: int) -> Observation:
+    fields = texture_fields(surface)
+    rows, columns = fields.shape
+    quarters = [
+        TextureFields(fields.p[cut], fields.q[cut], fields.albedo[cut])
+        for top in (0, rows // 2)
+        for left in (0, columns // 2)
+        for cut in [np.s_[top : top + rows // 2, left : left + columns // 2]]
+    ]
+    spectra = [field_spectra(quarter, segment_px // 2) for quarter in quarters]
+    turned = [_observe(other, segment_px) for other in under_turned_lights(surface)]
+    return {
+        **_observation(fields, segment_px),
+        "quarters": np.stack([_stacked(each) for each in spectra]),
+        **{
+            f"turned_{index}_{name}": values
+            for index, each in enumerate(turned)
+            for name, values in each.items()
+        },
+    }
+
+
+def _stacked(spectra: Spectra) -> FloatMap:
+    """(3, R, A): relief, albedo, co-spectrum."""
+    return np.stack([spectra.relief, spectra.albedo, spectra.co_spectrum])
+
+
+def _learn(observations: Sequence[Observation], _labels: Sequence[str]) -> Parameters:
+    densities = [each["curl_density"] for each in observations]
+    density_floor = max(_FLOOR_ERRORS * float(np.quantile(densities, 0.75)), _LEAST_FLOOR)
+    curls = [each["moments"][0, :, 7] for each in observations]
+    relief_floors = np.maximum(_FLOOR_ERRORS * np.quantile(curls, 0.75, axis=0), _LEAST_FLOOR)
+    floors = {
+        "density_floor": np.array(density_floor),
+        "relief_floors": relief_floors,
+        "albedo_floors": relief_floors * np.array(_ALBEDO_GAINS[: len(relief_floors)]),
+    }
+    # (sets, 1 + quarters, d)
+    statistics = np.stack([_statistics(each, floors) for each in observations])
+    deviations = statistics[:, 1:] - statistics[:, 1:].mean(axis=1, keepdims=True)
+    flat = deviations.reshape(-1, deviations.shape[-1])
+    covariance = flat.T @ flat / (len(observations) * (PARTS - 1))
+    scatter = np.sqrt(np.diag(covariance)) + _LEAST_SCATTER
+    correlation = (1.0 - _SHRINKAGE) * covariance / np.outer(scatter, scatter)
+    np.fill_diagonal(correlation, 1.0)
+    # |W (x - y)|^2 is the squared Mahalanobis distance.
+    whitening = np.linalg.inv(np.linalg.cholesky(correlation)) / scatter
+    spectral, local = _within(observations, statistics, floors, whitening)
+    learned = {
+        **floors,
+        "whitening": whitening,
+        "spectral_scatter": np.array(max(float(spectral.mean()), _LEAST_DISTANCE)),
+        "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
+    }
+    pairs = _in_units(spectral, local, learned)
+    # A class's own scatter, to the power by which it is believed, is what its limit is told in.
+    own = np.maximum(pairs.mean(axis=1, keepdims=True), _LEAST_SCATTER)
+    relative = pairs / own ** (2.0 * _SCATTER_POWER)
+    reached = float(np.quantile(relative, _LIMIT_QUANTILE))
+    believed = relative.size / (relative.size + _TYPICAL_PAIRS)
+    limit = _LIMIT_MARGIN * (believed * reached + (1.0 - believed) * _TYPICAL_LIMIT)
+    return {**learned, "limit": np.array(limit)}
+
+
+def _within(
+    observations: Sequence[Observation],
+    statistics: npt.NDArray[np.float64],
+    floors: Parameters,
+    whitening: npt.NDArray[np.float64],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """(sets, 6) squared distances between the quarters of each set, of spectra and statistics."""
+    white = statistics[:, 1:] @ whitening.T
+    local = np.stack([np.square(white[:, i] - white[:, j]).sum(axis=1) for i, j in _PAIRS], axis=1)
+    spectral = np.empty((len(observations), len(_PAIRS)))
+    for row, observation in zip(spectral, observations, strict=True):
+        series = _series(observation["quarters"], floors)
+        row[:] = [np.square(np.abs(series[i] - series[j])).sum() for i, j in _PAIRS]
+    return spectral, local
+
+
+def _in_units(
+    spectral: npt.NDArray[np.float64], local: npt.NDArray[np.float64], parameters: Parameters
+) -> npt.NDArray[np.float64]:
+    """Both distances as one, in units of the mean distance between quarters."""
+    share = 1.0 / (1.0 + _LOCAL_SHARE)
+    return (
+        share * spectral / parameters["spectral_scatter"]
+        + (1.0 - share) * local / parameters["local_scatter"]
+    )
+
+
+def _series(polar: FloatMap, parameters: Parameters) -> Complex:
+    """(..., 3, R, A) densities to (..., 3 R, 16): weighted logarithms and coherence."""
+    floor = np.float32(parameters["density_floor"])
+    relief, albedo = polar[..., 0, :, :] + floor, polar[..., 1, :, :] + floor
+    channels = np.stack(
+        [np.log(relief), np.log(albedo), polar[..., 2, :, :] / np.sqrt(relief * albedo)], axis=-3
+    )
+    # The bins of a radius do not depend on the segments but for the last: the grid is geometric.
+    bins = np.minimum(np.geomspace(2.0, 0.98 * 64.0, RADII), _CAP_BINS)
+    weights = np.outer(_CHANNEL_WEIGHTS, bins)
+    channels *= np.sqrt(weights / weights.sum()).astype(np.float32)[..., None]
+    return harmonics(channels.reshape(*polar.shape[:-3], _SERIES, polar.shape[-1]))
+
+
+def _statistics(observation: Observation, parameters: Parameters) -> npt.NDArray[np.float64]:
+    measured = LocalStatistics(observation["moments"], observation["energies"])
+    return statistics_vector(measured, parameters["relief_floors"], parameters["albedo_floors"])
+
+
+def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
+    """Series, whitened statistics, scatter: (2 * 3 R * 16 + d + 1,) float32.
+
+    Scaled so that the squared Euclidean distance of two signatures, less its last number, is in
+    units of the distance between quarters of one surface.
+    """
+    share = 1.0 / (1.0 + _LOCAL_SHARE)
+    series = _series(observation["polar"], parameters)
+    series *= np.float32(np.sqrt(share / parameters["spectral_scatter"]))
+    statistics = _statistics(observation, parameters)
+    white = statistics[0] @ parameters["whitening"].T
+    white *= np.sqrt((1.0 - share) / parameters["local_scatter"])
+    scatter = 1.0
+    if "quarters" in observation:
+        within = _within([observation], statistics[None], parameters, parameters["whitening"])
+        scatter = (
+            max(float(_in_units(*within, parameters).mean()), _LEAST_SCATTER) ** _SCATTER_POWER
+        )
+    return np.concatenate(
+        [series.ravel().view(np.float32), white.astype(np.float32), [np.float32(scatter)]]
+    )
+
+
+def _references(observation: Observation, parameters: Parameters) -> FloatMap:
+    """The signature of a set, and those it would have under turned lights where they differ."""
+    own = _signature(observation, parameters)
+    signatures = [own]
+    for index in itertools.count():
+        names = ("polar", "curl_density", "moments", "energies")
+        if f"turned_{index}_polar" not in observation:
+            return np.stack(signatures)
+        turned = _signature(
+            {name: observation[f"turned_{index}_{name}"] for name in names}, parameters
+        )
+        turned[-1] = own[-1]
+        if np.square(turned - own).sum() > _WORTH_KEEPING:
+            signatures.append(turned)
+    raise AssertionError
+
+
+def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    found = least_error(_series_of(test[None])[0], _series_of(references))
+    local = np.square(references[:, _SERIES_FLOATS:-1] - test[_SERIES_FLOATS:-1])
+    total = found.errors + local.sum(axis=1, dtype=np.float64)
+    return Comparison(total / references[:, -1], found.turns_deg, found.sharpness)
+
+
+def _series_of(signatures: FloatMap) -> Complex:
+    series: Complex = np.ascontiguousarray(signatures[:, :_SERIES_FLOATS]).view(np.complex64)
+    return series.reshape(len(signatures), _SERIES, HARMONICS)
+
+
+def _invariants(signatures: FloatMap) -> FloatMap:
+    norms = unturned_norms(_series_of(signatures))
+    return np.concatenate([norms, signatures[:, _SERIES_FLOATS:]], axis=1)
+
+
+def _limits(
+    labels: Sequence[str], sets: Sequence[int], signatures: FloatMap, parameters: Parameters
+) -> dict[str, float]:
+    """For each class the limit, further out where its own sets lie further from each other."""
+    members: dict[str, list[int]] = {}
+    for index, label in enumerate(labels):
+        members.setdefault(label, []).append(index)
+    limits = {}
+    for label, indices in members.items():
+        own = signatures[indices]
+        own_sets = np.array(sets)[indices]
+        limit = float(parameters["limit"]) * float(own[:, -1].mean())
+        for left_out in np.unique(own_sets)[:_MAX_LEFT_OUT]:
+            others = own[own_sets != left_out]
+            if len(others):
+                asked = own[int(np.argmax(own_sets == left_out))]
+                nearest = float(_compare(asked, others, parameters).distances.min())
+                limit = max(limit, _LIMIT_MARGIN * nearest)
+        limits[label] = limit
+    return limits
+
+
+JOINT = Classifier(
+    name="joint",
+    observe=_observe,
+    observe_training=_observe_training,
+    learn=_learn,
+    signature=_signature,
+    references=_references,
+    compare=_compare,
+    invariants=_invariants,
+    limits=_limits,
+)

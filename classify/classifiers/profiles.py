@@ -1,0 +1,99 @@
+"""The 1D classifiers: polar spectra, alone or with radial ones (thesis chapters 6 to 8)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.spectra import image_spectrum, polar_radii_px
+from classify.surface import FloatMap, SurfaceEstimate
+
+from .classifier import Classifier, Comparison, Observation, Parameters
+from .spectra_2d import observe_spectra, turns_by_polar
+
+__all__ = ["IMAGE_POLAR", "POLAR", "POLAR_RADIAL", "first_light"]
+
+
+def first_light(surface: SurfaceEstimate) -> int:
+    """Index of the light nearest to tilt 0, the one whose image is looked at.
+
+    Raises
+    ------
+    InputError
+        If the surface came without its images.
+    """
+    if surface.images is None:
+        raise InputError(
+            "this surface comes without its images, and this classifier compares images; "
+            "solve the set again"
+        )
+    return 0 if surface.lighting is None else surface.lighting.light_nearest_tilt(0.0, 180.0)
+
+
+def _observe_image(surface: SurfaceEstimate, segment_px: int) -> Observation:
+    index = first_light(surface)
+    assert surface.images is not None
+    spectrum = image_spectrum(surface.images[index], segment_px)
+    octaves = np.square(polar_radii_px(segment_px) / segment_px).astype(np.float32)[:, None]
+    return {"per_octave": (spectrum * octaves)[None]}
+
+
+def _polar(observation: Observation, _: Parameters) -> FloatMap:
+    """(A,) magnitudes of the first channel, summed over radius (thesis section 6.4)."""
+    polar: FloatMap = np.sqrt(observation["per_octave"][0]).sum(axis=0)
+    return polar
+
+
+def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Least squared error over all turns, relative to the energy of both."""
+    errors = squared_errors_by_turn(test, references)
+    energy = _energy(test[None]) + _energy(references)
+    turns = turn_of_least_error(errors)
+    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, turns * STEP_DEG)
+
+
+def _profiles(observation: Observation, _: Parameters) -> FloatMap:
+    """(2, A + R) of M and A: polar and radial magnitudes (thesis chapter 8)."""
+    magnitude = np.sqrt(observation["per_octave"])
+    return np.concatenate([magnitude.sum(axis=1), magnitude.sum(axis=2)], axis=1)
+
+
+def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Mean of four relative errors: polar and radial, of M and of A, polar ones turned alike."""
+    angles = 90
+    polar, radial = test[:, :angles], test[:, angles:]
+    polar_references, radial_references = references[..., :angles], references[..., angles:]
+    turns = turns_by_polar(polar[:, None], polar_references[:, :, None])
+    turned = roll_angles(polar, turns)
+    shares = [
+        np.square(one[:, channel] - other[:, channel], dtype=np.float64).sum(axis=-1)
+        / (_energy(one[:, channel]) + _energy(other[:, channel]))
+        for one, other in (
+            (turned, polar_references),
+            (np.broadcast_to(radial, radial_references.shape), radial_references),
+        )
+        for channel in range(2)
+    ]
+    return Comparison(np.mean(shares, axis=0), turns * STEP_DEG)
+
+
+def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """(n,) sums of squares, never zero."""
+    sums: npt.NDArray[np.float64] = np.square(rows, dtype=np.float64).sum(axis=-1)
+    sums += np.finfo(np.float64).tiny
+    return sums
+
+
+IMAGE_POLAR = Classifier(
+    name="image_polar",
+    observe=_observe_image,
+    signature=_polar,
+    compare=_compare_polar,
+    from_images=True,
+)
+POLAR = Classifier(name="polar", observe=observe_spectra, signature=_polar, compare=_compare_polar)
+POLAR_RADIAL = Classifier(
+    name="polar_radial", observe=observe_spectra, signature=_profiles, compare=_compare_profiles
+)

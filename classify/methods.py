@@ -1,0 +1,31 @@
+"""The names of solvers and classifiers, apart from them: a list of choices loads no numerics."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+__all__ = ["CLASSIFIER_NAMES", "DEFAULT_CLASSIFIER", "METHODS", "Method"]
+
+Method = Literal[
+    "ps3a",
+    "ps3b",
+    "ps3c",
+    "ps3d",
+    "ps4",
+    "least_squares",
+    "rushmeier",
+    "drbohlav",
+    "ps4_robust",
+]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+CLASSIFIER_NAMES = (
+    "joint",
+    "spectra_2d",
+    "spectra_2d_power",
+    "polar_radial",
+    "polar",
+    "image_polar",
+    "varma_zisserman",
+)
+DEFAULT_CLASSIFIER = "joint"

@@ -1,0 +1,32 @@
+from .camera import Camera, CameraInfo, Frame, FrameFlag
+from .config import Placement, RigConfig, load_config
+from .errors import CameraError, ConfigError, HardwareError, LightControllerError
+from .lights import ControllerIdentity, LightController, Switch
+from .rig import Rig, open_rig
+from .simulation import Simulation, surface_names
+from .synthetic import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES, synthetic_surface
+
+__all__ = [
+    "EQUAL_SPECTRUM_TWINS",
+    "SYNTHETIC_30",
+    "SYNTHETIC_TEXTURES",
+    "Camera",
+    "CameraError",
+    "CameraInfo",
+    "ConfigError",
+    "ControllerIdentity",
+    "Frame",
+    "FrameFlag",
+    "HardwareError",
+    "LightController",
+    "LightControllerError",
+    "Placement",
+    "Rig",
+    "RigConfig",
+    "Simulation",
+    "Switch",
+    "load_config",
+    "open_rig",
+    "surface_names",
+    "synthetic_surface",
+]
