@@ -11,7 +11,9 @@ def main() -> None:
     """Run the command line. Ctrl-C is one line, also while Python still loads it."""
     try:
         from .cli import run
+        from .process_settings import settle_process
 
+        settle_process()
         status = run()
     except KeyboardInterrupt:
         print("ps4rig: interrupted", file=sys.stderr)

@@ -156,7 +156,7 @@ def linear(
         bz = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
         floors = np.full(columns, noise_floor)
-        lost = np.zeros(columns, np.uint8)
+        lost = np.zeros(columns, np.float32)
         for k in range(lights):
             if used[k]:
                 for c in range(columns):
@@ -267,16 +267,15 @@ def judge_row(
     share = one / np.float32(lights)
     for c in range(columns):
         rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-        visible = bz[c] > MIN_NORMAL_Z * rho and bz[c] * bz[c] >= floors[c] * rho
+        visible = (bz[c] > MIN_NORMAL_Z * rho) & (bz[c] * bz[c] >= floors[c] * rho)
         inverse = one / bz[c] if visible else zero
         p[r, c] = -bx[c] * inverse
         q[r, c] = -by[c] * inverse
         albedo[r, c] = rho
         residual[r, c] = np.sqrt(squares[c] * share)
-        shadow_count[r, c] = np.uint8(tally[c] & 255)
-        known = visible and (tally[c] >> 8) & 255 >= 3 and lost[c] == 0
-        flags[r, c] = (
-            (np.uint8(0) if known else NOT_VALID)
-            | (SATURATED if brightest[c] >= saturation else np.uint8(0))
-            | (SPECULAR if visible and tally[c] >> 16 > 0 else np.uint8(0))
-        )
+        shadow_count[r, c] = np.uint8(tally[c] & np.int32(255))
+        known = visible & ((tally[c] >> np.int32(8)) & np.int32(255) >= np.int32(3))
+        flag = np.int32(0) if known & (lost[c] == zero) else np.int32(NOT_VALID)
+        flag |= np.int32(SATURATED) if brightest[c] >= saturation else np.int32(0)
+        flag |= np.int32(SPECULAR) if visible & (tally[c] > np.int32(0xFFFF)) else np.int32(0)
+        flags[r, c] = np.uint8(flag)

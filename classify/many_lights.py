@@ -100,7 +100,7 @@ def rushmeier(
                 low[c] += index if v <= lowest[c] else zero
                 highs[c] += one if v >= highest[c] else zero
                 high[c] += index if v >= highest[c] else zero
-        lost = np.zeros(columns, np.uint8)
+        lost = np.zeros(columns, np.float32)
         for c in range(columns):
             i, j = int(low[c]), int(high[c])
             if brightest[c] >= saturation:
@@ -239,7 +239,7 @@ def drbohlav(
         variance = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
         most = np.zeros(columns, np.float32)
-        lost = np.zeros(columns, np.uint8)
+        lost = np.zeros(columns, np.float32)
         marks = np.zeros(columns, np.uint8)
         for k in range(lights):
             share = gains[k] * gains[k] / np.float32(lights)

@@ -9,13 +9,11 @@ under lights turned the other way, and solved again. No pixel is resampled.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import get_args
-
-import numpy as np
+from typing import cast
 
 from .height import integrate_gradients
 from .lighting import Lighting
-from .methods import Method
+from .methods import METHODS, Method
 from .relighting import relight
 from .shadows import cast_shadow
 from .solver import photometric_stereo
@@ -26,8 +24,6 @@ __all__ = ["under_turned_lights"]
 _STEPS = 4
 # With less of the surface in shadow the errors are those of noise, which do not turn.
 _LEAST_SHADOW = 0.01
-# Median of the residual of four lights over the noise of one image: half of 0.674.
-_RESIDUAL_PER_NOISE = 0.337
 
 
 def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
@@ -35,7 +31,7 @@ def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
 
     The part counts as turned by three steps of a quarter of the angle between lights; after four
     the ring of lights is the same again. Yields nothing for an estimate that does not know its
-    lights, and where shadow is too rare to matter.
+    lights or comes from PS3, and where shadow is too rare to matter.
 
     Parameters
     ----------
@@ -43,13 +39,12 @@ def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
         As it was solved; its slopes are relative to the image, and stay so.
     """
     lighting = surface.lighting
-    if lighting is None or surface.method not in get_args(Method):
+    # The versions of PS3 choose lights by where they stand: turned, they would be others.
+    if lighting is None or surface.method not in METHODS or surface.method.startswith("ps3"):
         return
     if surface.shadow_mask.mean() < _LEAST_SHADOW:
         return
     height = integrate_gradients(surface.p, surface.q)
-    noise = float(np.median(surface.residual)) / _RESIDUAL_PER_NOISE
-    rng = np.random.default_rng(len(lighting))
     step_deg = 360.0 / len(lighting) / _STEPS
     for step in range(1, _STEPS):
         turned = Lighting.from_angles(
@@ -58,13 +53,5 @@ def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
         images = relight(surface, turned)
         for image, direction in zip(images, turned.directions, strict=True):
             image[cast_shadow(height, direction)] = 0.0
-        images += np.float32(noise) * rng.standard_normal(images.shape, dtype=np.float32)
-        yield photometric_stereo(images, turned, _method(surface.method))
-
-
-def _method(name: str) -> Method:
-    for method in get_args(Method):
-        if method == name:
-            chosen: Method = method
-            return chosen
-    raise AssertionError(name)
+        # No noise is added: the surface holds that of its own images already.
+        yield photometric_stereo(images, turned, cast(Method, surface.method))
