@@ -35,9 +35,8 @@ MIN_NORMAL_Z = np.float32(0.02)
 # the light (prediction negative, value near zero) counts as well, and one without any light too.
 SHADOW_FRACTION = np.float32(0.5)
 SHADOW_FLOOR = np.float32(0.1)
-# A light that gives so much more than predicted, and by so much of the albedo, is a highlight.
-_HIGHLIGHT_FRACTION = np.float32(1.5)
-_HIGHLIGHT_FLOOR = np.float32(0.2)
+# The same for a highlight, which gives more than predicted.
+_HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
 NO_DROPPED_LIGHT = 255
 # Bits of the flags.
 NOT_VALID, SATURATED, SPECULAR, REPAIRED = np.uint8(1), np.uint8(2), np.uint8(4), np.uint8(8)
@@ -259,10 +258,10 @@ def judge_row(
             s = x * bx[c] + y * by[c] + z * bz[c]
             squares[c] += (v - s) * (v - s)
             rho = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-            highlight = max(_HIGHLIGHT_FRACTION * s, max(s, zero) + _HIGHLIGHT_FLOOR * rho)
             shadowed = v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+            highlight = v >= _HIGHLIGHT_FRACTION * max(s, _HIGHLIGHT_FLOOR * rho)
             tally[c] += (np.int32(1) if shadowed else is_lit) + (
-                np.int32(1 << 16) if v >= highlight else np.int32(0)
+                np.int32(1 << 16) if highlight else np.int32(0)
             )
     share = one / np.float32(lights)
     for c in range(columns):

@@ -48,13 +48,15 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     Raises
     ------
     InputError
-        If no pixel is valid, or the valid ones have no albedo at all.
+        If no pixel is valid, or the valid ones have no albedo at all, or hold what is no number.
     """
     sums = np.empty((surface.shape[0], 4), np.float64)
     _row_sums(surface.p, surface.q, surface.albedo, surface.valid, sums)
     count, p_sum, q_sum, albedo_sum = sums.sum(axis=0)
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
+    if not np.isfinite([p_sum, q_sum, albedo_sum]).all():
+        raise InputError("a valid pixel of this surface has a slope or albedo that is no number")
     if not albedo_sum > 0.0:
         raise InputError("the valid pixels of this surface reflect nothing; check exposure")
     means = (np.array([p_sum, q_sum, albedo_sum]) / count).astype(np.float32)

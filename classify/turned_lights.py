@@ -9,11 +9,10 @@ under lights turned the other way, and solved again. No pixel is resampled.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import cast
 
 from .height import integrate_gradients
 from .lighting import Lighting
-from .methods import METHODS, Method
+from .methods import METHODS
 from .relighting import relight
 from .shadows import cast_shadow
 from .solver import photometric_stereo
@@ -54,4 +53,4 @@ def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
         for image, direction in zip(images, turned.directions, strict=True):
             image[cast_shadow(height, direction)] = 0.0
         # No noise is added: the surface holds that of its own images already.
-        yield photometric_stereo(images, turned, cast(Method, surface.method))
+        yield photometric_stereo(images, turned, surface.method)

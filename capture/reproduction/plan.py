@@ -10,6 +10,7 @@ from typing import Literal
 from classify.classifiers import classifier_named
 from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES, METHODS, Method
+from classify.spectra import segment_for
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.material_folder import bundled_materials
 
@@ -17,6 +18,9 @@ from .scenes import Conditions, Place, Texture
 
 __all__ = [
     "BEST_SOLVER",
+    "OF_28_IMAGES",
+    "OF_SPECTRA",
+    "ONE_SEGMENT",
     "OURS",
     "SOLVERS",
     "TEXTONS",
@@ -40,6 +44,10 @@ BEST_SOLVER: Method = SOLVERS[-1]
 OURS = "joint"
 THESIS = "spectra_2d"
 TEXTONS = "varma_zisserman"
+OF_SPECTRA = ("polar", "polar_radial", "spectra_2d_power", "spectra_2d")
+"""The classifiers of the thesis that compare spectra of surfaces."""
+
+ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
 
 # Seven sets of four images are the 28 training images a class of table 9.1.
 _TURNS_OF_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
@@ -59,6 +67,8 @@ class Lesson:
     ----------
     turns_deg
         Orientations of the learned patch, one set each.
+    one_segment
+        Whether a spectrum is one periodogram of the whole frame and not an average over segments.
     rejecting
         Whether the quarters of the sets are kept too, for the scores that tell the unknown.
     """
@@ -69,7 +79,14 @@ class Lesson:
     classifiers: tuple[str, ...]
     solvers: tuple[Method, ...]
     turns_deg: tuple[float, ...] = (0.0,)
+    one_segment: bool = False
     rejecting: bool = False
+
+    @property
+    def segment_px(self) -> int:
+        """Side of the segments of its spectra."""
+        side = self.conditions.size_px
+        return side if self.one_segment else segment_for((side, side))
 
     @property
     def systems(self) -> list[tuple[Method, str]]:
@@ -236,13 +253,17 @@ def _thirty(
     for slant_deg in slants_deg:
         conditions = Conditions(slant_deg, frame_px)
         name = f"slant {slant_deg:g}"
-        lesson = Lesson(name, textures, conditions, CLASSIFIER_NAMES, SOLVERS)
-        exams.append(Exam(name, lesson, conditions))
-        name += ", 28 images"
-        lesson = Lesson(
-            name, textures, conditions, (TEXTONS,), SOLVERS[-1:], _TURNS_OF_28_IMAGES_DEG
-        )
-        exams.append(Exam(name, lesson, conditions))
+        lessons = (
+            Lesson(name, textures, conditions, CLASSIFIER_NAMES, SOLVERS),
+            Lesson(
+                name + ONE_SEGMENT, textures, conditions, OF_SPECTRA, SOLVERS, one_segment=True
+            ),
+            Lesson(
+                name + OF_28_IMAGES, textures, conditions, (TEXTONS,), SOLVERS[-1:],
+                turns_deg=_TURNS_OF_28_IMAGES_DEG,
+            ),
+        )  # fmt: skip
+        exams += [Exam(lesson.name, lesson, conditions) for lesson in lessons]
     return Experiment("thirty", tuple(exams), turns_deg, ("turned", "disjoint"))
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from classify import Lighting, Method, TextureLibrary
 from classify.library import TrainingRow
-from classify.spectra import segment_for
 
 from .plan import BEST_SOLVER, OURS, Experiment, Lesson
 from .rejection import quarter_library
@@ -56,17 +55,16 @@ def train(task: TrainingTask) -> int:
             for lesson in task.lessons:
                 if texture not in lesson.textures:
                     continue
-                segment_px = _segment_px(lesson)
                 for solver, classifier in lesson.systems:
                     observation = patch.observation(
-                        lesson.conditions, solver, classifier, segment_px, train=True
+                        lesson.conditions, solver, classifier, lesson.segment_px, train=True
                     )
                     row = TrainingRow(texture.name, observation, turn_deg)
                     rows.setdefault((lesson, solver, classifier), []).append(row)
     for (lesson, solver, classifier), learned in rows.items():
         library = TextureLibrary.from_observations(
             learned,
-            _segment_px(lesson),
+            lesson.segment_px,
             classifier,
             lighting=Lighting.ring(lesson.conditions.slant_deg),
             simulated=True,
@@ -78,7 +76,3 @@ def train(task: TrainingTask) -> int:
             quarters.save(quarters_path(task.folder, name, lesson.name))
     return len(rows)
 
-
-def _segment_px(lesson: Lesson) -> int:
-    side = lesson.conditions.size_px
-    return segment_for((side, side))

@@ -283,7 +283,7 @@ def test_three_photographs_cannot_be_solved_by_ps4(
     out = tmp_path / "a.ome.tif"
     ps4rig("import", *photographs[:3], "--tilts", "0,120,240", "--slant", 40, out)
     line = refused("solve", out, "--out", tmp_path / "maps")
-    assert "ps4 needs exactly 4 lights, this set has 3" in line
+    assert "needs exactly 4 lights, this set has 3" in line
     assert not (tmp_path / "maps").exists()
     done = ps4rig("solve", out, "--method", "least_squares", "--out", tmp_path / "maps")
     assert done.exit_code == 0
@@ -321,8 +321,11 @@ def test_classify_answers_with_exactly_the_agreed_fields(
     rock, sand = json.loads(result.stdout)
     assert list(rock) == [
         "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
-        "runner_up_distance", "margin", "simulated",
+        "runner_up_distance", "margin", "limit", "sharpness", "reason", "simulated",
     ]  # fmt: skip
+    assert 0.0 <= rock["distance"] <= rock["limit"]
+    assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
+    assert rock["reason"].startswith("rock is ")
     assert (rock["set"], rock["label"], rock["runner_up"]) == (str(paths[0]), "rock", "sand")
     assert (sand["label"], sand["nearest"], sand["simulated"]) == ("sand", "sand", True)
     assert sand["orientation_deg"] == pytest.approx(50.0, abs=5.0)

@@ -10,7 +10,7 @@ from classify import InputError, Match, Trial, evaluate
 ANGLES = st.floats(-720, 720)
 
 
-def answer(label: str | None, orientation_deg: float = 0.0) -> Match:
+def answer(label: str | None, orientation_deg: float | None = 0.0) -> Match:
     return Match(label, label or "a", orientation_deg, 0.1, "z", 0.2, 0.5)
 
 
@@ -33,6 +33,13 @@ def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:
     assert Trial("a", None, answer("a", 5.0)).orientation_error_deg is None
     assert Trial("a", 5.0, answer("b", 5.0)).orientation_error_deg is None
     assert Trial("a", 5.0, answer(None, 5.0)).orientation_error_deg is None
+
+
+def test_a_classifier_without_angles_makes_no_orientation_error() -> None:
+    result = evaluate([Trial("a", 5.0, answer("a", None)), Trial("a", 5.0, answer("a", 8.0))])
+    assert Trial("a", 5.0, answer("a", None)).orientation_error_deg is None
+    assert result.correct == 2
+    assert result.orientation_error_deg.median == pytest.approx(3.0)
 
 
 def test_results_are_counted_by_class() -> None:

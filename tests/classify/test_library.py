@@ -313,3 +313,16 @@ def test_a_library_knows_the_lights_that_all_its_sets_had(photographed, stationa
     assert TextureLibrary.train([("a", at_45), ("b", surface)]).lighting is None
     assert common_lighting([None, Lighting.ring()]) is None
     assert common_lighting([Lighting.ring()]) == Lighting.ring()
+
+
+@pytest.mark.slow
+def test_ten_thousand_pixels_a_side(stationary, surface_of) -> None:
+    """A hundred million pixels, 5 gigabytes."""
+    library = TextureLibrary.train(
+        (kind, stationary(kind, seed=1, side=512)) for kind in ("sand", "malv")
+    )
+    tile = stationary("sand", 30.0, seed=2, side=500)
+    large = surface_of(*(np.tile(getattr(tile, name), (20, 20)) for name in ("p", "q", "albedo")))
+    match = library.classify(large)
+    assert match.label == "sand"
+    assert off_deg(match.orientation_deg, 30.0) < 2.0

@@ -135,3 +135,23 @@ def test_no_light_near_a_tilt_names_the_tilts_there_are() -> None:
     with pytest.raises(InputError, match=r"near tilt 45; the tilts are 0, 90, 180, 270"):
         Lighting.ring().light_nearest_tilt(45.0)
     assert Lighting.ring().light_nearest_tilt(44.0, within_deg=45.0) == 0
+
+
+@given(degrees, st.floats(1.0, 80.0), st.floats(0.05, 5.0), st.floats(0.0, 20.0))
+def test_lights_within_some_degrees_of_each_other(
+    tilt: float, slant: float, apart: float, tolerance: float
+) -> None:
+    """The angle between directions: of two slants at one tilt it is their difference."""
+    one = Lighting.from_angles([tilt, tilt + 90.0], [slant, 40.0])
+    other = Lighting.from_angles([tilt, tilt + 90.0], [slant + apart, 40.0])
+    if abs(apart - tolerance) > 1e-6:
+        assert one.within(tolerance, other) == other.within(tolerance, one) == (apart < tolerance)
+    assert one.within(1e-5, one)
+
+
+def test_other_lights_are_not_within_any_reasonable_angle() -> None:
+    ring = Lighting.ring(45.0)
+    assert not ring.within(10.0, Lighting.ring(45.0, (90, 180, 270, 0)))  # in another order
+    assert not ring.within(180.0, Lighting.ring(45.0, (0, 90, 180)))
+    assert not Lighting.ring(45.0, (0, 90, 180)).within(180.0, ring)
+    assert ring.within(1e-5, Lighting(2.0 * ring.directions, np.array([1, 2, 3, 4.0])))

@@ -103,8 +103,18 @@ def test_a_surface_without_a_valid_pixel_is_refused(surface_of) -> None:
         texture_fields(surface)
 
 
-@pytest.mark.parametrize("albedo", [0.0, np.nan])
-def test_a_surface_that_reflects_nothing_is_refused(surface_of, albedo: float) -> None:
+def test_a_surface_that_reflects_nothing_is_refused(surface_of) -> None:
     ones = np.ones((4, 4))
     with pytest.raises(InputError, match="reflect nothing"):
-        texture_fields(surface_of(ones, ones, albedo * ones))
+        texture_fields(surface_of(ones, ones, 0 * ones))
+
+
+@pytest.mark.parametrize("damage", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", ["p", "q", "albedo"])
+def test_what_is_no_number_at_a_valid_pixel_is_refused(surface_of, field: str, damage) -> None:
+    """The surface is at fault, not the library that it would be compared with."""
+    ones = np.ones((4, 4))
+    surface = surface_of(ones, ones, ones)
+    getattr(surface, field)[2, 3] = damage
+    with pytest.raises(InputError, match="slope or albedo that is no number"):
+        texture_fields(surface)

@@ -1,0 +1,1 @@
+"""What this machine makes of the engine: ratios to a floor measured in the same run, and times."""
