@@ -15,7 +15,7 @@ import typer
 
 from classify.errors import InputError
 
-from . import demo_command, reproduce_command, set_commands, texture_commands
+from . import bench_command, demo_command, reproduce_command, set_commands, texture_commands
 from .console import INTERRUPTED_STATUS, describe
 
 __all__ = ["app", "run"]
@@ -33,6 +33,7 @@ app.command()(texture_commands.train)
 app.command()(texture_commands.classify)
 app.command("evaluate")(texture_commands.evaluate_)
 app.command()(reproduce_command.reproduce)
+app.command()(bench_command.bench)
 
 
 def _version(asked: bool) -> None:

@@ -162,6 +162,10 @@ def _trust(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapVie
             pictures.thinned(pictures.dropped_map(surface, lights)),
             legend=_legend(surface.dropped, pictures.dropped_colours(lights), light_names),
         ),
+        _mask(
+            "specular.png", "gloss", surface.specular,
+            "Brighter under a light than a matt surface can be.",
+        ),
         _mask("valid.png", "valid", surface.valid, "The slope is known."),
     ]  # fmt: skip
 

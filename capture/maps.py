@@ -84,6 +84,7 @@ def write_maps(
     shown = {
         "shadow": pictures.shadow_map(surface),
         "dropped": pictures.dropped_map(surface, len(captured.lighting)),
+        "specular": pictures.grey(surface.specular, top=1.0),
         "valid": pictures.grey(surface.valid, top=1.0),
         "preview": pictures.contact_sheet(preview),
     }

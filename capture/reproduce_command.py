@@ -32,7 +32,7 @@ def reproduce(
     scheduler: SchedulerOption = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    from .reproduction.plan import material_textures, plan_of
+    from .reproduction.experiments import material_textures, plan_of
     from .reproduction.run import reproduce as run
 
     plan = plan_of(quick, material_textures(materials))

@@ -30,8 +30,8 @@ class Sieve:
     Parameters
     ----------
     invariants
-        (n, k + 1) float32: k numbers and the divisor of each reference's distance. The squared
-        Euclidean distance of two rows of k, over the divisor, is never above the distance.
+        (n, k + 1) float32: k numbers and a divisor of distances. The squared Euclidean distance of
+        two rows of k, over both divisors, is never above the distance.
     labels
         (n,) class of each reference.
     """
@@ -50,7 +50,7 @@ class Sieve:
         energies = self._energies + float(vector @ vector)
         squares = (1.0 - _ROUNDING) * energies - 2.0 * (self._vectors @ vector)
         # A number that is none bounds nothing.
-        bounds: Bounds = np.fmax(squares / self._divisors, 0.0)
+        bounds: Bounds = np.fmax(squares / (self._divisors * float(invariants[-1])), 0.0)
         return bounds
 
     def nearest(

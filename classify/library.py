@@ -299,9 +299,13 @@ class TextureLibrary:
     @cached_property
     def _sieve(self) -> Sieve | None:
         """What spares a large library most of its comparisons."""
-        if self._how.invariants is None or len(self.labels) <= COMPARED_AT_ONCE:
+        invariants, count = self._how.invariants, len(self.labels)
+        if invariants is None or count <= COMPARED_AT_ONCE:
             return None
-        return Sieve(self._how.invariants(self.signatures), self.labels)
+        # A part at a time: what they are made from takes several times the memory of the part.
+        starts = range(0, count, COMPARED_AT_ONCE)
+        parts = [invariants(self.signatures[i : i + COMPARED_AT_ONCE]) for i in starts]
+        return Sieve(np.concatenate(parts), self.labels)
 
     def _compared(self, signature: FloatMap) -> tuple[npt.NDArray[np.intp], Comparison]:
         """The references that can be nearest or second, and the comparison with each."""

@@ -108,15 +108,14 @@ def drop_two_inverses(lighting: Lighting) -> Array32:
             "lights in general position"
         )
     normal[singular] = np.eye(3)
-    inverses = np.linalg.inv(normal)
+    inverses = np.linalg.inv(normal).astype(np.float32)
     inverses[singular] = np.nan
-    return inverses.astype(np.float32)
+    return inverses
 
 
 def _volume(directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Smallest singular value: how well three or more lights, (..., N, 3), determine a normal."""
-    values: npt.NDArray[np.float64] = np.linalg.svd(directions, compute_uv=False)[..., -1]
-    return values
+    return np.asarray(np.linalg.svd(directions, compute_uv=False)[..., -1], dtype=np.float64)
 
 
 def _pseudo_inverse(directions: npt.NDArray[np.float64], method: str) -> Array32:

@@ -92,7 +92,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         rows, columns = planes[0].shape
         energy = np.empty((rows, columns, 2), np.float32)
         row_sums = np.zeros((rows, 2, _SUMS), np.float64)
-        _respond(*planes, energy, row_sums)
+        _respond(planes[0], planes[1], planes[2], energy, row_sums)
         half = rows // 2
         upper, lower = row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)
         quarters = np.concatenate([upper, lower])

@@ -32,9 +32,8 @@ LOST = np.uint8(16)
 _NONE_LIT = np.uint8(15)
 _DOUBTFUL = np.uint8(128)
 
-# A contradiction of this many standard deviations is more than noise; of fewer where one light is
-# dark, and so is a suspect already.
-GATE, _GATE_DARK = np.float32(3.0), np.float32(2.0)
+# A contradiction of this many standard deviations is more than noise.
+GATE = np.float32(3.0)
 # A light is dark that gives no more than so many standard deviations of a pixel without light;
 # but no more than half of the brightest, for a dark material is all noise without being in shadow,
 # and in any case this share of the second brightest, which is no highlight: shadows get light from
@@ -44,6 +43,7 @@ LEAK = np.float32(0.05)
 # Lights are of known strength, and surfaces Lambertian, to some per cent only. All four together
 # bear that better than three.
 TOLERANCE = np.float32(0.05)
+_TINY = np.float32(1e-30)
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
@@ -69,8 +69,10 @@ def gated(
 
     Notes
     -----
-    Formulas as for `drop_darkest`; what the solution predicts for light k follows from the
-    contradiction r: i_k - nul_k r for least squares, i_k - r / nul_k for the light left out.
+    Formulas as for `drop_darkest`, with a share of the contradiction r in place of all of it: none
+    for least squares, all but what noise explains where a dark light k is left out, (1 - variance
+    / r^2) r (the positive-part estimator of James and Stein, 1961). The solution then predicts
+    i_j - nul_j (r - share) for every light, and share / nul_k less for light k.
     """
     rows, columns = p.shape
     g0, g1, g2, g3 = gains
@@ -118,8 +120,11 @@ def gated(
             count = w0 + w1 + w2 + w3
             contradiction = n0 * v0 + n1 * v1 + n2 * v2 + n3 * v3
             square = contradiction * contradiction
-            drop = (count == one) & (square > _GATE_DARK * _GATE_DARK * variance)
-            share = contradiction if drop else zero
+            # One dark light is a suspect, whatever the contradiction; but what is left out for
+            # noise alone costs more than it brings. So of r^2 what noise explains is taken off.
+            beyond = max(square - variance, zero) / max(square, _TINY)
+            share = contradiction * beyond if count == one else zero
+            rest = contradiction - share
             bx = (pinv[0, 0] * v0 + pinv[0, 1] * v1 + pinv[0, 2] * v2 + pinv[0, 3] * v3) - share * (
                 corrections[0, 0] * w0 + corrections[0, 1] * w1
                 + corrections[0, 2] * w2 + corrections[0, 3] * w3
@@ -140,17 +145,17 @@ def gated(
             albedo[r, c] = rho
             residual[r, c] = np.float32(0.5) * abs(contradiction)
             index = np.uint8(w1 + two * w2 + np.float32(3.0) * w3)
-            dropped[r, c] = index if drop else np.uint8(NO_DROPPED_LIGHT)
+            dropped[r, c] = index if share != zero else np.uint8(NO_DROPPED_LIGHT)
             floor = SHADOW_FLOOR * rho
-            e0 = w0 / n0 if drop else n0
-            e1 = w1 / n1 if drop else n1
-            e2 = w2 / n2 if drop else n2
-            e3 = w3 / n3 if drop else n3
+            s0 = v0 - n0 * rest - share * w0 / n0
+            s1 = v1 - n1 * rest - share * w1 / n1
+            s2 = v2 - n2 * rest - share * w2 / n2
+            s3 = v3 - n3 * rest - share * w3 / n3
             shadow_count[r, c] = np.uint8(
-                (one if v0 <= SHADOW_FRACTION * max(v0 - contradiction * e0, floor) else zero)
-                + (one if v1 <= SHADOW_FRACTION * max(v1 - contradiction * e1, floor) else zero)
-                + (one if v2 <= SHADOW_FRACTION * max(v2 - contradiction * e2, floor) else zero)
-                + (one if v3 <= SHADOW_FRACTION * max(v3 - contradiction * e3, floor) else zero)
+                (one if v0 <= SHADOW_FRACTION * max(s0, floor) else zero)
+                + (one if v1 <= SHADOW_FRACTION * max(s1, floor) else zero)
+                + (one if v2 <= SHADOW_FRACTION * max(s2, floor) else zero)
+                + (one if v3 <= SHADOW_FRACTION * max(s3, floor) else zero)
             )
             bits = np.uint8(w0 + two * w1 + np.float32(4.0) * w2 + np.float32(8.0) * w3)
             bits = bits if count > one else (np.uint8(0) if visible else LOST)

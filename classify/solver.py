@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import kernels, many_lights, robust_kernels
+from . import kernels, robust_kernels
+from .drbohlav import drbohlav, gates
 from .errors import InputError
 from .image_stack import Images, checked_ambient, checked_stack
 from .in_fill import in_fill
@@ -20,6 +21,7 @@ from .light_algebra import (
 from .lighting import Lighting
 from .methods import METHODS, Method
 from .noise import SensorNoise, noise_of_images, noise_of_sensor
+from .rushmeier import rushmeier
 from .surface import SurfaceEstimate
 
 __all__ = ["photometric_stereo"]
@@ -131,11 +133,11 @@ def photometric_stereo(
         inverses = drop_two_inverses(lighting)
         weights = least_squares_weights(lighting, chosen)
         floor = np.float32(sigma()) * _slope_noise(weights)
-        many_lights.rushmeier(*given, floor, inverses, directions, *maps)
+        rushmeier(*given, floor, inverses, directions, *maps)
     elif chosen == "drbohlav":
         weights = least_squares_weights(lighting, chosen)
-        many_lights.drbohlav(
-            *given, variance(), _slope_noise(weights), many_lights.gates(len(lighting)),
+        drbohlav(
+            *given, variance(), _slope_noise(weights), gates(len(lighting)),
             weights, directions, *maps,
         )  # fmt: skip
     else:

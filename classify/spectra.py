@@ -239,7 +239,7 @@ def _cut(
     for k in prange(count * fields):
         n, field = k // fields, k % fields
         strip, start, segment = strips[field], starts[n], segments[n, field]
-        weighted = 0.0
+        weighted = np.float64(0.0)
         for r in range(side):
             line = strip[r, start : start + side]
             line_sum = np.float32(0.0)

@@ -27,19 +27,30 @@ class SurfaceEstimate:
         float32, in units of the images (of full scale, where the solver was told it).
     residual
         float32 rms difference between the light images and a Lambertian surface, in units of the
-        albedo: the fit to all lights for PS4 and least squares, this solution for PS3. Shadow,
-        highlight, noise and wrong light order all raise it.
+        albedo: the fit to all lights for ps4, ps4_robust and least squares, this solution for the
+        others. Shadow, highlight, noise and wrong light order all raise it.
     dropped
         uint8 index of the light left out of the solution, 255 where all were used. Where several
-        lights were equally dark it is the first of those.
+        were left out, or equally dark, it is the first of those, for rushmeier the lowest.
     shadow_count
         uint8 number of lights that give no more than half of what this solution predicts: cast
-        and attached shadow together.
+        and attached shadow together. Its mean over the number of lights is the shadow image
+        integrated over all lights of the thesis's figure 9.7.
     saturated
         bool, true where any image reached full scale.
+    specular
+        bool, true where a highlight is suspected: a light gives clearly more than a Lambertian
+        surface would. ps4_robust and drbohlav tell it from the lights that contradict each other,
+        the others where a light exceeds the prediction of their solution by half; ps4, which
+        trusts its three brightest, never does.
+    repaired
+        bool, true where fewer than three lights were left and the slope, and with one light or
+        none the albedo too, was taken from the pixels around (ps4_robust only).
     valid
-        bool, false where saturated, and where no slope can be known: the solution faces away from
-        the camera, or its standard error, from the noise of these images, exceeds 0.5.
+        bool, false where no slope can be known: fewer than three lights of those used are out of
+        shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
+        solution faces away from the camera, or its standard error, from the noise of these
+        images, exceeds 0.5.
     method
         Name of the solver.
     images

@@ -70,7 +70,8 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
 @njit(fastmath=FAST, cache=True, error_model="numpy")
 def _shortening(p: np.float32, q: np.float32) -> np.float32:
     """Factor that bounds a slope and keeps its direction."""
-    return _MAX_SLOPE / max(np.sqrt(p * p + q * q), _MAX_SLOPE)
+    factor: np.float32 = _MAX_SLOPE / max(np.sqrt(p * p + q * q), _MAX_SLOPE)
+    return factor
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")

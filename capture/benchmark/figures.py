@@ -75,16 +75,15 @@ def as_json(chapter: Chapter) -> dict[str, Any]:
 
 def print_chapter(chapter: Chapter) -> None:
     """A chapter as a table, its notes below."""
-    table = folding_table("step", "measured", "", "target", "time")
+    table = folding_table("step", "measured", "target", "time")
     table.title = chapter.title
     for figure in chapter.figures:
         target = ""
         if figure.target is not None:
-            target = f"{figure.bound} {figure.target:g}" + ("" if figure.met else ": missed")
+            target = f"{figure.bound} {figure.target:g}" + ("" if figure.met else ", missed")
         table.add_row(
             figure.step,
-            _short(figure.value),
-            figure.unit,
+            f"{_shown(figure)} {figure.unit}",
             target,
             "" if figure.ms is None else f"{_short(figure.ms)} ms",
         )
@@ -94,8 +93,12 @@ def print_chapter(chapter: Chapter) -> None:
     out.print()
 
 
+def _shown(figure: Figure) -> str:
+    # Of per cent the last of a hundred matter.
+    return f"{figure.value:.2f}" if figure.unit == "%" else _short(figure.value)
+
+
 def _short(value: float) -> str:
-    """Three digits, and none that are not known."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 

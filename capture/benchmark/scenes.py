@@ -27,7 +27,7 @@ _TILE_PX = 512
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Four images, and the ambient frame if there is one, as a captured set hands them to the solver."""
+    """Four images and perhaps an ambient frame, as a captured set hands them to the solver."""
 
     images: npt.NDArray[np.generic]
     ambient: npt.NDArray[np.generic] | None

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
-__all__ = ["least_ms", "once_ms"]
+__all__ = ["Work", "least_ms", "once_ms"]
+
+Work: TypeAlias = Callable[[], Any]
 
 
-def least_ms(functions: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
+def least_ms(functions: Mapping[str, Work], rounds: int) -> dict[str, float]:
     """The shortest of `rounds` calls of each, milliseconds.
 
     Taken in turn, so that what disturbs the machine disturbs all of them; the shortest, because
@@ -25,7 +27,7 @@ def least_ms(functions: Mapping[str, Callable[[], Any]], rounds: int) -> dict[st
     return least
 
 
-def once_ms(function: Callable[[], Any]) -> float:
+def once_ms(function: Work) -> float:
     """How long one call takes, milliseconds."""
     started_s = time.perf_counter()
     function()

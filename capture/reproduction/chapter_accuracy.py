@@ -8,7 +8,17 @@ from functools import partial
 
 from . import plots
 from .exhibit import Cell, Exhibit, Row, exhibit
-from .plan import BEST_SOLVER, OURS, SOLVERS, TEXTONS, THESIS
+from .plan import (
+    BEST_SOLVER,
+    OF_28_IMAGES,
+    OF_SPECTRA,
+    ONE_D,
+    ONE_SEGMENT,
+    OURS,
+    SOLVERS,
+    TEXTONS,
+    THESIS,
+)
 from .reference import (
     NOT_IN_IT,
     THESIS_PS3_1D,
@@ -21,7 +31,6 @@ from .results import CLASSIFIER_TITLES, SOLVER_TITLES, Results
 
 __all__ = ["accuracy_exhibits"]
 
-ONE_D = "polar_radial"
 _PROTOCOLS = {"turned": "same patch turned", "disjoint": "disjoint patches"}
 
 
@@ -54,14 +63,14 @@ def _columns_of_chapter(results: Results) -> list[str]:
 
 
 def _summary(results: Results) -> Exhibit:
-    of_28 = ", 28 images"
     rows: list[Row] = [
-        ("PS3, 1D", *_of_chapter(results, "ps3a", ONE_D), THESIS_PS3_1D),
-        ("PS4, 1D", *_of_chapter(results, "ps4", ONE_D), THESIS_PS4_1D),
-        ("PS4, 2D", *_of_chapter(results, "ps4", THESIS), THESIS_PS4_2D),
+        ("PS3, 1D", *_of_chapter(results, "ps3a", ONE_D, ONE_SEGMENT), THESIS_PS3_1D),
+        ("PS4, 1D", *_of_chapter(results, "ps4", ONE_D, ONE_SEGMENT), THESIS_PS4_1D),
+        ("PS4, 2D", *_of_chapter(results, "ps4", THESIS, ONE_SEGMENT), THESIS_PS4_2D),
+        ("PS4, 2D, averaged over segments", *_of_chapter(results, "ps4", THESIS), NOT_IN_IT),
         (
             "Varma-Zisserman, 28 training images",
-            *_of_chapter(results, BEST_SOLVER, TEXTONS, of_28),
+            *_of_chapter(results, BEST_SOLVER, TEXTONS, OF_28_IMAGES),
             THESIS_TEXTONS,
         ),
         ("ours: robust PS4, joint", *_of_chapter(results, BEST_SOLVER, OURS), NOT_IN_IT),
@@ -76,20 +85,21 @@ def _summary(results: Results) -> Exhibit:
 
 
 def _by_slant(results: Results) -> Exhibit:
-    slants_deg = sorted({exam.conditions.slant_deg for exam in results.plan.slants.exams})
+    exams = results.plan.slants.exams
+    slants_deg = sorted({exam.conditions.slant_deg for exam in exams})
     systems = (
-        *((solver, classifier) for classifier in (ONE_D, THESIS) for solver in ("ps3a", "ps4")),
-        (BEST_SOLVER, OURS),
+        *((solver, name, ONE_SEGMENT) for name in (ONE_D, THESIS) for solver in ("ps3a", "ps4")),
+        (BEST_SOLVER, OURS, ""),
     )
     rows: list[Row] = []
     panels = []
     worst = {}
     for shadow in ("without", "with"):
         lines = []
-        for solver, classifier in systems:
+        for solver, classifier, suffix in systems:
             values = []
             for slant_deg in slants_deg:
-                exam = f"slant {slant_deg:g} {shadow} shadow"
+                exam = f"slant {slant_deg:g} {shadow} shadow{suffix}"
                 value = results.tally.accuracy("slants", exam, solver, classifier)
                 wrong = _wrong(results, [exam], solver, classifier)
                 rows.append((shadow, slant_deg, solver, classifier, value, _listed(wrong)))
@@ -99,8 +109,7 @@ def _by_slant(results: Results) -> Exhibit:
             if (solver, classifier) == ("ps3a", ONE_D):
                 worst[shadow] = min(value for value in values if value is not None)
         panels.append(plots.Panel(f"{shadow} shadow", tuple(lines)))
-    shadowed = [exam.name for exam in results.plan.slants.exams if exam.conditions.shadows]
-    wrong = _wrong(results, shadowed, "ps3a", ONE_D)
+    wrong = _wrong(results, [exam.name for exam in exams if exam.conditions.shadows], "ps3a", ONE_D)
     return exhibit(
         "figure_9_01",
         ("shadow", "slant_deg", "solver", "classifier", "accuracy_pct", "wrong_by_texture"),
@@ -136,13 +145,14 @@ def _listed(counts: Counter[str]) -> str:
 def _by_texture(results: Results) -> Exhibit:
     plan, tally = results.plan, results.tally
     names = [texture.name for texture in plan.thirty.textures]
+    systems = (*((solver, ONE_D, ONE_SEGMENT) for solver in SOLVERS), (BEST_SOLVER, OURS, ""))
     panels = []
     columns: dict[str, list[float | None]] = {}
     means = []
     for slant_deg in plan.chapter_slants_deg:
-        exam = f"slant {slant_deg:g}"
         groups = []
-        for solver, classifier in (*((s, ONE_D) for s in SOLVERS), (BEST_SOLVER, OURS)):
+        for solver, classifier, suffix in systems:
+            exam = f"slant {slant_deg:g}{suffix}"
             values = [
                 tally.accuracy("thirty", exam, solver, classifier, texture=name) for name in names
             ]
@@ -152,8 +162,8 @@ def _by_texture(results: Results) -> Exhibit:
             columns[f"slant_{slant_deg:g}_{solver}_{classifier}_pct"] = values
             if classifier == ONE_D:
                 mean = tally.accuracy("thirty", exam, solver, classifier)
-                means.append(f"{SOLVER_TITLES[solver]} at {exam} {mean:.1f} %")
-        panels.append((exam, groups))
+                means.append(f"{SOLVER_TITLES[solver]} at slant {slant_deg:g} {mean:.1f} %")
+        panels.append((f"slant {slant_deg:g}", groups))
     return exhibit(
         "figure_9_11",
         ("texture", *columns),
@@ -167,7 +177,10 @@ def _by_texture(results: Results) -> Exhibit:
 
 def _one_against_two_dimensions(results: Results) -> Exhibit:
     plan, tally = results.plan, results.tally
-    classifiers = ("polar", ONE_D, "spectra_2d_power", THESIS, OURS)
+    systems = (
+        *((name, ONE_SEGMENT) for name in OF_SPECTRA),
+        *((name, "") for name in (*OF_SPECTRA, OURS)),
+    )
     rows: list[Row] = []
     panels = []
     order = []
@@ -175,32 +188,38 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
         for slant_deg in plan.chapter_slants_deg:
             groups = []
             for solver in SOLVERS:
-                values = {
-                    name: tally.accuracy("thirty", f"slant {slant_deg:g}", solver, name, protocol)
-                    for name in classifiers
-                }
-                colour = plots.COLOURS[solver]
-                groups.append((SOLVER_TITLES[solver], colour, list(values.values())))
-                rows += [(protocol, slant_deg, solver, *item) for item in values.items()]
+                values = [
+                    tally.accuracy("thirty", f"slant {slant_deg:g}{suffix}", solver, name, protocol)
+                    for name, suffix in systems
+                ]
+                groups.append((SOLVER_TITLES[solver], plots.COLOURS[solver], values))
+                rows += [
+                    (protocol, slant_deg, solver, name, _averaging(suffix), value)
+                    for (name, suffix), value in zip(systems, values, strict=True)
+                ]
                 if solver == "ps4":
+                    one, two = (values[systems.index((n, ONE_SEGMENT))] for n in (ONE_D, THESIS))
                     order.append(
-                        f"{title} at slant {slant_deg:g}, 1D {values[ONE_D]:.1f} % and 2D "
-                        f"{values[THESIS]:.1f} %"
+                        f"{title} at slant {slant_deg:g}, 1D {one:.1f} % and 2D {two:.1f} %"
                     )
             panels.append((f"{title}, slant {slant_deg:g}", groups))
     return exhibit(
         "figure_9_13",
-        ("protocol", "slant_deg", "solver", "classifier", "accuracy_pct"),
+        ("protocol", "slant_deg", "solver", "classifier", "segments", "accuracy_pct"),
         rows,
         draw=partial(
             plots.draw_bars,
-            names=[CLASSIFIER_TITLES[name] for name in classifiers],
+            names=[f"{CLASSIFIER_TITLES[name]}{suffix}" for name, suffix in systems],
             panels=panels,
             x_label="accuracy, %",
         ),
-        size_in=(12.0, 3.6),
+        size_in=(12.0, 5.6),
         order="; ".join(order),
     )
+
+
+def _averaging(suffix: str) -> str:
+    return "one" if suffix == ONE_SEGMENT else "averaged"
 
 
 def _against_textons(results: Results) -> Exhibit:
@@ -208,7 +227,7 @@ def _against_textons(results: Results) -> Exhibit:
     thesis = {(THESIS, 4): THESIS_PS4_2D, (TEXTONS, 28): THESIS_TEXTONS}
     rows: list[Row] = []
     for cost in results.costs:
-        suffix = ", 28 images" if cost.training_images == 28 else ""
+        suffix = OF_28_IMAGES if cost.training_images == 28 else ""
         rows.append(
             (
                 CLASSIFIER_TITLES[cost.classifier],

@@ -158,12 +158,20 @@ def _orientation(results: Results) -> Exhibit:
                     quantile(errors, 0.5),
                     quantile(errors, 0.95),
                     percent(error > 10.0 for error in errors),
+                    percent(error > 80.0 for error in errors),
                 )
             )
-    columns = ("textures", "classifier", "tests", "median, °", "95 %, °", "beyond 10°, %")
     return exhibit(
         "orientation",
-        columns,
+        (
+            "textures",
+            "classifier",
+            "tests",
+            "median, °",
+            "95 %, °",
+            "beyond 10°, %",
+            "beyond 80°, %",
+        ),
         rows,
         digits=2,
         sharpness=f"{DIRECTIONAL_SHARPNESS:g}",

@@ -12,7 +12,7 @@ from classify import Method, TextureLibrary
 from classify.classifiers import classifier_named
 
 from .plan import BEST_SOLVER, OURS, THESIS, Exam, Experiment, Protocol
-from .rejection import References, ScorePair, distance_pair, score_pairs, without
+from .rejection import References, ScorePair, distance_pair, without
 from .scenes import Patch, Texture
 from .training import library_path, quarters_path
 
@@ -121,20 +121,13 @@ def _answer(task: ExamTask, patch: Patch, exam: Exam, solver: Method, classifier
 
 def _rejection(task: ExamTask, patch: Patch, exam: Exam) -> Rejection:
     label = task.texture.name
+    surface = patch.estimate(exam.conditions, BEST_SOLVER)
     library = _library(task, exam, BEST_SOLVER, OURS)
-    quarters = _load(quarters_path(task.folder, task.experiment.name, exam.lesson.name))
-    observation = patch.observation(
-        exam.conditions, BEST_SOLVER, OURS, library.segment_px, train=True
-    )
-    pairs = score_pairs(observation, label, References(library, quarters))
-
     thesis = _library(task, exam, BEST_SOLVER, THESIS)
-    seen = patch.observation(exam.conditions, BEST_SOLVER, THESIS, thesis.segment_px, train=False)
-    signature = classifier_named(THESIS).signature(seen, thesis.parameters)
-    pairs["thesis"] = distance_pair(signature, label, thesis)
-
-    seen = patch.observation(exam.conditions, BEST_SOLVER, OURS, library.segment_px, train=False)
-    signature = classifier_named(OURS).signature(seen, library.parameters)
+    quarters = quarters_path(task.folder, task.experiment.name, exam.lesson.name)
+    pairs = _references(_path(task, exam, BEST_SOLVER, OURS), quarters).score_pairs(surface, label)
+    pairs["thesis"] = distance_pair(thesis.observe(surface), label, thesis)
+    signature = library.observe(surface)
     return Rejection(
         experiment=task.experiment.name,
         exam=exam.name,
@@ -147,11 +140,18 @@ def _rejection(task: ExamTask, patch: Patch, exam: Exam) -> Rejection:
 
 
 def _library(task: ExamTask, exam: Exam, solver: Method, classifier: str) -> TextureLibrary:
-    return _load(
-        library_path(task.folder, task.experiment.name, exam.lesson.name, solver, classifier)
-    )
+    return _load(_path(task, exam, solver, classifier))
+
+
+def _path(task: ExamTask, exam: Exam, solver: Method, classifier: str) -> Path:
+    return library_path(task.folder, task.experiment.name, exam.lesson.name, solver, classifier)
 
 
 @lru_cache(maxsize=512)
 def _load(path: Path) -> TextureLibrary:
     return TextureLibrary.load(path)
+
+
+@lru_cache(maxsize=16)
+def _references(whole: Path, quarters: Path) -> References:
+    return References(_load(whole), _load(quarters))

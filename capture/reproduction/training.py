@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from classify import Lighting, Method, TextureLibrary
-from classify.library import TrainingRow
+from classify.classifiers import Observation
+from classify.library import TrainingRow, observe
 
 from .plan import BEST_SOLVER, OURS, Experiment, Lesson
-from .rejection import quarter_library
+from .rejection import quartered
 from .scenes import Patch
 
 __all__ = ["TrainingTask", "library_path", "quarters_path", "train", "training_tasks"]
@@ -46,33 +48,45 @@ def quarters_path(folder: Path, experiment: str, lesson: str) -> Path:
 
 def train(task: TrainingTask) -> int:
     """Write the libraries of some lessons; returns how many."""
-    experiment = task.experiment
-    rows: dict[tuple[Lesson, Method, str], list[TrainingRow]] = {}
-    textures = dict.fromkeys(texture for lesson in task.lessons for texture in lesson.textures)
-    for texture in textures:
-        for turn_deg in task.lessons[0].turns_deg:
-            patch = Patch(experiment.learned_place(texture, turn_deg), experiment.frame_px)
+    name, frame_px = task.experiment.name, task.experiment.frame_px
+    slant_deg, turns_deg = task.lessons[0].conditions.slant_deg, task.lessons[0].turns_deg
+    rows: dict[_Library, list[TrainingRow]] = {}
+    for texture in dict.fromkeys(t for lesson in task.lessons for t in lesson.textures):
+        for turn_deg in turns_deg:
+            patch = Patch(task.experiment.learned_place(texture, turn_deg), frame_px)
             for lesson in task.lessons:
                 if texture not in lesson.textures:
                     continue
-                for solver, classifier in lesson.systems:
-                    observation = patch.observation(
-                        lesson.conditions, solver, classifier, lesson.segment_px, train=True
-                    )
+                for library, observation in _observed(patch, lesson, task.folder, name):
                     row = TrainingRow(texture.name, observation, turn_deg)
-                    rows.setdefault((lesson, solver, classifier), []).append(row)
-    for (lesson, solver, classifier), learned in rows.items():
-        library = TextureLibrary.from_observations(
-            learned,
-            lesson.segment_px,
-            classifier,
-            lighting=Lighting.ring(lesson.conditions.slant_deg),
-            simulated=True,
-        )
-        name = experiment.name
-        library.save(library_path(task.folder, name, lesson.name, solver, classifier))
-        if lesson.rejecting and (solver, classifier) == (BEST_SOLVER, OURS):
-            quarters = quarter_library(library, [row.observation for row in learned])
-            quarters.save(quarters_path(task.folder, name, lesson.name))
+                    rows.setdefault(library, []).append(row)
+    lighting = Lighting.ring(slant_deg)
+    for library, learned in rows.items():
+        TextureLibrary.from_observations(
+            learned, library.segment_px, library.classifier, lighting=lighting, simulated=True
+        ).save(library.path)
     return len(rows)
 
+
+@dataclass(frozen=True)
+class _Library:
+    path: Path
+    classifier: str
+    segment_px: int
+
+
+def _observed(
+    patch: Patch, lesson: Lesson, folder: Path, experiment: str
+) -> Iterator[tuple[_Library, Observation]]:
+    """What each library of a lesson gets of a patch."""
+    for solver, classifier in lesson.systems:
+        path = library_path(folder, experiment, lesson.name, solver, classifier)
+        yield (
+            _Library(path, classifier, lesson.segment_px),
+            patch.observation(lesson.conditions, solver, classifier, lesson.segment_px, train=True),
+        )
+    if lesson.rejecting:
+        path = quarters_path(folder, experiment, lesson.name)
+        segment_px = lesson.segment_px // 2
+        for quarter in quartered(patch.estimate(lesson.conditions, BEST_SOLVER)):
+            yield _Library(path, OURS, segment_px), observe(quarter, segment_px, OURS)

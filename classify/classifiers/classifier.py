@@ -61,8 +61,7 @@ class Classifier:
         class, beyond which a surface is none of it; None where a classifier cannot say.
     invariants
         (n, ...) signatures to (n, k + 1): k numbers whose squared Euclidean distance, over the
-        last number of the reference, is never above the distance. A large library is sifted by
-        them.
+        last numbers of both, is never above the distance. A large library is sifted by them.
     from_images
         Whether it looks at images rather than at the surface: then a set under another lighting
         is another thing.

@@ -43,7 +43,7 @@ _CAP_BINS = 8.0
 _CHANNEL_WEIGHTS = (1.0, 1.0, 4.0)
 _CHANNELS = len(_CHANNEL_WEIGHTS)
 # Share of the statistics' distance beside that of the spectra.
-_LOCAL_SHARE = 0.3
+_LOCAL_SHARE = 0.5
 # Correlations between statistics are estimated from few quarters: half of each is believed.
 _SHRINKAGE = 0.5
 _LEAST_SCATTER = 0.01
@@ -57,7 +57,7 @@ _SCATTER_POWER = 0.25
 # of the class. The quantile is believed as far as there are distances; `_TYPICAL_LIMIT` counts as
 # `_TYPICAL_PAIRS` of them, for libraries of few sets.
 _LIMIT_QUANTILE = 0.99
-_LIMIT_MARGIN = 1.15
+_LIMIT_MARGIN = 1.25
 _TYPICAL_LIMIT = 2.4
 _TYPICAL_PAIRS = 60
 _MAX_LEFT_OUT = 200
@@ -84,6 +84,7 @@ def _observation(fields: TextureFields, segment_px: int) -> Observation:
         "curl_density": np.array(spectra.curl_density),
         "moments": measured.moments,
         "energies": measured.energies,
+        "pixels": np.array(float(fields.p.size)),
     }
 
 
@@ -138,6 +139,7 @@ def _learn(observations: Sequence[Observation], _labels: Sequence[str]) -> Param
     learned = {
         **floors,
         "whitening": whitening,
+        "pixels": np.array(np.median([each["pixels"] for each in observations])),
         "spectral_scatter": np.array(max(float(spectral.mean()), _LEAST_DISTANCE)),
         "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
     }
@@ -198,10 +200,10 @@ def _statistics(observation: Observation, parameters: Parameters) -> npt.NDArray
 
 
 def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
-    """Series, whitened statistics, scatter: (2 * 3 R * 16 + d + 1,) float32.
+    """Series, whitened statistics, divisor of distances: (2 * 3 R * 16 + d + 1,) float32.
 
-    Scaled so that the squared Euclidean distance of two signatures, less its last number, is in
-    units of the distance between quarters of one surface.
+    Scaled so that the squared Euclidean distance of two signatures, without their last numbers, is
+    in units of the distance between quarters of one surface.
     """
     share = 1.0 / (1.0 + _LOCAL_SHARE)
     series = _series(observation["polar"], parameters)
@@ -209,14 +211,15 @@ def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
     statistics = _statistics(observation, parameters)
     white = statistics[0] @ parameters["whitening"].T
     white *= np.sqrt((1.0 - share) / parameters["local_scatter"])
-    scatter = 1.0
     if "quarters" in observation:
         within = _within([observation], statistics[None], parameters, parameters["whitening"])
-        scatter = (
-            max(float(_in_units(*within, parameters).mean()), _LEAST_SCATTER) ** _SCATTER_POWER
-        )
+        mean = float(_in_units(*within, parameters).mean())
+        divisor = max(mean, _LEAST_SCATTER) ** _SCATTER_POWER
+    else:
+        # Scatter goes with one over the area: a smaller frame lies further from its own class.
+        divisor = max(0.5 + 0.5 * float(parameters["pixels"] / observation["pixels"]), 1.0)
     return np.concatenate(
-        [series.ravel().view(np.float32), white.astype(np.float32), [np.float32(scatter)]]
+        [series.ravel().view(np.float32), white.astype(np.float32), [np.float32(divisor)]]
     )
 
 
@@ -225,7 +228,7 @@ def _references(observation: Observation, parameters: Parameters) -> FloatMap:
     own = _signature(observation, parameters)
     signatures = [own]
     for index in itertools.count():
-        names = ("polar", "curl_density", "moments", "energies")
+        names = ("polar", "curl_density", "moments", "energies", "pixels")
         if f"turned_{index}_polar" not in observation:
             return np.stack(signatures)
         turned = _signature(
@@ -241,7 +244,8 @@ def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     found = least_error(_series_of(test[None])[0], _series_of(references))
     local = np.square(references[:, _SERIES_FLOATS:-1] - test[_SERIES_FLOATS:-1])
     total = found.errors + local.sum(axis=1, dtype=np.float64)
-    return Comparison(total / references[:, -1], found.turns_deg, found.sharpness)
+    total /= references[:, -1] * test[-1]
+    return Comparison(total, found.turns_deg, found.sharpness)
 
 
 def _series_of(signatures: FloatMap) -> Complex:
@@ -269,7 +273,8 @@ def _limits(
         for left_out in np.unique(own_sets)[:_MAX_LEFT_OUT]:
             others = own[own_sets != left_out]
             if len(others):
-                asked = own[int(np.argmax(own_sets == left_out))]
+                asked = own[int(np.argmax(own_sets == left_out))].copy()
+                asked[-1] = 1.0
                 nearest = float(_compare(asked, others, parameters).distances.min())
                 limit = max(limit, _LIMIT_MARGIN * nearest)
         limits[label] = limit

@@ -56,7 +56,7 @@ def page(sets: Path) -> Page:
 
 def test_it_shows_every_map_with_its_name(page: Page) -> None:
     titles = [image["alt"] for image in page.all("img")]
-    assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 4
+    assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 5
     for name in (
         "p", "q", "albedo", "normals", "height", "raised", "mean_curvature",
         "gaussian_curvature", "relit", "residual",

@@ -26,7 +26,7 @@ FLOAT_MAPS = {
     "p", "q", "albedo", "normals", "height", "raised", "mean_curvature", "gaussian_curvature",
     "relit", "residual",
 }  # fmt: skip
-PICTURES = {"shadow", "dropped", "valid", "preview"}
+PICTURES = {"shadow", "dropped", "specular", "valid", "preview"}
 OTHERS = {"roughness.json", "index.html"}
 
 
@@ -104,7 +104,7 @@ def test_each_tiff_says_where_it_comes_from_and_in_what_unit(
     for each in about.values():
         assert each["simulated"] is True
         assert each["label"] == "rock"
-        assert each["method"] == "ps4"
+        assert each["method"] == "ps4_robust"
         assert each["pixels_sha256"] == captured.metadata.pixels_sha256
     assert {name for name, each in about.items() if each.get("relative")} == {"height", "raised"}
     assert about["mean_curvature"]["unit"] == "1/px"

@@ -15,8 +15,9 @@ import pytest
 from capture.reproduction import scenes
 from capture.reproduction.exams import Answer
 from capture.reproduction.exhibit import exhibit
+from capture.reproduction.experiments import material_textures, plan_of, thirty_textures
 from capture.reproduction.page import page
-from capture.reproduction.plan import Experiment, Plan, material_textures, plan_of, thirty_textures
+from capture.reproduction.plan import Experiment, Plan
 from capture.reproduction.rejection import ScorePair
 from capture.reproduction.rejection_exhibits import accepted_at, rejection_curve
 from capture.reproduction.run import reproduce

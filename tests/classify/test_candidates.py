@@ -22,11 +22,12 @@ KEPT, LOST = 12, 6  # numbers that the sieve sees, and that only the comparison 
 
 @dataclass
 class Points:
-    """References that are points; the distance is Euclidean, squared, over a divisor of each."""
+    """References that are points; the distance is Euclidean, squared, over divisors of both."""
 
     points: npt.NDArray[np.float32]
     divisors: npt.NDArray[np.float32]
     labels: list[str]
+    divisor: float = 1.0  # of the test
     compared: int = field(default=0)
 
     @property
@@ -36,7 +37,10 @@ class Points:
 
     def distances(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         squares = np.square(self.points.astype(np.float64) - test).sum(axis=1)
-        return squares / self.divisors
+        return squares / (self.divisors * self.divisor)
+
+    def invariants(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.append(test[:KEPT], np.float32(self.divisor))
 
     def match(self, test: npt.NDArray[np.float32]) -> Match:
         """Through the sieve."""
@@ -46,7 +50,7 @@ class Points:
             self.compared += len(indices)
             return Comparison(everything[indices], indices % 180.0, indices / 1e6)
 
-        chosen, found = self.sieve.nearest(np.append(test[:KEPT], np.float32(1.0)), compare)
+        chosen, found = self.sieve.nearest(self.invariants(test), compare)
         assert (np.diff(chosen) > 0).all()
         np.testing.assert_array_equal(found.distances, everything[chosen])
         np.testing.assert_array_equal(found.turns_deg, chosen % 180.0)
@@ -82,12 +86,20 @@ def clustered(seed: int, count: int, classes: int, spread: float, level: float) 
     st.sampled_from([1e-4, 1e-2, 0.3, 1.0, 5.0]),
     st.sampled_from([0.0, 3.0, 100.0]),
     st.booleans(),
+    st.sampled_from([1.0, 0.5, 3.0]),
 )
 def test_nearest_and_runner_up_are_those_of_comparing_everything(
-    seed: int, count: int, classes: int, spread: float, level: float, known: bool
+    seed: int,
+    count: int,
+    classes: int,
+    spread: float,
+    level: float,
+    known: bool,
+    divisor: float,
 ) -> None:
     """Clusters from a ten thousandth of their distance wide to all over each other."""
     library = clustered(seed, count, classes, spread, level)
+    library.divisor = divisor
     rng = np.random.default_rng(seed ^ 1)
     test = library.points[rng.integers(count)] + spread * known * rng.standard_normal(KEPT + LOST)
     test = test.astype(np.float32)
@@ -152,7 +164,7 @@ def test_a_classifier_without_angles_is_sifted_as_well() -> None:
     test = library.points[5] + np.float32(0.1)
     distances = library.distances(test)
     chosen, found = library.sieve.nearest(
-        np.append(test[:KEPT], np.float32(1.0)), lambda indices: Comparison(distances[indices])
+        library.invariants(test), lambda indices: Comparison(distances[indices])
     )
     assert len(chosen) > 4 * candidates._FIRST  # there was a second round
     assert found.turns_deg is None
@@ -169,7 +181,7 @@ def test_a_reference_with_a_bound_that_is_no_number_is_compared() -> None:
     broken[2000, 3] = np.nan
     distances = library.distances(test)
     chosen, found = Sieve(broken, library.labels).nearest(
-        np.append(test[:KEPT], np.float32(1.0)), lambda indices: Comparison(distances[indices])
+        library.invariants(test), lambda indices: Comparison(distances[indices])
     )
     assert 2000 in chosen.tolist()
     assert found.distances.min() == expected.distance

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from classify import TextureLibrary
+from classify import Lighting, TextureLibrary, photometric_stereo
 from classify.classifiers import CLASSIFIERS
 from classify.library import observe
 
@@ -125,19 +125,19 @@ def test_every_class_has_a_limit_and_room_for_its_own_quarters(library) -> None:
     assert all(0.0 < limit < 100.0 for limit in library.limits.values())
 
 
-def test_distances_are_in_units_of_how_quarters_differ(library, stationary) -> None:
-    """A half of the training patch itself, whatever the texture: about 1, not 0.01 or 100."""
-    distances = []
-    for kind in KINDS:
-        half = stationary(kind, seed=1, side=128)
-        cut = replace(
-            half,
-            **{
-                name: getattr(half, name)[:64] for name in ("p", "q", "albedo", "valid", "residual")
-            },
-        )
-        distances.append(library.classify(cut).distance)
-    assert 0.1 < np.median(distances) < 4.0
+def test_distances_are_in_units_of_how_quarters_differ(library, signatures) -> None:
+    """Another patch of the same texture, whatever the texture: about 1, not 0.01 or 100."""
+    distances = [library.match(signature).distance for signature in signatures]
+    assert all(0.05 < distance < 4.0 for distance in distances)
+    assert 0.2 < np.median(distances) < 2.0
+
+
+@pytest.mark.parametrize(("side", "rows"), [(64, 128), (96, 96), (200, 64), (256, 256)])
+def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, rows: int) -> None:
+    """A smaller frame knows its texture less well, and is not refused for that."""
+    for kind in ("sand", "brushed", "malv", "domes"):
+        surface = stationary(kind, 61.0, seed=8, side=side, rows=rows)
+        assert library.classify(surface).label == kind
 
 
 def test_training_keeps_what_a_test_is_judged_by_and_the_quarters(stationary) -> None:
@@ -185,8 +185,42 @@ def test_a_bound_holds_for_every_reference(library, signatures) -> None:
     references = JOINT.invariants(library.signatures)
     for signature in signatures:
         vector = JOINT.invariants(signature[None])[0]
-        bounds = np.square(references[:, :-1] - vector[:-1]).sum(axis=1) / references[:, -1]
+        bounds = np.square(references[:, :-1] - vector[:-1]).sum(axis=1)
+        bounds /= references[:, -1] * vector[-1]
         distances = JOINT.compare(signature, library.signatures, library.parameters).distances
         assert (bounds <= distances * (1 + 1e-4) + 1e-3).all()
         # And says something: the wrong classes are kept out by it.
         assert np.sort(bounds)[1] > distances.min()
+
+
+@pytest.fixture(scope="module")
+def low_light(stationary, photographed):
+    """Make a surface as solved from lights so low that it shades itself: kind, turn_deg, seed."""
+    lighting = Lighting.ring(72.0)
+
+    def make(kind: str, turn_deg: float = 0.0, seed: int = 1):
+        images = photographed(stationary(kind, turn_deg, seed=seed), 72.0).images
+        return photometric_stereo(images, lighting)
+
+    return make
+
+
+def test_a_surface_in_shadow_gives_references_for_turned_lights(low_light) -> None:
+    """They belong to its set: they count in comparing, and not in how far a class reaches."""
+    rows = [(kind, low_light(kind)) for kind in ("brushed", "rough")]
+    assert all(surface.shadow_mask.mean() > 0.05 for _, surface in rows)
+    library = TextureLibrary.train([(kind, surface, 30.0) for kind, surface in rows])
+    plain = TextureLibrary.train([(k, replace(each, lighting=None), 30.0) for k, each in rows])
+    assert plain.labels == ("brushed", "rough")
+    assert library.classes == ("brushed", "rough")
+    assert len(library.labels) > 2
+    assert set(library.orientations_deg.tolist()) == {30.0}
+    assert library.limits == pytest.approx(plain.limits)
+    for kind in ("brushed", "rough"):
+        for turn_deg in (22.5, 45.0, 67.5):
+            surface = low_light(kind, turn_deg, seed=2)
+            match = library.classify(surface)
+            assert match.nearest == kind
+            assert match.distance <= plain.classify(surface).distance * (1 + 1e-6)
+    surface = low_light("brushed", 45.0, seed=2)
+    assert off_deg(library.classify(surface).orientation_deg, 75.0) < 3.0

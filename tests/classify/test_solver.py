@@ -90,9 +90,7 @@ def test_every_method_recovers_a_surface_under_a_ring(
 
 
 @settings(max_examples=40, deadline=None)
-@given(
-    general_lights(), SEEDS, st.sampled_from(["ps4", "least_squares", "drbohlav", "ps4_robust"])
-)
+@given(general_lights(), SEEDS, st.sampled_from(["ps4", "least_squares", "drbohlav", "ps4_robust"]))
 def test_four_lights_in_general_position_recover_a_surface(
     lighting: Lighting, seed: int, method: str
 ) -> None:
