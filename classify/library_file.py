@@ -115,7 +115,9 @@ def write(path: Path, contents: Contents) -> None:
         archive.writestr(_HEADER, contents.header.model_dump_json(indent=1))
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.ascontiguousarray(array), allow_pickle=False)
+                # Not `ascontiguousarray`, which makes a list of a single number.
+                plain = np.asarray(array, order="C")
+                np.lib.format.write_array(member, plain, allow_pickle=False)
 
 
 def read(path: Path) -> Contents:

@@ -39,7 +39,7 @@ GATE = np.float32(3.0)
 # and in any case this share of the second brightest, which is no highlight: shadows get light from
 # the surface around them.
 DARK = np.float32(3.0)
-LEAK = np.float32(0.05)
+LEAK = np.float32(0.03)
 # Lights are of known strength, and surfaces Lambertian, to some per cent only. All four together
 # bear that better than three.
 TOLERANCE = np.float32(0.05)

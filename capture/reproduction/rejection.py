@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -51,21 +51,19 @@ def quartered(surface: SurfaceEstimate) -> list[SurfaceEstimate]:
     """The four quarters of a surface as surfaces of their own."""
     rows, columns = (side // 2 for side in surface.shape)
     corners = [(row, column) for row in (0, rows) for column in (0, columns)]
-    maps = {
+    maps: dict[str, Any] = {
         each.name: values
         for each in fields(surface)
         if isinstance(values := getattr(surface, each.name), np.ndarray)
     }
-    return [
-        replace(
-            surface,
-            **{
-                name: np.ascontiguousarray(values[..., row : row + rows, column : column + columns])
-                for name, values in maps.items()
-            },
-        )
-        for row, column in corners
-    ]
+    quarters = []
+    for row, column in corners:
+        cut = np.s_[..., row : row + rows, column : column + columns]
+        parts: dict[str, Any] = {
+            name: np.ascontiguousarray(values[cut]) for name, values in maps.items()
+        }
+        quarters.append(replace(surface, **parts))
+    return quarters
 
 
 def without(library: TextureLibrary, label: str) -> TextureLibrary:

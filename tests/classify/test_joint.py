@@ -140,6 +140,15 @@ def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, ro
         assert library.classify(surface).label == kind
 
 
+def test_a_smaller_frame_is_given_more_room(library, stationary) -> None:
+    """A quarter of the area: twice the distance, which alone would make some unknown."""
+    small = [library.classify(stationary("malv", 20.0 * s, s, side=64)) for s in range(5, 12)]
+    whole = [library.classify(stationary("malv", 20.0 * s, s)) for s in range(5, 12)]
+    assert [match.label for match in small] == ["malv"] * 7
+    median_small, median = (np.median([m.distance for m in each]) for each in (small, whole))
+    assert median_small < 4.0 * median
+
+
 def test_training_keeps_what_a_test_is_judged_by_and_the_quarters(stationary) -> None:
     surface = stationary("malv", seed=1)
     tested, trained = JOINT.observe(surface, 64), observe(surface, 64)

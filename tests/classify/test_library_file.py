@@ -49,7 +49,7 @@ def assert_equal(ours: TextureLibrary, theirs: TextureLibrary) -> None:
     np.testing.assert_array_equal(ours.signatures, np.asarray(theirs.signatures), strict=True)
     assert list(ours.parameters) == list(theirs.parameters)
     for name, values in ours.parameters.items():
-        np.testing.assert_array_equal(values, np.asarray(theirs.parameters[name]))
+        np.testing.assert_array_equal(values, np.asarray(theirs.parameters[name]), strict=True)
 
 
 @pytest.fixture

@@ -258,7 +258,7 @@ def material_errors(slant_deg: float, size_px: int) -> dict[str, tuple[np.ndarra
     return found
 
 
-@pytest.mark.parametrize("slant_deg", [45.0, 70.0])
+@pytest.mark.parametrize("slant_deg", [pytest.param(45.0, marks=pytest.mark.slow), 70.0])
 def test_robust_ps4_is_nowhere_clearly_worse_on_scanned_materials(slant_deg: float) -> None:
     found = material_errors(slant_deg, 256)
     print(f"\nrms slope error, scanned materials, slant {slant_deg:g}: ps4 / ps4_robust")
