@@ -47,6 +47,9 @@ class LocalPool:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
         try:
             return self._executor.submit(_call, function, item)
+        except OSError as error:
+            # Killed before it had read what it is to do: the pipe to it is broken.
+            raise BrokenExecutor("a worker died while it was being started") from error
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit, prange
 
 from .classifiers import Comparison
+from .kernels import FAST
 from .surface import FloatMap
 
 __all__ = ["COMPARED_AT_ONCE", "Sieve"]
@@ -17,9 +20,10 @@ COMPARED_AT_ONCE = 1024
 
 _FIRST = 64
 _MOST = 4096
-# What single precision may add to the square of a difference, relative to those of its terms.
-_ROUNDING = 2e-6
+# Error of the numbers in single precision, and of their sums, relative to all of them together.
+_ROUNDING = np.float32(2e-6)
 
+Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.intp]
 Bounds = npt.NDArray[np.float64]
 
@@ -38,20 +42,15 @@ class Sieve:
 
     def __init__(self, invariants: FloatMap, labels: Sequence[str]) -> None:
         self.invariants = invariants
-        self._vectors = invariants[:, :-1]
-        self._divisors = invariants[:, -1].astype(np.float64)
-        self._energies = np.einsum("nk,nk->n", self._vectors, self._vectors, dtype=np.float64)
         numbers: dict[str, int] = {}
         self._classes = np.array([numbers.setdefault(label, len(numbers)) for label in labels])
 
     def bounds(self, invariants: FloatMap) -> Bounds:
         """(n,) bounds on the distances of a test with the invariants (k + 1,)."""
-        vector = invariants[:-1]
-        energies = self._energies + float(vector @ vector)
-        squares = (1.0 - _ROUNDING) * energies - 2.0 * (self._vectors @ vector)
+        bounds = np.empty(len(self.invariants), np.float64)
+        _bounds(self.invariants, invariants, bounds)
         # A number that is none bounds nothing.
-        bounds: Bounds = np.fmax(squares / (self._divisors * float(invariants[-1])), 0.0)
-        return bounds
+        return np.fmax(bounds, 0.0, out=bounds)
 
     def nearest(
         self, invariants: FloatMap, compare: Callable[[Indices], Comparison]
@@ -80,6 +79,25 @@ class Sieve:
         indices = np.concatenate([first, more])
         order = np.argsort(indices)
         return indices[order], _joined(found, compare(more), order)
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _bounds(references: Array, test: Array, bounds: Array) -> None:
+    """Squared distances, less what rounding may have added, over the product of the divisors."""
+    count, numbers = references.shape
+    last = numbers - 1
+    energy = np.float32(0.0)
+    for k in range(last):
+        energy += test[k] * test[k]
+    # That of the references is not needed: it differs only where the distance is large.
+    added = _ROUNDING * np.sqrt(energy)
+    for n in prange(count):
+        square = np.float32(0.0)
+        for k in range(last):
+            difference = references[n, k] - test[k]
+            square += difference * difference
+        distance = np.float64(max(np.sqrt(square) - added, np.float32(0.0)))
+        bounds[n] = distance * distance / (np.float64(references[n, last]) * test[last])
 
 
 def _lowest(values: Bounds, count: int) -> Indices:

@@ -60,7 +60,7 @@ class TextureLibrary:
     Attributes
     ----------
     classifier
-        What compares, by name; see ``classify/classifiers.py``.
+        What compares, by name; see ``classify/classifiers/``.
     labels
         (n,) class of each reference.
     orientations_deg

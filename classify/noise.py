@@ -18,6 +18,8 @@ _MAX_SAMPLES = 16_384
 _GROUPS = 4
 # Fewer say little of their own noise.
 _GROUP_SAMPLES = 256
+# Far enough that demosaicing and image compression have not made their noise one.
+_APART_PX = 2
 # A light that gives less than this share of the brightest may be in shadow.
 _MAYBE_SHADOW = 0.2
 # Standard normal deviates: the tenth of the pixels that agree best, and what is beyond noise.
@@ -88,12 +90,13 @@ def noise_of_images(
 
     N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
     whatever its shape and albedo. What is left there is noise, but also shadow, gloss and lights
-    of unequal strength. Pixels with a light that may be in shadow are set aside where enough others
-    are left. Of the rest, the tenth that agrees best gives a first value, and all that lie within
-    three times of it the next, until that changes no more. Lights
-    of unequal strength contradict each other in proportion to brightness: so pixels are put into
-    groups by brightness, and the group with the least is taken. Three lights have no such
-    combination: then only the rounding of the pixel values is known.
+    of unequal strength; of these a difference between near pixels shows little but their edges.
+    Pixels with a light that may be in shadow are set aside where enough others are left. Of the
+    rest, the tenth that differs least gives a first value, and all that lie within three times of
+    it the next, until that changes no more. What is in proportion to brightness is the least where
+    that is: so pixels are put into groups by brightness, and the group with the least is taken.
+    Three lights have no such combination, and few pixels say nothing: then only the rounding of
+    the pixel values is known.
 
     Parameters
     ----------
@@ -108,31 +111,35 @@ def noise_of_images(
     if images.dtype.kind != "f":
         rounding = float(gains.max()) * math.sqrt(_ROUNDING_VARIANCE)
     freedom = len(lighting) - 3
-    if freedom < 1:
+    rows, columns = images.shape[1:]
+    if freedom < 1 or rows * (columns - _APART_PX) < _GROUP_SAMPLES:
         return rounding
     step = max(1, int(np.ceil(np.sqrt(images[0].size / _MAX_SAMPLES))))
-    grid = np.s_[::step, ::step]
-    values = images[(slice(None), *grid)].astype(np.float32)
-    if ambient is not None:
-        values -= ambient[grid].astype(np.float32)
-    values *= gains[:, None, None]
     # The left null space of L: rows of orthonormal combinations that cancel.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
-    left_over = np.tensordot(cancelling, values, axes=1)
-    energies = np.square(left_over).sum(axis=0).ravel()
-    brightness = values.sum(axis=0).ravel()
-    lit = (values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0)).ravel()
-    if np.count_nonzero(lit) >= _GROUP_SAMPLES:
-        energies, brightness = energies[lit], brightness[lit]
-    by_brightness = energies[np.argsort(brightness)]
-    groups = np.array_split(by_brightness, min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES)))
+    left_over, brightness, lit = [], [], []
+    for first, last in ((0, columns - _APART_PX), (_APART_PX, columns)):
+        grid = np.s_[::step, first:last:step]
+        values = images[(slice(None), *grid)].astype(np.float32)
+        if ambient is not None:
+            values -= ambient[grid].astype(np.float32)
+        values *= gains[:, None, None]
+        left_over.append(np.tensordot(cancelling, values, axes=1))
+        brightness.append(values.sum(axis=0))
+        lit.append(values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0))
+    energies = 0.5 * np.square(left_over[1] - left_over[0], dtype=np.float64).sum(axis=0).ravel()
+    order = np.argsort((brightness[0] + brightness[1]).ravel())
+    in_light = (lit[0] & lit[1]).ravel()
+    if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
+        order = order[in_light[order]]
+    groups = np.array_split(energies[order], min(_GROUPS, max(1, order.size // _GROUP_SAMPLES)))
     return math.sqrt(min(_variance(group, freedom, rounding**2) for group in groups))
 
 
-def _variance(energies: npt.NDArray[np.float32], freedom: int, least: float) -> float:
+def _variance(energies: npt.NDArray[np.float64], freedom: int, least: float) -> float:
     """Variance of the Gaussian part of sums of `freedom` squares."""
     ordered = np.sort(energies)
-    sums = np.cumsum(ordered, dtype=np.float64)
+    sums = np.cumsum(ordered)
     variance = max(least, float(ordered[len(ordered) // 10]) / _chi_squared(freedom, _TENTH))
     for _ in range(30):
         within = int(np.searchsorted(ordered, _chi_squared(freedom, _BEYOND) * variance, "right"))

@@ -116,7 +116,7 @@ def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.flo
     return np.float32(first), np.float32(second), np.float32(third), np.float32(t * t * t / 6.0)
 
 
-@numba.njit(parallel=True, cache=True, fastmath=True)
+@numba.njit(parallel=True, cache=True, fastmath={"contract", "arcp", "nsz"})
 def _sample(
     coefficients: FloatArray, row0: float, col0: float, cos: float, sin: float, side: int
 ) -> FloatArray:

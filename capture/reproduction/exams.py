@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from classify import Method, TextureLibrary
 from classify.classifiers import classifier_named
+from classify.surface import FloatMap
 
 from .plan import BEST_SOLVER, OURS, THESIS, Exam, Experiment, Protocol
 from .rejection import References, ScorePair, distance_pair, without
@@ -99,11 +100,7 @@ def take_exam(task: ExamTask) -> ExamResult:
 
 def _answer(task: ExamTask, patch: Patch, exam: Exam, solver: Method, classifier: str) -> Answer:
     library = _library(task, exam, solver, classifier)
-    observation = patch.observation(
-        exam.conditions, solver, classifier, library.segment_px, train=False
-    )
-    signature = classifier_named(classifier).signature(observation, library.parameters)
-    match = library.match(signature)
+    match = library.match(_signature(patch, exam, solver, library))
     return Answer(
         experiment=task.experiment.name,
         exam=exam.name,
@@ -121,13 +118,13 @@ def _answer(task: ExamTask, patch: Patch, exam: Exam, solver: Method, classifier
 
 def _rejection(task: ExamTask, patch: Patch, exam: Exam) -> Rejection:
     label = task.texture.name
-    surface = patch.estimate(exam.conditions, BEST_SOLVER)
     library = _library(task, exam, BEST_SOLVER, OURS)
     thesis = _library(task, exam, BEST_SOLVER, THESIS)
     quarters = quarters_path(task.folder, task.experiment.name, exam.lesson.name)
-    pairs = _references(_path(task, exam, BEST_SOLVER, OURS), quarters).score_pairs(surface, label)
-    pairs["thesis"] = distance_pair(thesis.observe(surface), label, thesis)
-    signature = library.observe(surface)
+    references = _references(_path(task, exam, BEST_SOLVER, OURS), quarters)
+    signature = _signature(patch, exam, BEST_SOLVER, library)
+    pairs = references.score_pairs(patch.estimate(exam.conditions, BEST_SOLVER), signature, label)
+    pairs["thesis"] = distance_pair(_signature(patch, exam, BEST_SOLVER, thesis), label, thesis)
     return Rejection(
         experiment=task.experiment.name,
         exam=exam.name,
@@ -137,6 +134,14 @@ def _rejection(task: ExamTask, patch: Patch, exam: Exam) -> Rejection:
         rejected=library.match(signature).label is None,
         rejected_unknown=without(library, label).match(signature).label is None,
     )
+
+
+def _signature(patch: Patch, exam: Exam, solver: Method, library: TextureLibrary) -> FloatMap:
+    """What `library.observe` would make of the patch, from observations that libraries share."""
+    observation = patch.observation(
+        exam.conditions, solver, library.classifier, library.segment_px, train=False
+    )
+    return classifier_named(library.classifier).signature(observation, library.parameters)
 
 
 def _library(task: ExamTask, exam: Exam, solver: Method, classifier: str) -> TextureLibrary:

@@ -51,7 +51,7 @@ def quartered(surface: SurfaceEstimate) -> list[SurfaceEstimate]:
     """The four quarters of a surface as surfaces of their own."""
     rows, columns = (side // 2 for side in surface.shape)
     corners = [(row, column) for row in (0, rows) for column in (0, columns)]
-    maps: dict[str, Any] = {
+    maps = {
         each.name: values
         for each in fields(surface)
         if isinstance(values := getattr(surface, each.name), np.ndarray)
@@ -89,10 +89,11 @@ class References:
     whole: TextureLibrary
     quarters: TextureLibrary
 
-    def score_pairs(self, surface: SurfaceEstimate, label: str) -> dict[str, ScorePair]:
-        """Scores of a test whose true class is `label`."""
+    def score_pairs(
+        self, surface: SurfaceEstimate, signature: FloatMap, label: str
+    ) -> dict[str, ScorePair]:
+        """Scores of a test, a surface and its signature, whose true class is `label`."""
         library = self.whole
-        signature = library.observe(surface)
         scaled = _distances(signature, library)
         plain = scaled * library.signatures[:, -1] * signature[-1]
         statistics = slice(-1 - len(library.parameters["whitening"]), -1)

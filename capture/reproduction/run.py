@@ -86,6 +86,9 @@ def measure(
     plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
 ) -> Results:
     """All numbers of a plan. The libraries lie in a folder within `output` meanwhile."""
+    # Of each worker's BLAS, read when it starts. There is a worker for each core already, and
+    # threads that wait for each other made texton histograms eight times slower.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with (
         tempfile.TemporaryDirectory(dir=output.absolute(), prefix=".libraries-") as libraries,
         Batch(workers, scheduler) as batch,

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ DEADLINE_S = 60.0
 KILL = int(signal.SIGKILL)
 SELF = "/proc/self"  # a link to the number of the process that reads it
 
+# Processes are started and killed in most of these.
+pytestmark = pytest.mark.slow
 at_once = pytest.mark.usefixtures("_workers_at_once")
 
 
@@ -243,6 +246,23 @@ def test_an_item_that_kills_its_workers_is_named_and_no_other(two_workers: Batch
         next(results)
 
 
+@at_once
+def test_a_worker_killed_before_it_reads_what_to_do_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whoever starts it then writes into a broken pipe; too early for a test to kill in time."""
+    real, broken = ProcessPoolExecutor.submit, iter([BrokenPipeError(), BrokenPipeError()])
+
+    def submit(executor: ProcessPoolExecutor, *task: Any) -> Any:
+        if error := next(broken, None):
+            raise error
+        return real(executor, *task)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", submit)
+    with Batch(2) as run:
+        assert list(run.map(abs, [-1, 2, -3])) == [1, 2, 3]
+
+
 def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) -> None:
     with Batch(scheduler=cluster.whole()) as run:
         results = run.map(signal.raise_signal, [KILL])
@@ -297,7 +317,6 @@ def everywhere(address: str) -> dict[str, tuple[object, ...]]:
     return {"here": ("--workers", 1), "local": ("--workers", 2), "dask": ("--scheduler", address)}
 
 
-@pytest.mark.slow
 @at_once
 def test_all_commands_give_the_same_everywhere(
     ps4rig: Command, sets: Path, tmp_path: Path, cluster: Cluster

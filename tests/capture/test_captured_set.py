@@ -37,6 +37,6 @@ def test_more_than_four_lights_are_solved_by_least_squares(
 ) -> None:
     five = made_set(np.full((5, 4, 4), 900, np.uint16))
     assert five.solve().method == "least_squares"
-    assert made_set(np.full((4, 4, 4), 900, np.uint16)).solve().method == "ps4"
-    with pytest.raises(InputError, match="ps4 needs exactly 4 lights, this set has 3"):
+    assert made_set(np.full((4, 4, 4), 900, np.uint16)).solve().method == "ps4_robust"
+    with pytest.raises(InputError, match="ps4_robust needs exactly 4 lights, this set has 3"):
         made_set(np.full((3, 4, 4), 900, np.uint16)).solve()

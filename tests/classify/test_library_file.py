@@ -256,19 +256,17 @@ UNREADABLE = "not a readable library"
         (b"cos\nsystem\n(S'true'\ntR.", UNREADABLE),
     ],
 )
-@pytest.mark.parametrize("mapped_from", [1, SMALL_BYTES])
 def test_an_array_that_does_not_hold_is_refused(
-    saved: Path, monkeypatch: pytest.MonkeyPatch, array: bytes, cause: str, mapped_from: int
+    saved: Path, monkeypatch: pytest.MonkeyPatch, array: bytes, cause: str
 ) -> None:
-    """Read or mapped."""
-    if cause == "NaN" and mapped_from == 1:
-        pytest.skip("the numbers of a mapped array are looked at when it is asked")
-    monkeypatch.setattr(library_file, "_MAPPED_FROM_BYTES", mapped_from)
+    """Read or mapped; but the numbers of a mapped array are looked at when it is asked."""
     write_members(saved, members(saved) | {"signatures.npy": array})
-    with pytest.raises(LibraryError, match=cause) as caught:
-        TextureLibrary.load(saved)
-    assert str(saved) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    for mapped_from in (SMALL_BYTES,) if cause == "NaN" else (SMALL_BYTES, 1):
+        monkeypatch.setattr(library_file, "_MAPPED_FROM_BYTES", mapped_from)
+        with pytest.raises(LibraryError, match=cause) as caught:
+            TextureLibrary.load(saved)
+        assert str(saved) in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

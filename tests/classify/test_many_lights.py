@@ -245,7 +245,7 @@ def test_gates_are_three_standard_deviations_out() -> None:
         assert np.mean(squares > limits[lights]) == pytest.approx(0.0027, abs=0.0006)
 
 
-@pytest.mark.parametrize("pair", combinations(range(5), 2))
+@pytest.mark.parametrize("pair", list(combinations(range(5), 2)))
 def test_two_shadows_of_five_are_found_by_being_dark(pair: tuple[int, int]) -> None:
     """The residuals alone cannot tell: any three of five lights agree."""
     p, q, images = bumps(ring_of(5))
