@@ -14,6 +14,9 @@ from .lighting import Lighting
 
 __all__ = ["SensorNoise", "noise_of_images", "noise_of_sensor"]
 
+FloatArray = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+
 _MAX_SAMPLES = 16_384
 _GROUPS = 4
 # Fewer say little of their own noise.
@@ -90,13 +93,14 @@ def noise_of_images(
 
     N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
     whatever its shape and albedo. What is left there is noise, but also shadow, gloss and lights
-    of unequal strength; of these a difference between near pixels shows little but their edges.
-    Pixels with a light that may be in shadow are set aside where enough others are left. Of the
-    rest, the tenth that differs least gives a first value, and all that lie within three times of
-    it the next, until that changes no more. What is in proportion to brightness is the least where
-    that is: so pixels are put into groups by brightness, and the group with the least is taken.
-    Three lights have no such combination, and few pixels say nothing: then only the rounding of
-    the pixel values is known.
+    of unequal strength. Each of these only adds, so the least of several estimates is taken: from
+    the combinations as they are and from their differences between near pixels, in which a light
+    that fails everywhere cancels as well; and for each from groups of pixels by brightness, as
+    lights of unequal strength contradict each other in proportion to it. Pixels with a light that
+    may be in shadow are set aside where enough others are left. Of a group, the tenth that agrees
+    best gives a first value, and all that lie within three times of it the next, until that changes
+    no more. Three lights have no such combination: then only the rounding of the pixel values is
+    known.
 
     Parameters
     ----------
@@ -111,35 +115,48 @@ def noise_of_images(
     if images.dtype.kind != "f":
         rounding = float(gains.max()) * math.sqrt(_ROUNDING_VARIANCE)
     freedom = len(lighting) - 3
-    rows, columns = images.shape[1:]
-    if freedom < 1 or rows * (columns - _APART_PX) < _GROUP_SAMPLES:
+    if freedom < 1:
         return rounding
     step = max(1, int(np.ceil(np.sqrt(images[0].size / _MAX_SAMPLES))))
     # The left null space of L: rows of orthonormal combinations that cancel.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
-    left_over, brightness, lit = [], [], []
-    for first, last in ((0, columns - _APART_PX), (_APART_PX, columns)):
-        grid = np.s_[::step, first:last:step]
+
+    def sampled(first_column: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        grid = np.s_[::step, first_column::step]
         values = images[(slice(None), *grid)].astype(np.float32)
         if ambient is not None:
             values -= ambient[grid].astype(np.float32)
         values *= gains[:, None, None]
-        left_over.append(np.tensordot(cancelling, values, axes=1))
-        brightness.append(values.sum(axis=0))
-        lit.append(values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0))
-    energies = 0.5 * np.square(left_over[1] - left_over[0], dtype=np.float64).sum(axis=0).ravel()
-    order = np.argsort((brightness[0] + brightness[1]).ravel())
-    in_light = (lit[0] & lit[1]).ravel()
-    if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
-        order = order[in_light[order]]
-    groups = np.array_split(energies[order], min(_GROUPS, max(1, order.size // _GROUP_SAMPLES)))
-    return math.sqrt(min(_variance(group, freedom, rounding**2) for group in groups))
+        in_light = values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0)
+        return np.tensordot(cancelling, values, axes=1), values.sum(axis=0), in_light
+
+    def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:
+        order = np.argsort(brightness, axis=None)
+        if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
+            order = order[in_light.ravel()[order]]
+        groups = np.array_split(
+            energies.ravel()[order], min(_GROUPS, max(1, order.size // _GROUP_SAMPLES))
+        )
+        return min(_variance(group, freedom, rounding**2) for group in groups)
+
+    left_over, brightness, in_light = sampled(0)
+    variance = least_variance(np.square(left_over).sum(axis=0), brightness, in_light)
+    if images.shape[2] > _APART_PX:
+        near, near_brightness, near_in_light = sampled(_APART_PX)
+        pairs = np.s_[..., : near.shape[2]]
+        energies = 0.5 * np.square(left_over[pairs] - near).sum(axis=0)
+        if energies.size >= _GROUP_SAMPLES:
+            differences = least_variance(
+                energies, brightness[pairs] + near_brightness, in_light[pairs] & near_in_light
+            )
+            variance = min(variance, differences)
+    return math.sqrt(variance)
 
 
-def _variance(energies: npt.NDArray[np.float64], freedom: int, least: float) -> float:
+def _variance(energies: FloatArray, freedom: int, least: float) -> float:
     """Variance of the Gaussian part of sums of `freedom` squares."""
     ordered = np.sort(energies)
-    sums = np.cumsum(ordered)
+    sums = np.cumsum(ordered, dtype=np.float64)
     variance = max(least, float(ordered[len(ordered) // 10]) / _chi_squared(freedom, _TENTH))
     for _ in range(30):
         within = int(np.searchsorted(ordered, _chi_squared(freedom, _BEYOND) * variance, "right"))

@@ -24,10 +24,10 @@ from capture.benchmark.solvers import (
     read_four_write_three,
 )
 from capture.benchmark.stopwatch import least_ms
+from classify import Lighting, photometric_stereo
 
 # Whole benchmarks, if short ones.
 pytestmark = pytest.mark.slow
-from classify import Lighting, photometric_stereo
 
 NAMES = ("rock", "sand", "malv", "ogil", "domes", "marble")
 FRAME_PX = 128
