@@ -427,6 +427,7 @@ def test_other_mistakes_have_their_line_too(
 # as a process of its own: what other libraries say must not reach the user either
 
 
+@pytest.mark.slow
 def test_damaged_files_give_one_line_and_no_chatter_of_libraries(
     spawn: Command, sets: Path, photographs: list[Path], tmp_path: Path
 ) -> None:
@@ -448,6 +449,7 @@ def test_damaged_files_give_one_line_and_no_chatter_of_libraries(
         assert stderr.startswith("ps4rig: ")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> None:
     process = spawn(
         "capture", "--rig", "sim", "--size", 256, tmp_path / "a.ome.tif",
@@ -460,6 +462,7 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_usage_errors_are_one_line_too(spawn: Command, tmp_path: Path) -> None:
     for arguments, message in (
         (["capture", "--average", 0, tmp_path / "a.ome.tif"], "--average"),
@@ -504,6 +507,7 @@ def test_maps_say_what_set_they_come_from(ps4rig: Command, sets: Path, tmp_path:
     assert origin["pixels_sha256"] == CapturedSet.load(rock).metadata.pixels_sha256
 
 
+@pytest.mark.slow
 def test_output_that_cannot_be_written_is_one_line(spawn: Command, sets: Path) -> None:
     rock = next(sets.glob("rock-001*"))
     with Path("/dev/full").open("w") as full:
@@ -512,6 +516,7 @@ def test_output_that_cannot_be_written_is_one_line(spawn: Command, sets: Path) -
     assert (process.returncode, stderr) == (2, "ps4rig: No space left on device\n")
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_gone_is_no_traceback(spawn: Command, sets: Path) -> None:
     reading, writing = os.pipe()
     os.close(reading)

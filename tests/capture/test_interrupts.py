@@ -31,6 +31,7 @@ def lights_are_open(pid: int) -> bool:
     return any(target.removeprefix("/dev/pts/").isdigit() for target in descriptors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_in_mid_set_is_one_line_and_leaves_no_file(
     spawn: Callable[..., Any], tmp_path: Path, number: signal.Signals

@@ -71,7 +71,9 @@ def measure(bit_depth: int) -> tuple[Table, dict[str, float]]:
     return means, {lights: count / sum(counts.values()) for lights, count in counts.items()}
 
 
-@pytest.fixture(scope="module", params=[8, 16], ids=["8 bit", "16 bit"])
+@pytest.fixture(
+    scope="module", params=[8, pytest.param(16, marks=pytest.mark.slow)], ids=["8 bit", "16 bit"]
+)
 def table(request: pytest.FixtureRequest) -> Table:
     means, shares = measure(request.param)
     print(f"\nmean angular error in degrees, slant {SLANT_DEG:g}, {request.param} bit")
