@@ -153,6 +153,8 @@ def photometric_stereo(
         kernels.linear(
             *given, floor, weights, directions, used, p, q, albedo, residual, shadow_count, flags
         )
+    saturated, specular, repaired, valid = (np.empty(shape, np.bool_) for _ in range(4))
+    kernels.tell_flags(flags, saturated, specular, repaired, valid)
     return SurfaceEstimate(
         p=p,
         q=q,
@@ -160,10 +162,10 @@ def photometric_stereo(
         residual=residual,
         dropped=dropped,
         shadow_count=shadow_count,
-        saturated=(flags & kernels.SATURATED) != 0,
-        specular=(flags & kernels.SPECULAR) != 0,
-        repaired=(flags & kernels.REPAIRED) != 0,
-        valid=(flags & kernels.NOT_VALID) == 0,
+        saturated=saturated,
+        specular=specular,
+        repaired=repaired,
+        valid=valid,
         method=chosen,
         images=stack,
         lighting=lighting,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -37,6 +38,9 @@ MAX_SEGMENT_PX = 256
 # Radii run geometrically between these, so that a coarse and a fine texture get equal shares.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
+_FIELDS = 3  # p, q, albedo
+# So many transforms are done before threads have started.
+_FEW = 8
 
 Array = npt.NDArray[Any]
 
@@ -157,16 +161,22 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
     sums = np.zeros((4, side, side // 2 + 1), np.float32)
     window, along = _circular_hann(side), _wave_directions(side)
     starts, weight = np.array(column_starts), float(window.sum(dtype=np.float64))
-    segments = np.empty((len(starts), 3, side, side), np.float32)
-    for row in row_starts:
-        # One row of segments at a time: enough work for all cores, little memory.
-        cut = np.s_[row : row + side]
-        strips = tuple(
-            map(np.ascontiguousarray, (fields.p[cut], fields.q[cut], fields.albedo[cut]))
-        )
-        _cut(strips, starts, window, weight, segments)
-        transforms = scipy.fft.rfft2(segments, workers=get_num_threads())
-        _accumulate(transforms, along, sums)
+    # Two real fields are one complex one, whose transform costs little more than that of one: p and
+    # q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
+    packed = np.zeros((len(starts) + (len(starts) + 1) // 2, side, side, 2), np.float32)
+    transforms = np.empty_like(packed)
+    with ThreadPoolExecutor(get_num_threads()) as threads:
+        for row in row_starts:
+            # One row of segments at a time: enough work for all cores, little memory.
+            cut = np.s_[row : row + side]
+            strips = tuple(
+                map(np.ascontiguousarray, (fields.p[cut], fields.q[cut], fields.albedo[cut]))
+            )
+            _cut(strips, starts, window, weight, packed)
+            at_once = threads.map if len(packed) > _FEW else map
+            for _ in at_once(cv2.dft, packed, transforms):
+                pass
+            _accumulate(transforms, len(starts), along, sums)
     norm = 1.0 / (len(row_starts) * len(column_starts) * np.sum(np.square(window, dtype=float)))
     gradient, albedo, relief, co_spectrum = sums * np.float32(norm)
     return Spectra(
@@ -230,49 +240,75 @@ def _wave_directions(side: int) -> FloatMap:
     return directions
 
 
+@njit(cache=True)
+def _place(n: int, field: int, count: int) -> tuple[int, int]:
+    """In which complex array a field of segment n is, and whether as its imaginary part."""
+    if field < 2:
+        return n, field
+    return count + n // 2, n % 2
+
+
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def _cut(
-    strips: tuple[Array, ...], starts: Array, window: Array, weight: float, segments: Array
+    strips: tuple[Array, ...], starts: Array, window: Array, weight: float, packed: Array
 ) -> None:
-    """Fill (n, 3, side, side): each segment less its weighted mean, times the window."""
-    count, fields, side, _ = segments.shape
-    for k in prange(count * fields):
-        n, field = k // fields, k % fields
-        strip, start, segment = strips[field], starts[n], segments[n, field]
-        weighted = np.float64(0.0)
-        for r in range(side):
-            line = strip[r, start : start + side]
-            line_sum = np.float32(0.0)
-            for c in range(side):
-                line_sum += line[c] * window[r, c]
-            weighted += line_sum
-        mean = np.float32(weighted / weight)
+    """Fields of segments, each less its weighted mean, times the window."""
+    side = window.shape[0]
+    count = len(starts)
+    for k in prange(count * _FIELDS):
+        n, field = k // _FIELDS, k % _FIELDS
+        strip, start = strips[field], starts[n]
+        number, part = _place(n, field, count)
+        target = packed[number]
+        # Sums of columns: these can be done eight at a time in the order they are written.
+        sums = np.zeros(side, np.float32)
         for r in range(side):
             line = strip[r, start : start + side]
             for c in range(side):
-                segment[r, c] = (line[c] - mean) * window[r, c]
+                sums[c] += line[c] * window[r, c]
+        mean = np.float32(sums.sum() / weight)
+        for r in range(side):
+            line = strip[r, start : start + side]
+            for c in range(side):
+                target[r, c, part] = (line[c] - mean) * window[r, c]
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _accumulate(transforms: Array, along: Array, sums: Array) -> None:
-    """Add the powers of all segments, (n, 3, side, half) complex, to M, A, relief, co-spectrum."""
-    count, _, rows, columns = transforms.shape
-    for r in prange(rows):
+def _accumulate(transforms: Array, count: int, along: Array, sums: Array) -> None:
+    """Add the powers of all segments to M, A, relief, co-spectrum.
+
+    Of C, the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
+    Y(k) = (C(k) - C*(-k)) / 2i.
+    """
+    _, side, _, _ = transforms.shape
+    half = np.float32(0.5)
+    for r in prange(side):
+        opposite = (side - r) % side
+        # (real or imaginary, field, column)
+        values = np.empty((2, _FIELDS, side // 2 + 1), np.float32)
         for n in range(count):
-            for c in range(columns):
-                p, q, albedo = (
-                    transforms[n, 0, r, c],
-                    transforms[n, 1, r, c],
-                    transforms[n, 2, r, c],
-                )
-                slope = along[0, r, c] * p + along[1, r, c] * q
+            for field in range(_FIELDS):
+                number, part = _place(n, field, count)
+                here, there = transforms[number, r], transforms[number, opposite]
+                real, imaginary = values[0, field], values[1, field]
+                sign, other = (-half, 0) if part else (half, 1)
+                # The column opposite to the first is the first itself.
+                real[0] = half * (here[0, part] + there[0, part])
+                imaginary[0] = sign * (here[0, other] - there[0, other])
+                for c in range(1, side // 2 + 1):
+                    real[c] = half * (here[c, part] + there[side - c, part])
+                    imaginary[c] = sign * (here[c, other] - there[side - c, other])
+            (p_re, q_re, a_re), (p_im, q_im, a_im) = values[0], values[1]
+            for c in range(side // 2 + 1):
+                slope_re = along[0, r, c] * p_re[c] + along[1, r, c] * q_re[c]
+                slope_im = along[0, r, c] * p_im[c] + along[1, r, c] * q_im[c]
                 sums[0, r, c] += (
-                    p.real * p.real + p.imag * p.imag + q.real * q.real + q.imag * q.imag
+                    p_re[c] * p_re[c] + p_im[c] * p_im[c] + q_re[c] * q_re[c] + q_im[c] * q_im[c]
                 )
-                sums[1, r, c] += albedo.real * albedo.real + albedo.imag * albedo.imag
-                sums[2, r, c] += slope.real * slope.real + slope.imag * slope.imag
+                sums[1, r, c] += a_re[c] * a_re[c] + a_im[c] * a_im[c]
+                sums[2, r, c] += slope_re * slope_re + slope_im * slope_im
                 # slope = i k z, so that z lies along -i slope: Re(-i slope conj(albedo)).
-                sums[3, r, c] += slope.imag * albedo.real - slope.real * albedo.imag
+                sums[3, r, c] += slope_im * a_re[c] - slope_re * a_im[c]
 
 
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:

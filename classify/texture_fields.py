@@ -80,7 +80,7 @@ def _row_sums(p: Array, q: Array, albedo: Array, valid: Array, sums: Array) -> N
     rows, columns = p.shape
     zero = np.float32(0.0)
     for r in prange(rows):
-        count, p_sum, q_sum, albedo_sum = 0, zero, zero, zero
+        count = p_sum = q_sum = albedo_sum = np.float64(0.0)
         for c in range(columns):
             factor = _shortening(p[r, c], q[r, c])
             count += valid[r, c]
