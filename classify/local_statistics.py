@@ -26,13 +26,12 @@ PARTS = 4
 
 # Before the first derivative: enough that a 3 x 3 stencil is the same in every direction.
 _BLUR_PX = 0.8
+# What is further than two pixels away weighs a thousandth.
+_BLUR_SIZE = (5, 5)
 # The coarsest level has at least this many pixels on a side of a quarter.
 _COARSEST_PX = 16
 # Energies below this share of their mean count as this: their logarithm would be all noise.
 _ENERGY_FLOOR = np.float32(0.01)
-# The same of the energy of relief at that point, as energy of albedo: on a surface of one albedo
-# it is what lights of not quite the strength they are taken for let through.
-_LEAK = np.float32(0.025)
 _BORDER = 2
 _SUMS = 12
 
@@ -84,7 +83,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         Octaves, from the pixel upwards.
     """
     planes = [
-        cv2.GaussianBlur(plane, (0, 0), _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
+        cv2.GaussianBlur(plane, _BLUR_SIZE, _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
         for plane in (fields.p, fields.q, fields.albedo)
     ]
     sums: list[Moments] = []
@@ -109,10 +108,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
 
 
 def statistics_vector(
-    measured: LocalStatistics,
-    relief_floors: Moments,
-    albedo_floors: Moments,
-    albedo_leaks: Moments | float = 0.0,
+    measured: LocalStatistics, relief_floors: Moments, albedo_floors: Moments
 ) -> npt.NDArray[np.float64]:
     """(5, d) float64: moments as numbers of order one whose differences can be compared.
 
@@ -123,15 +119,12 @@ def statistics_vector(
     relief_floors, albedo_floors
         (levels,) variances that are added to those measured. What is fainter than its own error
         then differs from other faint things by nothing, not by the logarithm of noise.
-    albedo_leaks
-        (levels,) share of the variance of relief that counts as albedo's: what lights of not quite
-        the strength they are taken for let through.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0
     )
-    albedo = albedo + albedo_floors + albedo_leaks * relief
     relief = relief + relief_floors
+    albedo = albedo + albedo_floors
     parts = [
         0.5 * np.log(relief),
         0.5 * np.log(albedo),
@@ -243,7 +236,6 @@ def _central(sums: Moments) -> Moments:
 
 def _energy_covariances(energies: Array) -> Moments:
     """(5, m, m) covariances of log energy over a coarse (h, w, m) grid and its quarters."""
-    energies[..., 1::2] += _LEAK * energies[..., 0::2]
     floor = _ENERGY_FLOOR * energies.mean(axis=(0, 1)) + np.float32(1e-12)
     logs = np.log(energies + floor)[_BORDER:-_BORDER, _BORDER:-_BORDER]
     rows, columns, _ = logs.shape

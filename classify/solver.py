@@ -18,6 +18,7 @@ from .light_algebra import (
     least_squares_weights,
     three_of_ring,
 )
+from .light_balance import light_balance
 from .lighting import Lighting
 from .methods import METHODS, Method
 from .noise import SensorNoise, noise_of_images, noise_of_sensor
@@ -116,9 +117,13 @@ def photometric_stereo(
 
     if chosen == "ps4_robust":
         pinv, corrections, null = drop_one_constants(lighting, chosen)
+        of_pixel = variance()
+        balance = light_balance(stack, dark, gains, float(saturation), of_pixel, lighting)
+        lighting = Lighting(lighting.directions, lighting.intensities / balance)
+        gains = gains * balance
         unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
         robust_kernels.gated(
-            *given, variance(), _slope_noise(pinv), pinv, corrections, null,
+            stack, dark, gains, saturation, of_pixel, _slope_noise(pinv), pinv, corrections, null,
             *maps, unlit, row_counts,
         )  # fmt: skip
         in_fill(

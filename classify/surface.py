@@ -57,7 +57,8 @@ class SurfaceEstimate:
         (N, H, W) the images that were solved, as they were given, for what compares images and
         not surfaces; None for an estimate that comes from elsewhere.
     lighting
-        The N lights of these images.
+        The N lights of these images, with the intensities that they were found to have
+        (ps4_robust; see `light_balance`).
     """
 
     p: FloatMap

@@ -87,7 +87,7 @@ def test_one_black_image_is_a_shadow_everywhere(method: Method) -> None:
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (3, 500), (33, 17)])
 def test_any_shape_will_do(method: Method, shape: tuple[int, int]) -> None:
     images = five(800, shape=shape)
-    images[:4] += np.array([100, 50, 0, 20], np.uint16)[:, None, None]
+    images[:4] += np.array([100, 50, 0, 50], np.uint16)[:, None, None]
     images[0, 0, 0] = images[1, 0, 0] = 0
     surface = solved(method, images, full_scale=4095)
     reference = solved(method, images[:, :, -1:], full_scale=4095)

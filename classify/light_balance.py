@@ -1,0 +1,100 @@
+"""How strong four lights are among themselves, from the four images of any surface with relief."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .lighting import Lighting
+
+__all__ = ["light_balance"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_MAX_SAMPLES = 16_384
+_MIN_SAMPLES = 1_024
+# A light that gives less than this share of the brightest may be in shadow.
+_MAYBE_SHADOW = 0.2
+# LEDs differ by so much, as far as nothing is known.
+_SPREAD = 0.05
+# Beyond this it is no light of another strength, but shadow, gloss, or another light.
+_MAX_DIFFERENCE = 0.2
+# Surfaces are matt to about this share of their brightness.
+_MATT = 0.005
+# Contradictions must become smaller by this factor at least, or lights are left as they are.
+_WORTH_IT = 1.25
+_ROUNDS = 3
+_BEYOND = 3.0
+
+
+def light_balance(
+    images: npt.NDArray[Any],
+    ambient: npt.NDArray[Any] | None,
+    gains: npt.NDArray[np.float32],
+    saturation: float,
+    variance: npt.NDArray[np.float32],
+    lighting: Lighting,
+) -> npt.NDArray[np.float32]:
+    """Factors of mean 1 for the images of four lights, with which they contradict each other least.
+
+    With nul the left null vector of the light directions, sum_k nul_k i_k is zero at every pixel of
+    a matt surface without shadow, whatever its slope and albedo. Where light k has another strength
+    than it is taken for, it is sum_k w_k nul_k i_k that is zero, w_k the inverse of that strength.
+    The images of a surface with relief span three of four dimensions, and so leave one w: the least
+    squares over many lit pixels, with w_k taken for 1 within some per cent where they do not tell.
+
+    Parameters
+    ----------
+    images
+        (4, H, W) as they are given.
+    ambient
+        (H, W), subtracted, or None.
+    gains
+        (4,) factors that are known.
+    saturation
+        Pixel value from which on a pixel is saturated.
+    variance
+        (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+
+    Returns
+    -------
+    (4,) float32, all 1 where the lights agree as well without.
+    """
+    equal = np.ones(4, np.float32)
+    step = max(1, math.ceil(math.sqrt(images[0].size / _MAX_SAMPLES)))
+    grid = np.s_[::step, ::step]
+    raw = images[(slice(None), *grid)].reshape(4, -1).astype(np.float64)
+    dark = 0.0 if ambient is None else ambient[grid].ravel().astype(np.float64)
+    values = (raw - dark) * gains[:, None]
+    brightest = values.max(axis=0)
+    lit = (values.min(axis=0) > _MAYBE_SHADOW * brightest) & (raw.max(axis=0) < saturation)
+    if np.count_nonzero(lit) < _MIN_SAMPLES:
+        return equal
+    null = np.linalg.svd(lighting.directions.T)[2][3]
+    a, b, black = variance.astype(np.float64)
+    noise = np.square(null * gains) @ (a + b * np.maximum(raw[:, lit] - black, 0.0))
+    deviation = np.sqrt(noise + np.square(_MATT * brightest[lit]))
+    terms = null[:, None] * values[:, lit] / deviation
+    factors = np.ones(4)
+    agree = np.ones(terms.shape[1], np.bool_)
+    for _ in range(_ROUNDS):
+        factors = _least_contradiction(terms[:, agree])
+        left_over = np.abs(factors @ terms)
+        agree = left_over <= _BEYOND * max(1.0, 1.4826 * float(np.median(left_over)))
+    if np.abs(factors - 1.0).max() > _MAX_DIFFERENCE:
+        return equal
+    before, after = (float(np.square(w @ terms[:, agree]).sum()) for w in (equal, factors))
+    return factors.astype(np.float32) if before > _WORTH_IT * after else equal
+
+
+def _least_contradiction(terms: FloatArray) -> FloatArray:
+    """(4,) w of mean 1 with the least |w terms|^2 + |w - 1|^2 / spread^2."""
+    prior = np.eye(4) / _SPREAD**2
+    inverse = np.linalg.inv(terms @ terms.T + prior)
+    # Of the conditions for a minimum with a fixed sum: w = inverse (1 / spread^2 + multiplier).
+    towards = inverse.sum(axis=1)
+    factors: FloatArray = towards * (4.0 / towards.sum())
+    return factors
