@@ -20,12 +20,14 @@ _MIN_SAMPLES = 1_024
 _MAYBE_SHADOW = 0.2
 # LEDs differ by so much, as far as nothing is known.
 _SPREAD = 0.05
-# Beyond this it is no light of another strength, but shadow, gloss, or another light.
-_MAX_DIFFERENCE = 0.2
+# Beyond this it is no light of another strength, but gloss, a shadow, or another direction.
+_MAX_DIFFERENCE = 0.1
 # Surfaces are matt to about this share of their brightness.
 _MATT = 0.005
-# Contradictions must become smaller by this factor at least, or lights are left as they are.
+# Squared contradictions must become smaller by this factor at least, and must not be more than so
+# many times what is expected of noise and a matt surface. Else it is not the lights that are wrong.
 _WORTH_IT = 1.25
+_EXPLAINED = 2.0
 _ROUNDS = 3
 _BEYOND = 3.0
 
@@ -61,7 +63,7 @@ def light_balance(
 
     Returns
     -------
-    (4,) float32, all 1 where the lights agree as well without.
+    (4,) float32, all 1 where the lights agree as well without, or not even with them.
     """
     equal = np.ones(4, np.float32)
     step = max(1, math.ceil(math.sqrt(images[0].size / _MAX_SAMPLES)))
@@ -86,8 +88,10 @@ def light_balance(
         agree = left_over <= _BEYOND * max(1.0, 1.4826 * float(np.median(left_over)))
     if np.abs(factors - 1.0).max() > _MAX_DIFFERENCE:
         return equal
-    before, after = (float(np.square(w @ terms[:, agree]).sum()) for w in (equal, factors))
-    return factors.astype(np.float32) if before > _WORTH_IT * after else equal
+    before, after = (float(np.square(w @ terms[:, agree]).mean()) for w in (equal, factors))
+    if after > _EXPLAINED or before < _WORTH_IT * after:
+        return equal
+    return factors.astype(np.float32)
 
 
 def _least_contradiction(terms: FloatArray) -> FloatArray:

@@ -32,6 +32,9 @@ _BLUR_SIZE = (5, 5)
 _COARSEST_PX = 16
 # Energies below this share of their mean count as this: their logarithm would be all noise.
 _ENERGY_FLOOR = np.float32(0.01)
+# The same of the energy of relief at that point, as energy of albedo: on a surface of one albedo
+# it is what half shadows, gloss and lights of unequal strength let through.
+_LEAK = np.float32(0.025)
 _BORDER = 2
 _SUMS = 12
 
@@ -108,7 +111,10 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
 
 
 def statistics_vector(
-    measured: LocalStatistics, relief_floors: Moments, albedo_floors: Moments
+    measured: LocalStatistics,
+    relief_floors: Moments,
+    albedo_floors: Moments,
+    albedo_leaks: Moments | float = 0.0,
 ) -> npt.NDArray[np.float64]:
     """(5, d) float64: moments as numbers of order one whose differences can be compared.
 
@@ -119,12 +125,15 @@ def statistics_vector(
     relief_floors, albedo_floors
         (levels,) variances that are added to those measured. What is fainter than its own error
         then differs from other faint things by nothing, not by the logarithm of noise.
+    albedo_leaks
+        (levels,) share of the variance of relief that counts as albedo's: what lights of not quite
+        the strength they are taken for let through.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0
     )
+    albedo = albedo + albedo_floors + albedo_leaks * relief
     relief = relief + relief_floors
-    albedo = albedo + albedo_floors
     parts = [
         0.5 * np.log(relief),
         0.5 * np.log(albedo),
@@ -236,6 +245,7 @@ def _central(sums: Moments) -> Moments:
 
 def _energy_covariances(energies: Array) -> Moments:
     """(5, m, m) covariances of log energy over a coarse (h, w, m) grid and its quarters."""
+    energies[..., 1::2] += _LEAK * energies[..., 0::2]
     floor = _ENERGY_FLOOR * energies.mean(axis=(0, 1)) + np.float32(1e-12)
     logs = np.log(energies + floor)[_BORDER:-_BORDER, _BORDER:-_BORDER]
     rows, columns, _ = logs.shape

@@ -66,6 +66,10 @@ _WORTH_KEEPING = 0.1
 # Variance of the albedo response over that of the curl, for white noise of equal density.
 _ALBEDO_GAINS = (4.06, 6.20, 7.18, 7.56, 8.23)
 
+# Share of the power of relief that counts as power of albedo: half shadows, gloss and lights that
+# are 5 % weaker than they are taken for let through about as much.
+_ALBEDO_LEAK = 0.004
+
 _PAIRS = tuple((i, j) for i in range(PARTS) for j in range(i))
 _SERIES = _CHANNELS * RADII
 _SERIES_FLOATS = 2 * _SERIES * HARMONICS
@@ -183,7 +187,8 @@ def _in_units(
 def _series(polar: FloatMap, parameters: Parameters) -> Complex:
     """(..., 3, R, A) densities to (..., 3 R, 16): weighted logarithms and coherence."""
     floor = np.float32(parameters["density_floor"])
-    relief, albedo = polar[..., 0, :, :] + floor, polar[..., 1, :, :] + floor
+    relief = polar[..., 0, :, :] + floor
+    albedo = polar[..., 1, :, :] + np.float32(_ALBEDO_LEAK) * polar[..., 0, :, :] + floor
     channels = np.stack(
         [np.log(relief), np.log(albedo), polar[..., 2, :, :] / np.sqrt(relief * albedo)], axis=-3
     )
@@ -196,7 +201,10 @@ def _series(polar: FloatMap, parameters: Parameters) -> Complex:
 
 def _statistics(observation: Observation, parameters: Parameters) -> npt.NDArray[np.float64]:
     measured = LocalStatistics(observation["moments"], observation["energies"])
-    return statistics_vector(measured, parameters["relief_floors"], parameters["albedo_floors"])
+    leaks = _ALBEDO_LEAK * np.array(_ALBEDO_GAINS[: measured.levels])
+    return statistics_vector(
+        measured, parameters["relief_floors"], parameters["albedo_floors"], leaks
+    )
 
 
 def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
