@@ -12,7 +12,7 @@ from .lighting import Lighting
 
 __all__ = ["light_balance"]
 
-FloatArray = npt.NDArray[np.float64]
+FloatArray = npt.NDArray[np.float32]
 
 _MAX_SAMPLES = 16_384
 _MIN_SAMPLES = 1_024
@@ -23,11 +23,13 @@ _SPREAD = 0.05
 # Beyond this it is no light of another strength, but gloss, a shadow, or another direction.
 _MAX_DIFFERENCE = 0.1
 # Surfaces are matt to about this share of their brightness.
-_MATT = 0.005
+_MATT = np.float32(0.005)
 # Squared contradictions must become smaller by this factor at least, and must not be more than so
 # many times what is expected of noise and a matt surface. Else it is not the lights that are wrong.
 _WORTH_IT = 1.25
 _EXPLAINED = 2.0
+# Half of all contradictions are below this where there is nothing but noise, and some room.
+_NOISE = 0.75
 _ROUNDS = 3
 _BEYOND = 3.0
 
@@ -68,19 +70,23 @@ def light_balance(
     equal = np.ones(4, np.float32)
     step = max(1, math.ceil(math.sqrt(images[0].size / _MAX_SAMPLES)))
     grid = np.s_[::step, ::step]
-    raw = images[(slice(None), *grid)].reshape(4, -1).astype(np.float64)
-    dark = 0.0 if ambient is None else ambient[grid].ravel().astype(np.float64)
+    raw = images[(slice(None), *grid)].reshape(4, -1).astype(np.float32)
+    dark = np.float32(0.0) if ambient is None else ambient[grid].ravel().astype(np.float32)
     values = (raw - dark) * gains[:, None]
     brightest = values.max(axis=0)
-    lit = (values.min(axis=0) > _MAYBE_SHADOW * brightest) & (raw.max(axis=0) < saturation)
-    if np.count_nonzero(lit) < _MIN_SAMPLES:
+    lit = np.flatnonzero(
+        (values.min(axis=0) > _MAYBE_SHADOW * brightest) & (raw.max(axis=0) < saturation)
+    )
+    if len(lit) < _MIN_SAMPLES:
         return equal
-    null = np.linalg.svd(lighting.directions.T)[2][3]
-    a, b, black = variance.astype(np.float64)
-    noise = np.square(null * gains) @ (a + b * np.maximum(raw[:, lit] - black, 0.0))
-    deviation = np.sqrt(noise + np.square(_MATT * brightest[lit]))
-    terms = null[:, None] * values[:, lit] / deviation
-    factors = np.ones(4)
+    raw, values, brightest = raw.take(lit, 1), values.take(lit, 1), brightest.take(lit)
+    null = np.linalg.svd(lighting.directions.T)[2][3].astype(np.float32)
+    a, b, black = variance
+    noise = np.square(null * gains) @ (a + b * np.maximum(raw - black, np.float32(0.0)))
+    terms = null[:, None] * values / np.sqrt(noise + np.square(_MATT * brightest))
+    if np.count_nonzero(np.abs(terms.sum(axis=0)) < _NOISE) > len(lit) // 2:
+        return equal
+    factors = equal
     agree = np.ones(terms.shape[1], np.bool_)
     for _ in range(_ROUNDS):
         factors = _least_contradiction(terms[:, agree])
@@ -91,14 +97,16 @@ def light_balance(
     before, after = (float(np.square(w @ terms[:, agree]).mean()) for w in (equal, factors))
     if after > _EXPLAINED or before < _WORTH_IT * after:
         return equal
-    return factors.astype(np.float32)
+    return factors
 
 
 def _least_contradiction(terms: FloatArray) -> FloatArray:
     """(4,) w of mean 1 with the least |w terms|^2 + |w - 1|^2 / spread^2."""
     prior = np.eye(4) / _SPREAD**2
-    inverse = np.linalg.inv(terms @ terms.T + prior)
+    # In single precision the sums would drown what tells a level surface's lights apart.
+    exact = terms.astype(np.float64)
+    inverse = np.linalg.inv(exact @ exact.T + prior)
     # Of the conditions for a minimum with a fixed sum: w = inverse (1 / spread^2 + multiplier).
     towards = inverse.sum(axis=1)
-    factors: FloatArray = towards * (4.0 / towards.sum())
+    factors: FloatArray = (towards * (4.0 / towards.sum())).astype(np.float32)
     return factors

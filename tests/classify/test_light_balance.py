@@ -47,9 +47,11 @@ def test_strengths_are_found_to_some_parts_in_a_thousand(
     even = factors * np.array(strengths)
     assert factors.dtype == np.float32
     assert factors.mean() == pytest.approx(1.0, abs=1e-6)
-    # What is worth correcting is corrected.
-    assert np.ptp(even) / even.mean() < max(0.004, 0.5 * np.ptp(strengths))
-    if np.ptp(strengths) > 0.05:
+    if (factors == 1.0).all():
+        # Lights that differ like this look like equal ones on a tilted surface.
+        first, second, third, fourth = strengths
+        assert abs(first - second + third - fourth) < 0.02
+    else:
         assert np.ptp(even) / even.mean() < 0.006
 
 
