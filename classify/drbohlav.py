@@ -12,7 +12,6 @@ from .kernels import (
     FAST,
     NO_DROPPED_LIGHT,
     SHADOW_FRACTION,
-    SPECULAR,
     judge_row,
     solve_lights,
 )
@@ -40,8 +39,7 @@ def gates(lights: int) -> npt.NDArray[np.float32]:
 def drbohlav(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise: Array, least_bz: np.float32, gates: Array, weights: Array, directions: Array,
-    p: Array, q: Array, albedo: Array, residual: Array,
-    dropped: Array, shadow_count: Array, flags: Array,
+    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
     """Replace values that break Lambertian consistency by their prediction, solve from all.
 
@@ -73,7 +71,6 @@ def drbohlav(
         brightest = np.zeros(columns, np.float32)
         most = np.zeros(columns, np.float32)
         lost = np.zeros(columns, np.float32)
-        marks = np.zeros(columns, np.uint8)
         for k in range(lights):
             share = gains[k] * gains[k] / np.float32(lights)
             for c in range(columns):
@@ -97,9 +94,10 @@ def drbohlav(
                 squares[c] += (v * gains[k] - s) ** 2
         for c in range(columns):
             dropped[r, c] = NO_DROPPED_LIGHT
+            highlights[r, c] = False
             gate = gates[lights] * variance[c] + (TOLERANCE * most[c]) ** 2
             if squares[c] > gate or brightest[c] >= saturation:
-                solved, dropped[r, c], marks[c], x, y, z = _replace(
+                solved, dropped[r, c], highlights[r, c], x, y, z = _replace(
                     images, ambient, gains, saturation, noise, gates, directions,
                     variance[c], r, c,
                 )  # fmt: skip
@@ -107,11 +105,9 @@ def drbohlav(
                 bx[c], by[c], bz[c] = x, y, z
         floors = least_bz * np.sqrt(variance)
         judge_row(
-            images, ambient, gains, saturation, directions, every, r, bx, by, bz, floors, lost,
-            p, q, albedo, residual, shadow_count, flags,
+            images, ambient, gains, directions, every, r, bx, by, bz, floors, lost,
+            p, q, albedo, valid,
         )  # fmt: skip
-        for c in range(columns):
-            flags[r, c] |= marks[c]
 
 
 @njit(fastmath=FAST, cache=True, error_model="numpy")
@@ -119,7 +115,7 @@ def _replace(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise: Array, gates: Array, directions: Array, variance: np.float32,
     r: int, c: int,
-) -> tuple[bool, int, int, np.float32, np.float32, np.float32]:  # fmt: skip
+) -> tuple[bool, int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Leave out one light after the other until the rest agree.
 
     Dark lights go first. Of five and more the one goes without which the residuals are least.
@@ -128,7 +124,7 @@ def _replace(
 
     Returns
     -------
-    Whether the rest determine the pixel, the first light left out, the flags to add, and b.
+    Whether the rest determine the pixel, the first light left out, if one was a highlight, and b.
     """
     lights = images.shape[0]
     dark = np.float32(0.0)
@@ -140,7 +136,7 @@ def _replace(
         )
     used = np.ones(lights, np.bool_)
     values = np.empty(lights, np.float32)
-    first, flags, remaining = NO_DROPPED_LIGHT, 0, lights
+    first, highlight, remaining = NO_DROPPED_LIGHT, False, lights
     for k in range(lights):
         raw = np.float32(images[k, r, c])
         values[k] = (raw - dark) * gains[k]
@@ -205,9 +201,8 @@ def _replace(
         bx, by, bz = x, y, z
         remaining -= 1
         first = chosen if first == NO_DROPPED_LIGHT else first
-        if values[chosen] > max(predicted, LEAK * second):
-            flags = int(SPECULAR)
-    return solved, first, flags, bx, by, bz
+        highlight |= values[chosen] > max(predicted, LEAK * second)
+    return solved, first, highlight, bx, by, bz
 
 
 @njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")

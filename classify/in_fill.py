@@ -14,14 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
-from .kernels import (
-    FAST,
-    NOT_VALID,
-    REPAIRED,
-    SATURATED,
-    SHADOW_FLOOR,
-    SHADOW_FRACTION,
-)
+from .kernels import FAST
 from .lighting import Lighting
 from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, grow, neighbour_weights, relax
 from .robust_kernels import LOST
@@ -38,15 +31,16 @@ def in_fill(
     images: Array,
     ambient: Array | None,
     gains: npt.NDArray[np.float32],
+    saturation: np.float32,
     lighting: Lighting,
     unlit: npt.NDArray[np.uint8],
     row_counts: npt.NDArray[np.int64],
     p: npt.NDArray[np.float32],
     q: npt.NDArray[np.float32],
     albedo: npt.NDArray[np.float32],
+    valid: npt.NDArray[np.bool_],
     dropped: npt.NDArray[np.uint8],
-    shadow_count: npt.NDArray[np.uint8],
-    flags: npt.NDArray[np.uint8],
+    repaired: npt.NDArray[np.bool_],
 ) -> None:
     """Complete the maps in place where `unlit` is not 0.
 
@@ -56,7 +50,7 @@ def in_fill(
 
     Parameters
     ----------
-    images, ambient, gains
+    images, ambient, gains, saturation
         As they were solved; values are (images - ambient) gains.
     unlit, row_counts
         From `robust_kernels.gated`.
@@ -77,10 +71,7 @@ def in_fill(
     albedo_weight, curl_weight = neighbour_weights(p, q, albedo, depth, step)
     grow(starts, columns, lines, pairs, along, albedo_weight, depth, p, q, albedo)
     relax(starts, columns, lines, pairs, along, albedo_weight, curl_weight, p, q, albedo)
-    _mark_pixels(
-        images, ambient, gains, lighting.directions.astype(np.float32), unlit, starts, columns,
-        depth, p, q, albedo, dropped, shadow_count, flags,
-    )  # fmt: skip
+    _mark_pixels(images, saturation, unlit, starts, columns, depth, valid, dropped, repaired)
 
 
 def _lines_of_two_lights(
@@ -132,33 +123,24 @@ def _list_pixels(
             n += 1
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, parallel=True)
 def _mark_pixels(
-    images: Array, ambient: Array | None, gains: Array, directions: Array, unlit: Array,
-    starts: Array, columns: Array, depth: Array, p: Array, q: Array, albedo: Array,
-    dropped: Array, shadow_count: Array, flags: Array,
+    images: Array, saturation: np.float32, unlit: Array, starts: Array, columns: Array,
+    depth: Array, valid: Array, dropped: Array, repaired: Array,
 ) -> None:  # fmt: skip
     """The other maps of the pixels that were filled in."""
-    for r in prange(p.shape[0]):
+    for r in prange(valid.shape[0]):
         for n in range(starts[r], starts[r + 1]):
             c = columns[n]
             bits = unlit[r, c]
             if bits == LOST or depth[r, c] == NOT_REACHED:
                 continue
-            dark = np.float32(0.0) if ambient is None else np.float32(ambient[r, c])
-            rho = albedo[r, c]
-            scale = rho / np.sqrt(np.float32(1.0) + p[r, c] ** 2 + q[r, c] ** 2)
-            shadows, unlit_lights, first = 0, 0, 3
+            unlit_lights, first, brightest = 0, 3, np.float32(0.0)
             for k in range(4):
-                v = (np.float32(images[k, r, c]) - dark) * gains[k]
-                x, y, z = directions[k]
-                s = scale * (z - x * p[r, c] - y * q[r, c])
-                shadows += v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
+                brightest = max(brightest, np.float32(images[k, r, c]))
                 if bits & (1 << k):
                     unlit_lights += 1
                     first = min(first, k)
-            shadow_count[r, c] = shadows
             dropped[r, c] = first
-            flags[r, c] |= REPAIRED
-            if unlit_lights == 2 and not flags[r, c] & SATURATED:
-                flags[r, c] &= ~NOT_VALID
+            repaired[r, c] = True
+            valid[r, c] = unlit_lights == 2 and brightest < saturation

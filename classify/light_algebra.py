@@ -19,8 +19,10 @@ _THREE_OF_FOUR = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
-def drop_one_constants(lighting: Lighting, method: str) -> tuple[Array32, Array32, Array32]:
-    """pinv(L) (3, 4), pinv(L) / nul (3, 4) and nul (4,) for four lights in general position.
+def drop_one_constants(
+    lighting: Lighting, method: str
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """pinv(L) (3, 4) and nul (4,) of length 1, for four lights in general position.
 
     Raises
     ------
@@ -39,13 +41,9 @@ def drop_one_constants(lighting: Lighting, method: str) -> tuple[Array32, Array3
             f"without light {np.argmax(volumes < _MIN_VOLUME)} the other three lie in one plane; "
             f"{method} needs any three of the four to determine the normal"
         )
-    pinv = np.linalg.pinv(L)
-    null = np.linalg.svd(L.T)[2][3]
-    return (
-        pinv.astype(np.float32),
-        (pinv / null).astype(np.float32),
-        null.astype(np.float32),
-    )
+    # One decomposition gives both.
+    u, singular, v = np.linalg.svd(L.T)
+    return (u / singular) @ v[:3], v[3]
 
 
 def least_squares_weights(lighting: Lighting, method: str) -> Array32:

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .lighting import Lighting
-
 __all__ = ["light_balance"]
 
 FloatArray = npt.NDArray[np.float32]
@@ -40,7 +38,7 @@ def light_balance(
     gains: npt.NDArray[np.float32],
     saturation: float,
     variance: npt.NDArray[np.float32],
-    lighting: Lighting,
+    null: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.float32]:
     """Factors of mean 1 for the images of four lights, with which they contradict each other least.
 
@@ -62,6 +60,8 @@ def light_balance(
         Pixel value from which on a pixel is saturated.
     variance
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+    null
+        (4,) left null vector of the light directions, of length 1.
 
     Returns
     -------
@@ -80,10 +80,13 @@ def light_balance(
     if len(lit) < _MIN_SAMPLES:
         return equal
     raw, values, brightest = raw.take(lit, 1), values.take(lit, 1), brightest.take(lit)
-    null = np.linalg.svd(lighting.directions.T)[2][3].astype(np.float32)
     a, b, black = variance
-    noise = np.square(null * gains) @ (a + b * np.maximum(raw - black, np.float32(0.0)))
-    terms = null[:, None] * values / np.sqrt(noise + np.square(_MATT * brightest))
+    noise = np.square(null * gains).astype(np.float32) @ (
+        a + b * np.maximum(raw - black, np.float32(0.0))
+    )
+    terms = (
+        null.astype(np.float32)[:, None] * values / np.sqrt(noise + np.square(_MATT * brightest))
+    )
     if np.count_nonzero(np.abs(terms.sum(axis=0)) < _NOISE) > len(lit) // 2:
         return equal
     factors = equal

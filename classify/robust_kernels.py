@@ -17,11 +17,7 @@ from .kernels import (
     FAST,
     MIN_NORMAL_Z,
     NO_DROPPED_LIGHT,
-    NOT_VALID,
-    SATURATED,
-    SHADOW_FLOOR,
     SHADOW_FRACTION,
-    SPECULAR,
 )
 
 __all__ = ["DARK", "GATE", "LEAK", "LOST", "TOLERANCE", "gated"]
@@ -50,8 +46,8 @@ _TINY = np.float32(1e-30)
 def gated(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise: Array, least_bz: np.float32, pinv: Array, corrections: Array, null: Array,
-    p: Array, q: Array, albedo: Array, residual: Array,
-    dropped: Array, shadow_count: Array, flags: Array, unlit: Array, row_counts: Array,
+    p: Array, q: Array, albedo: Array, valid: Array,
+    dropped: Array, highlights: Array, unlit: Array, row_counts: Array,
 ) -> None:  # fmt: skip
     """Least squares of four lights where they agree, without the one to blame where they do not.
 
@@ -82,8 +78,10 @@ def gated(
     # The one ambient frame is in all four values, and cancels if the lights are equally strong.
     common = (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
     for r in prange(rows):
-        marks = np.empty(columns, np.uint8)
+        # The scaled normals lie in the maps until the second loop.
+        variances = np.empty(columns, np.float32)
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
             v1 = np.float32(images[1, r, c])
@@ -92,8 +90,7 @@ def gated(
             saturated = max(max(v0, v1), max(v2, v3)) >= saturation
             variance = (
                 y0 * (a + b * max(v0 - black, zero)) + y1 * (a + b * max(v1 - black, zero))
-                + y2 * (a + b * max(v2 - black, zero)) + y3 * (a + b * max(v3 - black, zero))
-            )  # fmt: skip
+            ) + (y2 * (a + b * max(v2 - black, zero)) + y3 * (a + b * max(v3 - black, zero)))
             dark_variance = a
             if ambient is not None:
                 dark = np.float32(ambient[r, c])
@@ -104,80 +101,70 @@ def gated(
                 dark_variance = a + b * max(dark - black, zero)
                 variance += common * dark_variance
                 dark_variance *= two
+            variances[c] = variance
             dark_level = DARK * np.sqrt(dark_variance)
             v0 *= g0
             v1 *= g1
             v2 *= g2
             v3 *= g3
-            brightest = max(max(v0, v1), max(v2, v3))
-            second = max(min(max(v0, v1), max(v2, v3)), max(min(v0, v1), min(v2, v3)))
+            high, other_high = max(v0, v1), max(v2, v3)
+            brightest = max(high, other_high)
+            second = max(min(high, other_high), max(min(v0, v1), min(v2, v3)))
             half, leak = SHADOW_FRACTION * brightest, LEAK * second
             t0, t1, t2, t3 = dark_level * g0, dark_level * g1, dark_level * g2, dark_level * g3
             w0 = one if v0 <= max(min(t0, half), leak) else zero
             w1 = one if v1 <= max(min(t1, half), leak) else zero
             w2 = one if v2 <= max(min(t2, half), leak) else zero
             w3 = one if v3 <= max(min(t3, half), leak) else zero
-            count = w0 + w1 + w2 + w3
-            contradiction = n0 * v0 + n1 * v1 + n2 * v2 + n3 * v3
+            count = (w0 + w1) + (w2 + w3)
+            contradiction = (n0 * v0 + n1 * v1) + (n2 * v2 + n3 * v3)
             square = contradiction * contradiction
             # One dark light is a suspect, whatever the contradiction; but what is left out for
             # noise alone costs more than it brings. So of r^2 what noise explains is taken off.
             beyond = max(square - variance, zero) / max(square, _TINY)
             share = contradiction * beyond if count == one else zero
-            rest = contradiction - share
-            bx = (pinv[0, 0] * v0 + pinv[0, 1] * v1 + pinv[0, 2] * v2 + pinv[0, 3] * v3) - share * (
-                corrections[0, 0] * w0 + corrections[0, 1] * w1
-                + corrections[0, 2] * w2 + corrections[0, 3] * w3
-            )  # fmt: skip
-            by = (pinv[1, 0] * v0 + pinv[1, 1] * v1 + pinv[1, 2] * v2 + pinv[1, 3] * v3) - share * (
-                corrections[1, 0] * w0 + corrections[1, 1] * w1
-                + corrections[1, 2] * w2 + corrections[1, 3] * w3
-            )  # fmt: skip
-            bz = (pinv[2, 0] * v0 + pinv[2, 1] * v1 + pinv[2, 2] * v2 + pinv[2, 3] * v3) - share * (
-                corrections[2, 0] * w0 + corrections[2, 1] * w1
-                + corrections[2, 2] * w2 + corrections[2, 3] * w3
-            )  # fmt: skip
-            rho = np.sqrt(bx * bx + by * by + bz * bz)
-            visible = (bz > MIN_NORMAL_Z * rho) & (bz * bz >= least_bz * np.sqrt(variance) * rho)
-            inverse = one / bz if visible else zero
-            p[r, c] = -bx * inverse
-            q[r, c] = -by * inverse
-            albedo[r, c] = rho
-            residual[r, c] = np.float32(0.5) * abs(contradiction)
+            s0 = v0 - share * w0 * c0
+            s1 = v1 - share * w1 * c1
+            s2 = v2 - share * w2 * c2
+            s3 = v3 - share * w3 * c3
+            p[r, c] = (pinv[0, 0] * s0 + pinv[0, 1] * s1) + (pinv[0, 2] * s2 + pinv[0, 3] * s3)
+            q[r, c] = (pinv[1, 0] * s0 + pinv[1, 1] * s1) + (pinv[1, 2] * s2 + pinv[1, 3] * s3)
+            albedo[r, c] = (pinv[2, 0] * s0 + pinv[2, 1] * s1) + (pinv[2, 2] * s2 + pinv[2, 3] * s3)
             index = np.uint8(w1 + two * w2 + np.float32(3.0) * w3)
             dropped[r, c] = index if share != zero else np.uint8(NO_DROPPED_LIGHT)
-            floor = SHADOW_FLOOR * rho
-            s0 = v0 - n0 * rest - share * w0 / n0
-            s1 = v1 - n1 * rest - share * w1 / n1
-            s2 = v2 - n2 * rest - share * w2 / n2
-            s3 = v3 - n3 * rest - share * w3 / n3
-            shadow_count[r, c] = np.uint8(
-                (one if v0 <= SHADOW_FRACTION * max(s0, floor) else zero)
-                + (one if v1 <= SHADOW_FRACTION * max(s1, floor) else zero)
-                + (one if v2 <= SHADOW_FRACTION * max(s2, floor) else zero)
-                + (one if v3 <= SHADOW_FRACTION * max(s3, floor) else zero)
-            )
-            bits = np.uint8(w0 + two * w1 + np.float32(4.0) * w2 + np.float32(8.0) * w3)
-            bits = bits if count > one else (np.uint8(0) if visible else LOST)
-            black_pixel = (v0 <= t0) & (v1 <= t1) & (v2 <= t2) & (v3 <= t3)
-            bits = _NONE_LIT if black_pixel else bits
-            unlit[r, c] = bits
-            flags[r, c] = (SATURATED if saturated else np.uint8(0)) | (
-                np.uint8(0) if bits == 0 else NOT_VALID
-            )
             tolerance = TOLERANCE * brightest
             doubtful = saturated | (
                 (count == zero) & (square > GATE * GATE * variance + tolerance * tolerance)
             )
-            marks[c] = bits | (_DOUBTFUL if doubtful else np.uint8(0))
+            bits = np.uint8((w0 + two * w1) + (np.float32(4.0) * w2 + np.float32(8.0) * w3))
+            bits = bits if count > one else np.uint8(0)
+            black_pixel = (v0 <= t0) & (v1 <= t1) & (v2 <= t2) & (v3 <= t3)
+            bits = _NONE_LIT if black_pixel else bits
+            unlit[r, c] = bits | (_DOUBTFUL if doubtful else np.uint8(0))
+        for c in range(columns):
+            bx, by, bz = p[r, c], q[r, c], albedo[r, c]
+            rho = np.sqrt(bx * bx + by * by + bz * bz)
+            least = least_bz * np.sqrt(variances[c]) * rho
+            visible = (bz > MIN_NORMAL_Z * rho) & (bz * bz >= least)
+            inverse = -one / bz if visible else zero
+            p[r, c] = bx * inverse
+            q[r, c] = by * inverse
+            albedo[r, c] = rho
+            highlights[r, c] = False
+            bits = unlit[r, c]
+            lost = (bits & _NONE_LIT == 0) & (not visible)
+            bits |= LOST if lost else np.uint8(0)
+            unlit[r, c] = bits
+            valid[r, c] = bits == 0
         unsolved = 0
         for c in range(columns):
-            if marks[c] != 0:
-                if marks[c] & _DOUBTFUL:
+            if unlit[r, c] != 0:
+                if unlit[r, c] & _DOUBTFUL:
+                    unlit[r, c] &= ~_DOUBTFUL
                     _settle(
                         images, ambient, gains, saturation, noise, least_bz,
                         pinv, corrections, null, r, c,
-                        p, q, albedo, dropped, shadow_count, flags, unlit,
+                        p, q, albedo, valid, dropped, highlights, unlit,
                     )  # fmt: skip
                 unsolved += unlit[r, c] != 0
         row_counts[r] = unsolved
@@ -187,8 +174,8 @@ def gated(
 def _settle(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise: Array, least_bz: np.float32, pinv: Array, corrections: Array, null: Array,
-    r: int, c: int, p: Array, q: Array, albedo: Array,
-    dropped: Array, shadow_count: Array, flags: Array, unlit: Array,
+    r: int, c: int, p: Array, q: Array, albedo: Array, valid: Array,
+    dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
     """A pixel with saturated lights, or with four bright lights that contradict each other.
 
@@ -234,7 +221,7 @@ def _settle(
             high, highest = k, v
     if count > 1:
         unlit[r, c] = bits
-        flags[r, c] |= NOT_VALID
+        valid[r, c] = False
         return
     if count == 0:
         left_out = low
@@ -251,7 +238,7 @@ def _settle(
                 dark_z <= zero or across_bright * dark_z**2 < across_dark * bright_z**2
             ):
                 left_out = high
-                flags[r, c] |= SPECULAR
+                highlights[r, c] = True
     bx -= contradiction * corrections[0, left_out]
     by -= contradiction * corrections[1, left_out]
     bz -= contradiction * corrections[2, left_out]
@@ -262,13 +249,8 @@ def _settle(
     q[r, c] = -by * inverse
     albedo[r, c] = rho
     dropped[r, c] = left_out
-    shadows = 0
-    for k in range(4):
-        v = (np.float32(images[k, r, c]) - dark) * gains[k]
-        s = v - contradiction / null[k] if k == left_out else v
-        shadows += v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
-        if k == left_out and count == 1 and v > s:
-            flags[r, c] |= SPECULAR
-    shadow_count[r, c] = shadows
-    flags[r, c] = (flags[r, c] & ~NOT_VALID) | (np.uint8(0) if visible else NOT_VALID)
+    if count == 1:
+        v = (np.float32(images[left_out, r, c]) - dark) * gains[left_out]
+        highlights[r, c] = v > v - contradiction / null[left_out]
     unlit[r, c] = np.uint8(0) if visible else LOST
+    valid[r, c] = visible

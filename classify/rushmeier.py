@@ -19,8 +19,7 @@ Array = npt.NDArray[Any]
 def rushmeier(
     images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
     noise_floor: np.float32, inverses: Array, directions: Array,
-    p: Array, q: Array, albedo: Array, residual: Array,
-    dropped: Array, shadow_count: Array, flags: Array,
+    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array,
 ) -> None:  # fmt: skip
     """Drop the lowest and the highest of five or more values, least squares of the rest.
 
@@ -110,9 +109,8 @@ def rushmeier(
                     bx[c], by[c], bz[c] = _times(inverse, x, y, z)
             dropped[r, c] = i
         judge_row(
-            images, ambient, gains, saturation, directions, every, r, bx, by, bz,
-            np.full(columns, noise_floor), lost,
-            p, q, albedo, residual, shadow_count, flags,
+            images, ambient, gains, directions, every, r, bx, by, bz,
+            np.full(columns, noise_floor), lost, p, q, albedo, valid,
         )  # fmt: skip
 
 

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import kernels, robust_kernels
+from . import robust_kernels
 from .drbohlav import drbohlav, gates
 from .errors import InputError
 from .image_stack import Images, checked_ambient, checked_stack
 from .in_fill import in_fill
+from .kernels import NO_DROPPED_LIGHT, linear
 from .light_algebra import (
     drop_one_constants,
     drop_two_inverses,
@@ -22,6 +23,7 @@ from .light_balance import light_balance
 from .lighting import Lighting
 from .methods import METHODS, Method
 from .noise import SensorNoise, noise_of_images, noise_of_sensor
+from .ps4 import drop_darkest
 from .rushmeier import rushmeier
 from .surface import SurfaceEstimate
 
@@ -98,10 +100,15 @@ def photometric_stereo(
     directions = lighting.directions.astype(np.float32)
 
     shape = stack.shape[1:]
-    p, q, albedo, residual = (np.empty(shape, np.float32) for _ in range(4))
-    dropped, shadow_count, flags = (np.empty(shape, np.uint8) for _ in range(3))
-    maps = (p, q, albedo, residual, dropped, shadow_count, flags)
+    p, q, albedo = (np.empty(shape, np.float32) for _ in range(3))
+    valid = np.empty(shape, np.bool_)
+    maps = (p, q, albedo, valid)
     given = (stack, dark, gains, saturation)
+    # What the solution does not say by itself.
+    dropped: npt.NDArray[np.uint8] | None = None
+    specular: npt.NDArray[np.bool_] | None = None
+    # A map without a pixel, which takes no memory.
+    repaired = nowhere = np.broadcast_to(np.False_, shape)
 
     def sigma() -> float:
         if noise is None:
@@ -116,68 +123,68 @@ def photometric_stereo(
         return np.array([a, 0.0, 0.0], dtype=np.float32)
 
     if chosen == "ps4_robust":
-        pinv, corrections, null = drop_one_constants(lighting, chosen)
+        pinv, null = drop_one_constants(lighting, chosen)
         of_pixel = variance()
-        balance = light_balance(stack, dark, gains, float(saturation), of_pixel, lighting)
+        balance = light_balance(stack, dark, gains, float(saturation), of_pixel, null)
         lighting = Lighting(lighting.directions, lighting.intensities / balance)
-        gains = gains * balance
+        given = (stack, dark, gains * balance, saturation)
         unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
+        dropped, specular = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+        repaired = np.zeros(shape, np.bool_)
         robust_kernels.gated(
-            stack, dark, gains, saturation, of_pixel, _slope_noise(pinv), pinv, corrections, null,
-            *maps, unlit, row_counts,
+            *given, of_pixel, _slope_noise(pinv), pinv.astype(np.float32),
+            (pinv / null).astype(np.float32), null.astype(np.float32),
+            *maps, dropped, specular, unlit, row_counts,
         )  # fmt: skip
-        in_fill(
-            stack, dark, gains, lighting, unlit, row_counts,
-            p, q, albedo, dropped, shadow_count, flags,
-        )  # fmt: skip
+        in_fill(*given, lighting, unlit, row_counts, *maps, dropped, repaired)
     elif chosen == "ps4":
-        pinv, corrections, null = drop_one_constants(lighting, chosen)
+        pinv, null = drop_one_constants(lighting, chosen)
         floor = np.float32(sigma()) * _slope_noise(pinv)
-        kernels.drop_darkest(*given, floor, pinv, corrections, null, directions, *maps)
+        of_three = np.linalg.inv(lighting.directions[:3]).astype(np.float32)
+        drop_darkest(*given, floor, of_three, null.astype(np.float32), *maps)
+        # What the three brightest give is taken for the surface.
+        specular = nowhere
     elif chosen == "rushmeier":
         inverses = drop_two_inverses(lighting)
         weights = least_squares_weights(lighting, chosen)
         floor = np.float32(sigma()) * _slope_noise(weights)
-        rushmeier(*given, floor, inverses, directions, *maps)
+        dropped = np.empty(shape, np.uint8)
+        rushmeier(*given, floor, inverses, directions, *maps, dropped)
     elif chosen == "drbohlav":
         weights = least_squares_weights(lighting, chosen)
+        dropped, specular = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
         drbohlav(
             *given, variance(), _slope_noise(weights), gates(len(lighting)),
-            weights, directions, *maps,
+            weights, directions, *maps, dropped, specular,
         )  # fmt: skip
     else:
         used = np.ones(len(lighting), dtype=bool)
-        unused = kernels.NO_DROPPED_LIGHT
+        unused = NO_DROPPED_LIGHT
         if chosen == "least_squares":
             weights = least_squares_weights(lighting, chosen)
         else:
             weights, unused = three_of_ring(lighting, chosen)
             used[unused] = False
-        dropped.fill(unused)
         floor = np.float32(sigma()) * _slope_noise(weights)
-        kernels.linear(
-            *given, floor, weights, directions, used, p, q, albedo, residual, shadow_count, flags
-        )
-    saturated, specular, repaired, valid = (np.empty(shape, np.bool_) for _ in range(4))
-    kernels.tell_flags(flags, saturated, specular, repaired, valid)
+        linear(*given, floor, weights, directions, used, *maps)
+        dropped = np.broadcast_to(np.uint8(unused), shape)
     return SurfaceEstimate(
         p=p,
         q=q,
         albedo=albedo,
-        residual=residual,
-        dropped=dropped,
-        shadow_count=shadow_count,
-        saturated=saturated,
-        specular=specular,
-        repaired=repaired,
         valid=valid,
         method=chosen,
         images=stack,
+        ambient=dark,
+        full_scale=full_scale,
         lighting=lighting,
+        left_out=dropped,
+        highlights=specular,
+        repaired=repaired,
     )
 
 
-def _slope_noise(weights: npt.NDArray[np.float32]) -> np.float32:
+def _slope_noise(weights: npt.NDArray[Any]) -> np.float32:
     """C of the rule b_z^2 >= c sigma rho, below which the slopes are mostly noise.
 
     From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2.

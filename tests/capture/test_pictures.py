@@ -84,12 +84,17 @@ def test_each_light_left_out_has_a_colour_of_its_own(lights: int) -> None:
 def test_maps_of_few_values_show_each_value_in_its_colour(
     made_set: Callable[..., CapturedSet],
 ) -> None:
-    surface = made_set(np.full((4, 1, 6), 1000, np.uint16)).solve()
+    images = np.full((4, 1, 6), 1000, np.uint16)
+    for column in range(1, 5):
+        images[:column, 0, column] = 0
+    surface = made_set(images).solve("least_squares")
+    assert surface.shadow_count[0, [0, 1, 4, 5]].tolist() == [0, 1, 4, 0]
+    colours = pictures.shadow_colours()
+    assert len(np.unique(colours[:5], axis=0)) == 5
+    assert (colours[4:] == colours[4]).all()
+    np.testing.assert_array_equal(pictures.shadow_map(surface), colours[surface.shadow_count])
     values = np.array([[0, 1, 2, 3, 4, 9]], np.uint8)
-    shadow = pictures.shadow_map(replace(surface, shadow_count=values))
-    assert len(np.unique(shadow[0], axis=0)) == 5
-    assert (shadow[0, 4] == shadow[0, 5]).all()
-    dropped = pictures.dropped_map(replace(surface, dropped=values), 10)
+    dropped = pictures.dropped_map(replace(surface, left_out=values), 10)
     np.testing.assert_array_equal(dropped[0], pictures.dropped_colours(10)[values[0]])
 
 

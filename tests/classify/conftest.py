@@ -30,18 +30,11 @@ KINDS = {
 
 
 def estimate(p: np.ndarray, q: np.ndarray, albedo: np.ndarray) -> SurfaceEstimate:
-    shape = p.shape
     return SurfaceEstimate(
         p=p.astype(np.float32),
         q=q.astype(np.float32),
         albedo=albedo.astype(np.float32),
-        residual=np.zeros(shape, np.float32),
-        dropped=np.full(shape, 255, np.uint8),
-        shadow_count=np.zeros(shape, np.uint8),
-        saturated=np.zeros(shape, bool),
-        specular=np.zeros(shape, bool),
-        repaired=np.zeros(shape, bool),
-        valid=np.ones(shape, bool),
+        valid=np.ones(p.shape, bool),
         method="least_squares",
     )
 
