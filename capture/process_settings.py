@@ -8,6 +8,7 @@ import sys
 
 __all__ = ["settle_process"]
 
+_SPINS = "10000"
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _KEPT_BYTES = 256 * 2**20
@@ -18,12 +19,14 @@ def settle_process() -> None:
     """Let threads sleep between kernels, and keep memory for the next frame; children do the same.
 
     To be called before numba starts its threads. GNU OpenMP lets a thread that has nothing to do
-    spin for some milliseconds, on the core that the next transform needs. The GNU C library gives
+    spin for some milliseconds, on the core that the next transform needs; here it waits for the
+    next kernel for some hundred microseconds, and then sleeps. The GNU C library gives
     the memory of a frame back to the system at once, and asking for its pages anew takes longer
     than most of what is then done with them. Whoever has set the variables for these is obeyed;
     other systems do not know them.
     """
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if "OMP_WAIT_POLICY" not in os.environ:
+        os.environ.setdefault("GOMP_SPINCOUNT", _SPINS)
     for variable, option, size in (
         ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _KEPT_BYTES),
         ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _LARGEST_BYTES),

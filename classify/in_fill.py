@@ -25,6 +25,9 @@ Array = npt.NDArray[Any]
 
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+_FIRST, _SECOND = np.transpose(_PAIRS)
+# Of the axes, for cross products.
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def in_fill(
@@ -81,11 +84,15 @@ def _lines_of_two_lights(
 
     b0 is the shortest solution, the pseudo-inverse's, at right angles to d = l_j x l_k.
     """
-    pairs = lighting.directions[np.array(_PAIRS)]
-    d = np.cross(pairs[:, 0], pairs[:, 1])
-    d /= np.linalg.norm(d, axis=1)[:, None] * np.where(d[:, 2:] < 0.0, -1.0, 1.0)
-    along = np.concatenate((d, np.zeros((1, 3))))
-    return np.linalg.pinv(pairs).astype(np.float32), along.astype(np.float32)
+    first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
+    cosines = (first * second).sum(axis=1, keepdims=True)
+    solutions = np.stack([first - cosines * second, second - cosines * first], axis=2)
+    solutions /= (1.0 - cosines**2)[..., None]
+    along = np.zeros((len(_PAIRS) + 1, 3), np.float32)
+    d = first[:, _NEXT] * second[:, _LAST] - first[:, _LAST] * second[:, _NEXT]
+    sines = np.sqrt((d * d).sum(axis=1, keepdims=True))
+    along[:-1] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
+    return solutions.astype(np.float32), along
 
 
 @njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)

@@ -105,7 +105,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         energies = [cv2.pyrDown(each) for each in energies] if level else []
         energies.append(energy)
     return LocalStatistics(
-        moments=np.stack([_central(each) for each in sums], axis=1),
+        moments=_central(np.stack(sums, axis=1)),
         energies=_energy_covariances(np.concatenate(energies, axis=2)),
     )
 
@@ -229,9 +229,9 @@ def _responses(
 
 
 def _central(sums: Moments) -> Moments:
-    """(parts, 8) moments about the mean from (parts, 12) sums of powers."""
-    count = sums[:, 0]
-    z1, z2, z3, z4, a1, a2, a3, a4, za, e1, e2 = (sums[:, 1:] / count[:, None]).T
+    """(..., 8) moments about the mean from (..., 12) sums of powers."""
+    means = np.moveaxis(sums[..., 1:] / sums[..., :1], -1, 0)
+    z1, z2, z3, z4, a1, a2, a3, a4, za, e1, e2 = means
     z_variance, a_variance = z2 - z1**2, a2 - a1**2
     z_third = z3 - 3 * z1 * z2 + 2 * z1**3
     a_third = a3 - 3 * a1 * a2 + 2 * a1**3
@@ -240,7 +240,7 @@ def _central(sums: Moments) -> Moments:
     columns = [
         z_variance, a_variance, z_third, a_third, z_fourth, a_fourth, za - z1 * a1, e2 - e1**2,
     ]  # fmt: skip
-    return np.stack(columns, axis=1)
+    return np.stack(columns, axis=-1)
 
 
 def _energy_covariances(energies: Array) -> Moments:

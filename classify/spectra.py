@@ -158,8 +158,8 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
     side = segment_px
     _check_side(side, fields.shape)
     row_starts, column_starts = (_starts(length, side) for length in fields.shape)
-    sums = np.zeros((4, side, side // 2 + 1), np.float32)
-    window, along = _circular_hann(side), _wave_directions(side)
+    sums = np.zeros((side, 6, side // 2 + 1), np.float32)
+    window = _circular_hann(side)
     starts, weight = np.array(column_starts), float(window.sum(dtype=np.float64))
     # Two real fields are one complex one, whose transform costs little more than that of one: p and
     # q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
@@ -176,16 +176,18 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
             at_once = threads.map if len(packed) > _FEW else map
             for _ in at_once(cv2.dft, packed, transforms):
                 pass
-            _accumulate(transforms, len(starts), along, sums)
+            _accumulate(transforms, len(starts), sums)
     norm = 1.0 / (len(row_starts) * len(column_starts) * np.sum(np.square(window, dtype=float)))
-    gradient, albedo, relief, co_spectrum = sums * np.float32(norm)
-    return Spectra(
-        gradient=_to_polar(gradient, side),
-        albedo=_to_polar(albedo, side),
-        relief=_to_polar(relief, side),
-        co_spectrum=_to_polar(co_spectrum, side),
-        segment_px=side,
+    gradient, difference, product, albedo, with_p, with_q = np.moveaxis(
+        sums * np.float32(norm), 1, 0
     )
+    cos, sin, cos_2, sin_2 = _wave_directions(side)
+    # Along its wave vector the slope is cos P + sin Q, and i k z: z lies along -i slope.
+    relief = np.float32(0.5) * (gradient + cos_2 * difference + sin_2 * product)
+    relief = np.maximum(relief, np.float32(0.0))
+    planes = np.stack([gradient, albedo, relief, cos * with_p + sin * with_q], axis=2)
+    gradient, albedo, relief, co_spectrum = _to_polar(planes, side)
+    return Spectra(gradient, albedo, relief, co_spectrum, segment_px=side)
 
 
 def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
@@ -231,84 +233,135 @@ def _circular_hann(side: int) -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _wave_directions(side: int) -> FloatMap:
-    """(2, side, side // 2 + 1) cos and sin of the direction of each wave vector, y up."""
+    """(4, side, side // 2 + 1) cos and sin of the direction of each wave vector, and of twice it.
+
+    y up; 0 at zero frequency, which has none.
+    """
     u = scipy.fft.rfftfreq(side)[None, :]
     v = -scipy.fft.fftfreq(side)[:, None]
     radius = np.hypot(u, v)
     radius[0, 0] = 1.0
-    directions: FloatMap = np.stack([u / radius, v / radius]).astype(np.float32)
+    cos, sin = u / radius, v / radius
+    directions: FloatMap = np.stack([cos, sin, cos * cos - sin * sin, 2.0 * cos * sin]).astype(
+        np.float32
+    )
     return directions
-
-
-@njit(cache=True)
-def _place(n: int, field: int, count: int) -> tuple[int, int]:
-    """In which complex array a field of segment n is, and whether as its imaginary part."""
-    if field < 2:
-        return n, field
-    return count + n // 2, n % 2
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def _cut(
     strips: tuple[Array, ...], starts: Array, window: Array, weight: float, packed: Array
 ) -> None:
-    """Fields of segments, each less its weighted mean, times the window."""
+    """Fields of segments, each less its weighted mean, times the window, two to an array."""
     side = window.shape[0]
     count = len(starts)
+    means = np.empty((_FIELDS, count), np.float32)
     for k in prange(count * _FIELDS):
         n, field = k // _FIELDS, k % _FIELDS
         strip, start = strips[field], starts[n]
-        number, part = _place(n, field, count)
-        target = packed[number]
         # Sums of columns: these can be done eight at a time in the order they are written.
         sums = np.zeros(side, np.float32)
         for r in range(side):
             line = strip[r, start : start + side]
             for c in range(side):
                 sums[c] += line[c] * window[r, c]
-        mean = np.float32(sums.sum() / weight)
-        for r in range(side):
-            line = strip[r, start : start + side]
+        means[field, n] = sums.sum() / weight
+    p, q, albedo = strips
+    for r in prange(side):
+        for n in range(count):
+            part = slice(starts[n], starts[n] + side)
+            _pair(p[r, part], q[r, part], means[0, n], means[1, n], window[r], packed[n, r])
+        for n in range(0, count - 1, 2):
+            here, next_ = starts[n], starts[n + 1]
+            _pair(
+                albedo[r, here : here + side], albedo[r, next_ : next_ + side],
+                means[2, n], means[2, n + 1], window[r], packed[count + n // 2, r],
+            )  # fmt: skip
+        if count % 2:
+            # The last one is alone: the imaginary part stays zero.
+            target, line, mean = packed[-1, r], albedo[r, starts[-1] :], means[2, -1]
             for c in range(side):
-                target[r, c, part] = (line[c] - mean) * window[r, c]
+                target[c, 0] = (line[c] - mean) * window[r, c]
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _pair(
+    real: Array, imaginary: Array, real_mean: np.float32, imaginary_mean: np.float32,
+    window: Array, target: Array,
+) -> None:  # fmt: skip
+    for c in range(len(window)):
+        target[c, 0] = (real[c] - real_mean) * window[c]
+        target[c, 1] = (imaginary[c] - imaginary_mean) * window[c]
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _accumulate(transforms: Array, count: int, along: Array, sums: Array) -> None:
-    """Add the powers of all segments to M, A, relief, co-spectrum.
+def _accumulate(transforms: Array, count: int, sums: Array) -> None:
+    """Add |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A* of all segments.
 
     Of C, the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
-    Y(k) = (C(k) - C*(-k)) / 2i.
+    Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
     """
-    _, side, _, _ = transforms.shape
-    half = np.float32(0.5)
+    side = transforms.shape[1]
+    columns = side // 2 + 1
     for r in prange(side):
         opposite = (side - r) % side
-        # (real or imaginary, field, column)
-        values = np.empty((2, _FIELDS, side // 2 + 1), np.float32)
+        # Lines of real and imaginary parts at k, then at -k.
+        slopes, albedos = np.empty((4, columns), np.float32), np.empty((2, 2, columns), np.float32)
+        pair = albedos.reshape(4, columns)
         for n in range(count):
-            for field in range(_FIELDS):
-                number, part = _place(n, field, count)
-                here, there = transforms[number, r], transforms[number, opposite]
-                real, imaginary = values[0, field], values[1, field]
-                sign, other = (-half, 0) if part else (half, 1)
-                # The column opposite to the first is the first itself.
-                real[0] = half * (here[0, part] + there[0, part])
-                imaginary[0] = sign * (here[0, other] - there[0, other])
-                for c in range(1, side // 2 + 1):
-                    real[c] = half * (here[c, part] + there[side - c, part])
-                    imaginary[c] = sign * (here[c, other] - there[side - c, other])
-            (p_re, q_re, a_re), (p_im, q_im, a_im) = values[0], values[1]
-            for c in range(side // 2 + 1):
-                slope_re = along[0, r, c] * p_re[c] + along[1, r, c] * q_re[c]
-                slope_im = along[0, r, c] * p_im[c] + along[1, r, c] * q_im[c]
-                sums[0, r, c] += (
-                    p_re[c] * p_re[c] + p_im[c] * p_im[c] + q_re[c] * q_re[c] + q_im[c] * q_im[c]
-                )
-                sums[1, r, c] += a_re[c] * a_re[c] + a_im[c] * a_im[c]
-                sums[2, r, c] += slope_re * slope_re + slope_im * slope_im
-                # slope = i k z, so that z lies along -i slope: Re(-i slope conj(albedo)).
-                sums[3, r, c] += slope_im * a_re[c] - slope_re * a_im[c]
+            _untwine(transforms[n, r], transforms[n, opposite], slopes)
+            if n % 2 == 0:
+                number = count + n // 2
+                _untwine(transforms[number, r], transforms[number, opposite], pair)
+                _separate(pair)
+            _add_powers(slopes, albedos[n % 2], sums[r])
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _untwine(here: Array, there: Array, parts: Array) -> None:
+    side = len(here)
+    for c in range(side // 2 + 1):
+        parts[0, c] = here[c, 0]
+        parts[1, c] = here[c, 1]
+    # The column opposite to the first is the first itself.
+    parts[2, 0], parts[3, 0] = there[0, 0], there[0, 1]
+    for c in range(1, side // 2 + 1):
+        parts[2, c] = there[side - c, 0]
+        parts[3, c] = there[side - c, 1]
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _separate(parts: Array) -> None:
+    """Of C(k) and C(-k) make X(k) and Y(k)."""
+    half = np.float32(0.5)
+    for c in range(parts.shape[1]):
+        re, im, opposite_re, opposite_im = parts[0, c], parts[1, c], parts[2, c], parts[3, c]
+        parts[0, c] = half * (re + opposite_re)
+        parts[1, c] = half * (im - opposite_im)
+        parts[2, c] = half * (im + opposite_im)
+        parts[3, c] = half * (opposite_re - re)
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
+    # Arrays with two indices, not lines of them by name: of these the compiler would not know
+    # that they lie apart, and do one number at a time.
+    half = np.float32(0.5)
+    for c in range(slopes.shape[1]):
+        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
+        sums[0, c] += half * (
+            (re * re + im * im) + (opposite_re * opposite_re + opposite_im * opposite_im)
+        )
+        sums[1, c] += re * opposite_re - im * opposite_im
+        sums[2, c] += re * opposite_im + im * opposite_re
+    for c in range(slopes.shape[1]):
+        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
+        a_re, a_im = albedo[0, c], albedo[1, c]
+        p_re, p_im = half * (re + opposite_re), half * (im - opposite_im)
+        q_re, q_im = half * (im + opposite_im), half * (opposite_re - re)
+        sums[3, c] += a_re * a_re + a_im * a_im
+        sums[4, c] += p_im * a_re - p_re * a_im
+        sums[5, c] += q_im * a_re - q_re * a_im
 
 
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
@@ -329,14 +382,13 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
     return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
 
 
-def _to_polar(half_plane: FloatMap, side: int) -> FloatMap:
+def _to_polar(half_planes: FloatMap, side: int) -> FloatMap:
+    """(4, R, 90) float32 of (side, side // 2 + 1, 4) float32."""
     columns, rows = _polar_map(side)
     # Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
     # co-spectrum stays within the root of both powers (Cauchy and Schwarz).
-    amplitude = np.copysign(np.sqrt(np.abs(half_plane)), half_plane)
-    shifted = np.roll(amplitude, side // 2, axis=0)
+    amplitudes = np.copysign(np.sqrt(np.abs(half_planes)), half_planes)
+    shifted = np.roll(amplitudes, side // 2, axis=0)
     # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
-    polar: FloatMap = cv2.remap(
-        shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
-    ).astype(np.float32, copy=False)
-    return polar * np.abs(polar)
+    polar = cv2.remap(shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    return np.ascontiguousarray(np.moveaxis(polar * np.abs(polar), 2, 0), np.float32)

@@ -20,6 +20,8 @@ __all__ = ["TextureFields", "texture_fields"]
 _MAX_SLOPE = np.float32(2.0)
 # The same for a speck in a dark albedo.
 _MAX_ALBEDO = np.float32(8.0)
+# Whose sums are taken together, in single precision.
+_ROWS = 16
 
 Array = npt.NDArray[Any]
 
@@ -50,8 +52,11 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     InputError
         If no pixel is valid, or the valid ones have no albedo at all, or hold what is no number.
     """
-    sums = np.empty((surface.shape[0], 4), np.float64)
-    _row_sums(surface.p, surface.q, surface.albedo, surface.valid, sums)
+    # One block of memory and not three: a large one is used again once it was given back, while
+    # the pages of small ones are each asked of the system anew.
+    p, q, albedo = np.empty((3, *surface.shape), np.float32)
+    sums = np.empty((-(-surface.shape[0] // _ROWS), 4), np.float64)
+    _bounded(surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums)
     count, p_sum, q_sum, albedo_sum = sums.sum(axis=0)
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
@@ -60,49 +65,49 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     if not albedo_sum > 0.0:
         raise InputError("the valid pixels of this surface reflect nothing; check exposure")
     means = (np.array([p_sum, q_sum, albedo_sum]) / count).astype(np.float32)
-    # One block of memory and not three: a large one is used again once it was given back, while
-    # the pages of small ones are each asked of the system anew.
-    p, q, albedo = np.empty((3, *surface.shape), np.float32)
-    _bounded(surface.p, surface.q, surface.albedo, surface.valid, means, p, q, albedo)
+    _complete(surface.valid, means, p, q, albedo)
     return TextureFields(p, q, albedo)
-
-
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _shortening(p: np.float32, q: np.float32) -> np.float32:
-    """Factor that bounds a slope and keeps its direction."""
-    factor: np.float32 = _MAX_SLOPE / max(np.sqrt(p * p + q * q), _MAX_SLOPE)
-    return factor
-
-
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _row_sums(p: Array, q: Array, albedo: Array, valid: Array, sums: Array) -> None:
-    """Per row the count of valid pixels and the sums of their bounded slopes and albedo."""
-    rows, columns = p.shape
-    zero = np.float32(0.0)
-    for r in prange(rows):
-        count = p_sum = q_sum = albedo_sum = np.float64(0.0)
-        for c in range(columns):
-            factor = _shortening(p[r, c], q[r, c])
-            count += valid[r, c]
-            p_sum += p[r, c] * factor if valid[r, c] else zero
-            q_sum += q[r, c] * factor if valid[r, c] else zero
-            albedo_sum += albedo[r, c] if valid[r, c] else zero
-        sums[r, 0], sums[r, 1], sums[r, 2], sums[r, 3] = count, p_sum, q_sum, albedo_sum
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def _bounded(
-    p: Array, q: Array, albedo: Array, valid: Array, means: Array,
-    p_out: Array, q_out: Array, albedo_out: Array,
+    p: Array, q: Array, albedo: Array, valid: Array,
+    p_out: Array, q_out: Array, albedo_out: Array, sums: Array,
 ) -> None:  # fmt: skip
+    """Valid pixels with bounded slopes, 0 elsewhere; their count and sums per block of rows."""
     rows, columns = p.shape
-    inverse = np.float32(1.0) / means[2]
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for block in prange(len(sums)):
+        # Column by column, which can be done eight at a time in the order it is written.
+        lines = np.zeros((4, columns), np.float32)
+        for r in range(block * _ROWS, min((block + 1) * _ROWS, rows)):
+            for c in range(columns):
+                slope = np.sqrt(p[r, c] * p[r, c] + q[r, c] * q[r, c])
+                # A factor for both bounds a slope and keeps its direction.
+                factor = _MAX_SLOPE / max(slope, _MAX_SLOPE)
+                p_out[r, c] = p[r, c] * factor if valid[r, c] else zero
+                q_out[r, c] = q[r, c] * factor if valid[r, c] else zero
+                albedo_out[r, c] = albedo[r, c] if valid[r, c] else zero
+            for c in range(columns):
+                lines[0, c] += one if valid[r, c] else zero
+                lines[1, c] += p_out[r, c]
+                lines[2, c] += q_out[r, c]
+                lines[3, c] += albedo_out[r, c]
+        for index in range(4):
+            total = np.float64(0.0)
+            for c in range(columns):
+                total += lines[index, c]
+            sums[block, index] = total
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _complete(valid: Array, means: Array, p: Array, q: Array, albedo: Array) -> None:
+    """Means where nothing is known, and albedo in units of its mean."""
+    rows, columns = p.shape
+    one = np.float32(1.0)
+    inverse = one / means[2]
     for r in prange(rows):
         for c in range(columns):
-            factor = _shortening(p[r, c], q[r, c])
-            known = valid[r, c]
-            p_out[r, c] = p[r, c] * factor if known else means[0]
-            q_out[r, c] = q[r, c] * factor if known else means[1]
-            albedo_out[r, c] = (
-                min(albedo[r, c] * inverse, _MAX_ALBEDO) if known else np.float32(1.0)
-            )
+            p[r, c] = p[r, c] if valid[r, c] else means[0]
+            q[r, c] = q[r, c] if valid[r, c] else means[1]
+            albedo[r, c] = min(albedo[r, c] * inverse, _MAX_ALBEDO) if valid[r, c] else one

@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-VARIABLES = ("OMP_WAIT_POLICY", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+VARIABLES = ("GOMP_SPINCOUNT", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+OURS = (*VARIABLES, "OMP_WAIT_POLICY")
 PROGRAM = """
 import json, os, resource
 {settle}
@@ -30,7 +31,11 @@ SETTLE = "from capture.process_settings import settle_process; settle_process()"
 
 def outcome(settle: str = "", **variables: str) -> tuple[int, dict[str, str | None]]:
     """Page faults of ten frames, and the variables that children would see."""
-    inherited = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    inherited = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in (*VARIABLES, "OMP_WAIT_POLICY")
+    }
     program = PROGRAM.format(settle=settle, variables=VARIABLES)
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -51,14 +56,13 @@ def test_the_memory_of_a_frame_serves_the_next() -> None:
 
 def test_children_are_told_too() -> None:
     _, found = outcome(SETTLE)
-    assert found == dict(
-        zip(VARIABLES, ("PASSIVE", str(256 * 2**20), str(32 * 2**20)), strict=True)
-    )
+    assert found == dict(zip(VARIABLES, ("10000", str(256 * 2**20), str(32 * 2**20)), strict=True))
 
 
 def test_what_somebody_has_set_stays() -> None:
-    theirs = dict(zip(VARIABLES, ("ACTIVE", "131072", "131072"), strict=True))
+    theirs = dict(zip(VARIABLES, ("7", "131072", "131072"), strict=True))
     faults, found = outcome(SETTLE, **theirs)
     assert found == theirs
+    assert outcome(SETTLE, OMP_WAIT_POLICY="ACTIVE")[1]["GOMP_SPINCOUNT"] is None
     if sys.platform == "linux":
         assert faults > 1000
