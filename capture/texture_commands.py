@@ -157,7 +157,8 @@ def evaluate_(
     out.print(
         f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
         f"{result.unknown} unknown; angle error {_degrees(errors.median)} median, "
-        f"{_degrees(errors.p95)} at 95 %"
+        f"{_degrees(errors.p95)} at 95 %; heading told of {result.headings}, "
+        f"{result.reversed} of them reversed"
     )
 
 
@@ -231,4 +232,6 @@ def _as_json(result: Evaluation) -> dict[str, Any]:
         },
         "orientation_error_deg": asdict(result.orientation_error_deg),
         "unknown": result.unknown,
+        "headings": result.headings,
+        "reversed": result.reversed,
     }

@@ -34,8 +34,8 @@ class Sieve:
     Parameters
     ----------
     invariants
-        (n, k + 1) float32: k numbers and a divisor of distances. The squared Euclidean distance of
-        two rows of k, over both divisors, is never above the distance.
+        (n, k + 1) float32: k numbers, and one that only counts in a test, as a divisor. The squared
+        Euclidean distance of k numbers, over that divisor, is never above the distance.
     labels
         (n,) class of each reference.
     """
@@ -83,7 +83,7 @@ class Sieve:
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def _bounds(references: Array, test: Array, bounds: Array) -> None:
-    """Squared distances, less what rounding may have added, over the product of the divisors."""
+    """Squared distances, less what rounding may have added, over the divisor."""
     count, numbers = references.shape
     last = numbers - 1
     energy = np.float32(0.0)
@@ -97,7 +97,7 @@ def _bounds(references: Array, test: Array, bounds: Array) -> None:
             difference = references[n, k] - test[k]
             square += difference * difference
         distance = np.float64(max(np.sqrt(square) - added, np.float32(0.0)))
-        bounds[n] = distance * distance / (np.float64(references[n, last]) * test[last])
+        bounds[n] = distance * distance / np.float64(test[last])
 
 
 def _lowest(values: Bounds, count: int) -> Indices:
@@ -115,4 +115,5 @@ def _joined(first: Comparison, second: Comparison, order: Indices) -> Comparison
         np.concatenate([first.distances, second.distances])[order],
         both(first.turns_deg, second.turns_deg),
         both(first.sharpness, second.sharpness),
+        both(first.headings, second.headings),
     )

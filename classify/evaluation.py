@@ -30,6 +30,14 @@ class Trial:
         difference = found_deg - self.orientation_deg
         return abs((difference + 90.0) % 180.0 - 90.0)
 
+    @property
+    def is_reversed(self) -> bool | None:
+        """Whether the heading is the wrong way round; None where none was told or is known."""
+        found_deg = self.match.heading_deg
+        if self.orientation_deg is None or found_deg is None or self.match.label != self.label:
+            return None
+        return abs((found_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
+
 
 @dataclass(frozen=True)
 class OrientationError:
@@ -65,7 +73,9 @@ class ClassResult:
 class Evaluation:
     """Results over all trials.
 
-    `confusion[true][answered]` counts sets; the answer of an unknown is ``None``.
+    `confusion[true][answered]` counts sets; the answer of an unknown is ``None``. Of the sets with
+    the right class and a known orientation, `headings` were told a heading too, and `reversed`
+    of these the wrong one.
     """
 
     sets: int
@@ -74,6 +84,8 @@ class Evaluation:
     per_class: dict[str, ClassResult]
     confusion: dict[str, dict[str | None, int]]
     orientation_error_deg: OrientationError
+    headings: int
+    reversed: int
 
     @property
     def accuracy(self) -> float:
@@ -105,6 +117,7 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         )
         for label, group in sorted(by_class.items())
     }
+    told = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
     return Evaluation(
         sets=len(trials),
         correct=sum(result.correct for result in per_class.values()),
@@ -112,4 +125,6 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         per_class=per_class,
         confusion=confusion,
         orientation_error_deg=OrientationError.of(trials),
+        headings=len(told),
+        reversed=sum(told),
     )

@@ -16,6 +16,7 @@ from . import library_file
 from .candidates import COMPARED_AT_ONCE, Sieve
 from .classifiers import Classifier, Comparison, Observation, Parameters, classifier_named
 from .errors import InputError, LibraryError
+from .heading import LEAST_SCORE
 from .lighting import Lighting
 from .match import Match, match_of
 from .methods import DEFAULT_CLASSIFIER
@@ -64,7 +65,7 @@ class TextureLibrary:
     labels
         (n,) class of each reference.
     orientations_deg
-        (n,) float64 orientation each lay in, [0, 180).
+        (n,) float64 orientation each lay in, [0, 360); of one without a heading modulo 180.
     signatures
         (n, ...) float32; of a large library a view of its file.
     parameters
@@ -172,10 +173,15 @@ class TextureLibrary:
                 if first < len(labels):
                     found = how.compare(learned[0], signatures[first][None], parameters)
                     turn_deg = 0.0 if found.turns_deg is None else float(found.turns_deg[0])
-                    orientation_deg = orientations_deg[first] + turn_deg
+                    heading = 0.0 if found.headings is None else float(found.headings[0])
+                    orientation_deg = orientations_deg[first] + turn_deg + 180.0 * (heading < 0.0)
+                    if abs(heading) < LEAST_SCORE and how.without_heading is not None:
+                        # It may lie the other way round, and so would whatever is found by it.
+                        learned = how.without_heading(learned)
             labels += [row.label] * len(learned)
             sets += [number] * len(learned)
-            orientations_deg += [_modulo_half_turn(orientation_deg)] * len(learned)
+            # Rounded first: a hair below 0 is 0, not a hair below 360.
+            orientations_deg += [round(orientation_deg, 6) % 360.0] * len(learned)
             signatures += list(learned)
         stacked = np.stack(signatures)
         return cls(
@@ -350,8 +356,3 @@ def _check_same_lights(asked: Lighting | None, learned: Lighting | None, classif
         "images, it is another surface; capture it under the library's lights, or train a library "
         "that compares surfaces"
     )
-
-
-def _modulo_half_turn(degrees: float) -> float:
-    # Rounded first: a hair below 0 is 0, not a hair below 180.
-    return round(degrees, 6) % 180.0

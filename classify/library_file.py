@@ -29,7 +29,7 @@ from .surface import FloatMap
 __all__ = ["SUFFIX", "VERSION", "Contents", "Header", "check_path", "read", "write"]
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 2
+VERSION: Final = 3
 _HEADER = "library.json"
 _PARAMETERS = "parameters/"
 _MAX_HEADER_BYTES = 256 * 2**20
@@ -54,7 +54,7 @@ class Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[2] = VERSION
+    version: Literal[3] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     simulated: bool = False

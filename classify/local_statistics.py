@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
+from .heading import HEADING_SUMS, add_row, heading_moments
 from .kernels import FAST
 from .texture_fields import TextureFields
 
@@ -59,10 +60,13 @@ class LocalStatistics:
     energies
         (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
         albedo of each level in turn, finest first.
+    headings
+        (5, levels - 1, 6) complex128 `heading_moments`, of all levels but the finest.
     """
 
     moments: Moments
     energies: Moments
+    headings: npt.NDArray[np.complex128]
 
     @property
     def levels(self) -> int:
@@ -90,23 +94,33 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         for plane in (fields.p, fields.q, fields.albedo)
     ]
     sums: list[Moments] = []
+    odd_sums: list[Moments] = []
     energies: list[Array] = []
+    p_mean, q_mean = (np.float32(cv2.mean(plane)[0]) for plane in planes[:2])
     for level in range(levels):
         if level:
             planes = [cv2.pyrDown(plane) for plane in planes]
         rows, columns = planes[0].shape
         energy = np.empty((rows, columns, 2), np.float32)
         row_sums = np.zeros((rows, 2, _SUMS), np.float64)
-        _respond(planes[0], planes[1], planes[2], energy, row_sums)
-        half = rows // 2
-        upper, lower = row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)
-        quarters = np.concatenate([upper, lower])
-        sums.append(np.concatenate([quarters.sum(axis=0, keepdims=True), quarters]))
+        # The finest level is four times the work, and mostly noise where three numbers multiply.
+        odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
+        _respond(planes[0], planes[1], planes[2], p_mean, q_mean, energy, row_sums, odd)
+        sums.append(_of_parts(row_sums))
+        if level:
+            odd_sums.append(_of_parts(odd))
         energies = [cv2.pyrDown(each) for each in energies] if level else []
         energies.append(energy)
+    powers = np.stack(sums, axis=1)
+    moments = _central(powers)
     return LocalStatistics(
-        moments=_central(np.stack(sums, axis=1)),
+        moments=moments,
         energies=_energy_covariances(np.concatenate(energies, axis=2)),
+        headings=heading_moments(
+            np.array(odd_sums).reshape(-1, 1 + PARTS, HEADING_SUMS).swapaxes(0, 1),
+            powers[:, 1:, 0],
+            moments[:, 1:, :2],
+        ),
     )
 
 
@@ -152,7 +166,10 @@ def statistics_vector(
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _respond(p: Array, q: Array, albedo: Array, energy: Array, sums: Array) -> None:
+def _respond(
+    p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
+    energy: Array, sums: Array, odd: Array,
+) -> None:  # fmt: skip
     """Responses of one level: their squares per pixel, sums of their powers per row and side.
 
     Powers are summed in single precision along a row, in double over the rows.
@@ -194,6 +211,8 @@ def _respond(p: Array, q: Array, albedo: Array, energy: Array, sums: Array) -> N
             powers = (np.float32(end - begin), z1, z2, z3, z4, a1, a2, a3, a4, both, e1, e2)
             for index in range(_SUMS):
                 sums[r, side, index] = powers[index]
+            if len(odd):
+                add_row(p[r], q[r], z, a, p_mean, q_mean, begin, end, odd[r, side])
 
 
 @njit(fastmath=FAST, cache=True, error_model="numpy")
@@ -226,6 +245,13 @@ def _responses(
     centre = np.float32(20.0) * albedo[r, c]
     laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides - centre)
     return -(dp_dx + dq_dy), -laplacian, dq_dx - dp_dy
+
+
+def _of_parts(row_sums: Array) -> Moments:
+    """(5, d): of the frame and of its quarters, from sums per row and side."""
+    half = len(row_sums) // 2
+    quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])
+    return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])
 
 
 def _central(sums: Moments) -> Moments:

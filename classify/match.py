@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .classifiers import Comparison
+from .heading import LEAST_SCORE
 
 __all__ = ["Match", "match_of"]
 
@@ -26,6 +27,9 @@ class Match:
     orientation_deg
         Orientation of the surface, anticlockwise, modulo 180, in the terms of the training set;
         None where the classifier knows no angles.
+    heading_deg
+        The same over the full turn, [0, 360), where the texture is another one upside down and it
+        is clear which way it lies; else None.
     distance
         Distance to the nearest class. For the joint classifier 1 is the typical distance between
         two quarters of one training frame.
@@ -52,6 +56,7 @@ class Match:
     limit: float | None = None
     sharpness: float | None = None
     reason: str = ""
+    heading_deg: float | None = None
 
 
 def match_of(
@@ -97,11 +102,14 @@ def match_of(
         reason = f"{nearest} is {distance:.2f}{within} away"
         if runner_up is not None:
             reason += f", next is {runner_up} at {runner_up_distance:.2f}"
-    orientation_deg = sharpness = None
+    orientation_deg = heading_deg = sharpness = None
     if found.turns_deg is not None:
         turned_deg = float(orientations_deg[winner] + found.turns_deg[winner])
         # Rounded first: a hair below 0 is 0, not a hair below 180.
         orientation_deg = round(turned_deg, 6) % 180.0
+        heading = 0.0 if found.headings is None else float(found.headings[winner])
+        if abs(heading) >= LEAST_SCORE:
+            heading_deg = round(turned_deg + 180.0 * (heading < 0.0), 6) % 360.0
     if found.sharpness is not None:
         sharpness = float(found.sharpness[winner])
     return Match(
@@ -115,4 +123,5 @@ def match_of(
         limit=limit,
         sharpness=sharpness,
         reason=reason,
+        heading_deg=heading_deg,
     )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from classify import SurfaceEstimate, TextureLibrary
 from classify.classifiers import classifier_named
+from classify.classifiers.joint import STATISTICS
 from classify.surface import FloatMap
 
 __all__ = ["SCORES", "References", "ScorePair", "distance_pair", "quartered", "without"]
@@ -94,10 +95,9 @@ class References:
     ) -> dict[str, ScorePair]:
         """Scores of a test, a surface and its signature, whose true class is `label`."""
         library = self.whole
-        scaled = _distances(signature, library)
-        plain = scaled * library.signatures[:, -1] * signature[-1]
-        statistics = slice(-1 - len(library.parameters["whitening"]), -1)
-        local = np.square(library.signatures[:, statistics] - signature[statistics]).sum(axis=1)
+        plain = _distances(signature, library) * signature[-1]
+        scaled = plain / library.signatures[:, -1]
+        local = np.square(library.signatures[:, STATISTICS] - signature[STATISTICS]).sum(axis=1)
         by_score = {"scatter": scaled, "plain": plain, "local": local, "spectra": plain - local}
         pairs = {
             name: _pair(_by_class(values, library), library, label)

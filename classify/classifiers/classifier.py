@@ -24,12 +24,15 @@ class Comparison(NamedTuple):
     """One signature against n references.
 
     `turns_deg` is the anticlockwise turn from the reference to the test, [0, 180); `sharpness`
-    how clear that turn is, 0 not at all to 1. Both are None where a classifier knows no angles.
+    how clear that turn is, 0 not at all to 1; `headings` by how many standard deviations the test
+    lies that way round, negative where half a turn more fits better, 0 where both do. They are
+    None where a classifier knows no angles, or no more than angles modulo 180.
     """
 
     distances: npt.NDArray[np.float64]
     turns_deg: npt.NDArray[np.float64] | None = None
     sharpness: npt.NDArray[np.float64] | None = None
+    headings: npt.NDArray[np.float64] | None = None
 
 
 def _nothing(_observations: Sequence[Observation], _labels: Sequence[str]) -> Parameters:
@@ -61,7 +64,9 @@ class Classifier:
         class, beyond which a surface is none of it; None where a classifier cannot say.
     invariants
         (n, ...) signatures to (n, k + 1): k numbers whose squared Euclidean distance, over the
-        last numbers of both, is never above the distance. A large library is sifted by them.
+        last number of the test, is never above the distance. A large library is sifted by them.
+    without_heading
+        (k, ...) references to the same without a heading; None where they have none.
     from_images
         Whether it looks at images rather than at the surface: then a set under another lighting
         is another thing.
@@ -78,6 +83,7 @@ class Classifier:
         Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] | None
     ) = None
     invariants: Callable[[FloatMap], FloatMap] | None = None
+    without_heading: Callable[[FloatMap], FloatMap] | None = None
     from_images: bool = False
 
     def training_observation(self, surface: SurfaceEstimate, segment_px: int) -> Observation:

@@ -15,6 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.angular_harmonics import HARMONICS, Complex, harmonics, least_error, unturned_norms
+from classify.heading import (
+    HEADING_FLOATS,
+    heading_numbers,
+    heading_scores,
+    heading_variances,
+)
 from classify.local_statistics import (
     PARTS,
     LocalStatistics,
@@ -29,7 +35,7 @@ from classify.turned_lights import under_turned_lights
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 
-__all__ = ["JOINT"]
+__all__ = ["JOINT", "STATISTICS"]
 
 # A density below this many times the mean error (the curl, which no relief has) counts as that:
 # the logarithm of an error would weigh as much as that of a texture. Errors are those of the upper
@@ -52,7 +58,7 @@ _LEAST_SCATTER = 0.01
 _LEAST_DISTANCE = 0.1
 # A class that scatters more is given more room, by this power of its scatter: four quarters tell
 # it to a factor of two or so, not better.
-_SCATTER_POWER = 0.25
+_SCATTER_POWER = 0.5
 # Beyond this many times what one in a hundred distances between quarters reaches, a surface is none
 # of the class. The quantile is believed as far as there are distances; `_TYPICAL_LIMIT` counts as
 # `_TYPICAL_PAIRS` of them, for libraries of few sets.
@@ -61,6 +67,8 @@ _LIMIT_MARGIN = 1.25
 _TYPICAL_LIMIT = 2.4
 _TYPICAL_PAIRS = 60
 _MAX_LEFT_OUT = 200
+# Where a turn is less clear than this it may be off by a right angle.
+_DIRECTIONAL = 0.5
 # A reference nearer than this to another of the same set tells nothing new.
 _WORTH_KEEPING = 0.1
 # Variance of the albedo response over that of the curl, for white noise of equal density.
@@ -73,6 +81,9 @@ _ALBEDO_LEAK = 0.004
 _PAIRS = tuple((i, j) for i in range(PARTS) for j in range(i))
 _SERIES = _CHANNELS * RADII
 _SERIES_FLOATS = 2 * _SERIES * HARMONICS
+_HEADING = slice(-1 - HEADING_FLOATS, -1)
+STATISTICS = slice(_SERIES_FLOATS, _HEADING.start)
+"""Where the statistics of a signature stand."""
 
 
 def _observe(surface: SurfaceEstimate, segment_px: int) -> Observation:
@@ -88,6 +99,7 @@ def _observation(fields: TextureFields, segment_px: int) -> Observation:
         "curl_density": np.array(spectra.curl_density),
         "moments": measured.moments,
         "energies": measured.energies,
+        "headings": measured.headings,
         "pixels": np.array(float(fields.p.size)),
     }
 
@@ -140,8 +152,10 @@ def _learn(observations: Sequence[Observation], _labels: Sequence[str]) -> Param
     # |W (x - y)|^2 is the squared Mahalanobis distance.
     whitening = np.linalg.inv(np.linalg.cholesky(correlation)) / scatter
     spectral, local = _within(observations, statistics, floors, whitening)
+    headings = [heading_variances(each["headings"]) for each in observations]
     learned = {
         **floors,
+        "heading_variances": np.mean(headings, axis=0),
         "whitening": whitening,
         "pixels": np.array(np.median([each["pixels"] for each in observations])),
         "spectral_scatter": np.array(max(float(spectral.mean()), _LEAST_DISTANCE)),
@@ -150,7 +164,7 @@ def _learn(observations: Sequence[Observation], _labels: Sequence[str]) -> Param
     pairs = _in_units(spectral, local, learned)
     # A class's own scatter, to the power by which it is believed, is what its limit is told in.
     own = np.maximum(pairs.mean(axis=1, keepdims=True), _LEAST_SCATTER)
-    relative = pairs / own ** (2.0 * _SCATTER_POWER)
+    relative = pairs / own**_SCATTER_POWER
     reached = float(np.quantile(relative, _LIMIT_QUANTILE))
     believed = relative.size / (relative.size + _TYPICAL_PAIRS)
     limit = _LIMIT_MARGIN * (believed * reached + (1.0 - believed) * _TYPICAL_LIMIT)
@@ -200,7 +214,9 @@ def _series(polar: FloatMap, parameters: Parameters) -> Complex:
 
 
 def _statistics(observation: Observation, parameters: Parameters) -> npt.NDArray[np.float64]:
-    measured = LocalStatistics(observation["moments"], observation["energies"])
+    measured = LocalStatistics(
+        observation["moments"], observation["energies"], observation["headings"]
+    )
     leaks = _ALBEDO_LEAK * np.array(_ALBEDO_GAINS[: measured.levels])
     return statistics_vector(
         measured, parameters["relief_floors"], parameters["albedo_floors"], leaks
@@ -208,10 +224,11 @@ def _statistics(observation: Observation, parameters: Parameters) -> npt.NDArray
 
 
 def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
-    """Series, whitened statistics, divisor of distances: (2 * 3 R * 16 + d + 1,) float32.
+    """Series, whitened statistics, heading, and a last number: (2 * 3 R * 16 + d + 73,) float32.
 
-    Scaled so that the squared Euclidean distance of two signatures, without their last numbers, is
-    in units of the distance between quarters of one surface.
+    Series and statistics are scaled so that their squared Euclidean distance is in units of the
+    distance between quarters of one surface. The last number is, of a training set, the room its
+    class is given, and of a test what its distances are divided by.
     """
     share = 1.0 / (1.0 + _LOCAL_SHARE)
     series = _series(observation["polar"], parameters)
@@ -222,12 +239,13 @@ def _signature(observation: Observation, parameters: Parameters) -> FloatMap:
     if "quarters" in observation:
         within = _within([observation], statistics[None], parameters, parameters["whitening"])
         mean = float(_in_units(*within, parameters).mean())
-        divisor = max(mean, _LEAST_SCATTER) ** _SCATTER_POWER
+        last = max(mean, _LEAST_SCATTER) ** _SCATTER_POWER
     else:
         # Scatter goes with one over the area: a smaller frame lies further from its own class.
-        divisor = max(0.5 + 0.5 * float(parameters["pixels"] / observation["pixels"]), 1.0)
+        last = max(0.5 + 0.5 * float(parameters["pixels"] / observation["pixels"]), 1.0)
+    heading = heading_numbers(observation["headings"], parameters["heading_variances"])
     return np.concatenate(
-        [series.ravel().view(np.float32), white.astype(np.float32), [np.float32(divisor)]]
+        [series.ravel().view(np.float32), white.astype(np.float32), heading, [np.float32(last)]]
     )
 
 
@@ -236,13 +254,13 @@ def _references(observation: Observation, parameters: Parameters) -> FloatMap:
     own = _signature(observation, parameters)
     signatures = [own]
     for index in itertools.count():
-        names = ("polar", "curl_density", "moments", "energies", "pixels")
+        names = ("polar", "curl_density", "moments", "energies", "headings", "pixels")
         if f"turned_{index}_polar" not in observation:
             return np.stack(signatures)
         turned = _signature(
             {name: observation[f"turned_{index}_{name}"] for name in names}, parameters
         )
-        turned[-1] = own[-1]
+        turned[_HEADING], turned[-1] = own[_HEADING], own[-1]
         if np.square(turned - own).sum() > _WORTH_KEEPING:
             signatures.append(turned)
     raise AssertionError
@@ -250,10 +268,14 @@ def _references(observation: Observation, parameters: Parameters) -> FloatMap:
 
 def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     found = least_error(_series_of(test[None])[0], _series_of(references))
-    local = np.square(references[:, _SERIES_FLOATS:-1] - test[_SERIES_FLOATS:-1])
+    local = np.square(references[:, STATISTICS] - test[STATISTICS])
     total = found.errors + local.sum(axis=1, dtype=np.float64)
-    total /= references[:, -1] * test[-1]
-    return Comparison(total, found.turns_deg, found.sharpness)
+    total /= test[-1]
+    headings = heading_scores(test[_HEADING], references[:, _HEADING], found.turns_deg)
+    # The moments of a smaller frame scatter more.
+    headings /= np.sqrt(test[-1])
+    headings[found.sharpness < _DIRECTIONAL] = 0.0
+    return Comparison(total, found.turns_deg, found.sharpness, headings)
 
 
 def _series_of(signatures: FloatMap) -> Complex:
@@ -263,7 +285,13 @@ def _series_of(signatures: FloatMap) -> Complex:
 
 def _invariants(signatures: FloatMap) -> FloatMap:
     norms = unturned_norms(_series_of(signatures))
-    return np.concatenate([norms, signatures[:, _SERIES_FLOATS:]], axis=1)
+    return np.concatenate([norms, signatures[:, STATISTICS], signatures[:, -1:]], axis=1)
+
+
+def _without_heading(signatures: FloatMap) -> FloatMap:
+    without = signatures.copy()
+    without[:, _HEADING] = 0.0
+    return without
 
 
 def _limits(
@@ -298,5 +326,6 @@ JOINT = Classifier(
     references=_references,
     compare=_compare,
     invariants=_invariants,
+    without_heading=_without_heading,
     limits=_limits,
 )

@@ -321,7 +321,7 @@ def test_classify_answers_with_exactly_the_agreed_fields(
     rock, sand = json.loads(result.stdout)
     assert list(rock) == [
         "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
-        "runner_up_distance", "margin", "limit", "sharpness", "reason", "simulated",
+        "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "simulated",
     ]  # fmt: skip
     assert 0.0 <= rock["distance"] <= rock["limit"]
     assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
@@ -348,6 +348,7 @@ def test_evaluate_answers_with_exactly_the_agreed_fields(
     answer = json.loads(ps4rig("evaluate", sets, "--library", library, "--json").stdout)
     assert list(answer) == [
         "sets", "accuracy", "per_class", "confusion", "orientation_error_deg", "unknown",
+        "headings", "reversed",
     ]  # fmt: skip
     assert (answer["sets"], answer["accuracy"], answer["unknown"]) == (4, 1.0, 0)
     assert answer["confusion"] == {"rock": {"rock": 2}, "sand": {"sand": 2}}

@@ -22,22 +22,22 @@ KEPT, LOST = 12, 6  # numbers that the sieve sees, and that only the comparison 
 
 @dataclass
 class Points:
-    """References that are points; the distance is Euclidean, squared, over divisors of both."""
+    """References that are points; distances are squared and Euclidean, over a divisor."""
 
     points: npt.NDArray[np.float32]
-    divisors: npt.NDArray[np.float32]
     labels: list[str]
-    divisor: float = 1.0  # of the test
+    divisor: float = 1.0
     compared: int = field(default=0)
 
     @property
     def sieve(self) -> Sieve:
-        invariants = np.concatenate([self.points[:, :KEPT], self.divisors[:, None]], axis=1)
-        return Sieve(invariants, self.labels)
+        # The last number of a reference does not count.
+        last = np.arange(len(self.points), dtype=np.float32)[:, None]
+        return Sieve(np.concatenate([self.points[:, :KEPT], last], axis=1), self.labels)
 
     def distances(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         squares = np.square(self.points.astype(np.float64) - test).sum(axis=1)
-        return squares / (self.divisors * self.divisor)
+        return squares / self.divisor
 
     def invariants(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         return np.append(test[:KEPT], np.float32(self.divisor))
@@ -73,9 +73,7 @@ def clustered(seed: int, count: int, classes: int, spread: float, level: float) 
     centres[:, KEPT:] *= 0.1
     members = rng.integers(0, classes, count)
     points = centres[members] + spread * rng.standard_normal((count, KEPT + LOST))
-    divisors = rng.uniform(0.3, 3.0, classes)[members]
-    labels = [f"class {member}" for member in members]
-    return Points(points.astype(np.float32), divisors.astype(np.float32), labels)
+    return Points(points.astype(np.float32), [f"class {member}" for member in members])
 
 
 @settings(max_examples=60, deadline=None)
@@ -127,7 +125,6 @@ def test_few_are_compared_where_classes_lie_apart() -> None:
 def test_of_equal_classes_neither_is_named() -> None:
     library = clustered(2, 2000, 30, 0.2, 0.0)
     library.points[1000:] = library.points[:1000]
-    library.divisors[1000:] = library.divisors[:1000]
     library.labels[1000:] = [f"twin of {label}" for label in library.labels[:1000]]
     for index in (0, 500, 1500):
         found = library.match(library.points[index])

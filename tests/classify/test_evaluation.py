@@ -1,5 +1,7 @@
 """Counting right answers and degrees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -78,3 +80,23 @@ def test_the_confusion_holds_every_trial_once(pairs: list[tuple[str, str | None]
 def test_nothing_to_evaluate_is_said() -> None:
     with pytest.raises(InputError, match="nothing to evaluate"):
         evaluate([])
+
+
+@given(ANGLES, st.floats(-89, 89), st.booleans(), st.integers(-3, 3))
+def test_a_heading_is_reversed_beyond_a_right_angle(
+    true: float, off: float, around: bool, turns: int
+) -> None:
+    match = replace(answer("a"), heading_deg=true + off + 180.0 * around + 360.0 * turns)
+    assert Trial("a", true, match).is_reversed == around
+
+
+def test_headings_are_counted_where_they_were_told() -> None:
+    told = replace(answer("a"), heading_deg=170.0)
+    result = evaluate([
+        Trial("a", 175.0, told),
+        Trial("a", 355.0, told),
+        Trial("a", None, told),
+        Trial("b", 175.0, told),
+        Trial("a", 175.0, answer("a")),
+    ])  # fmt: skip
+    assert (result.headings, result.reversed) == (2, 1)

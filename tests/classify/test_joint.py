@@ -195,7 +195,7 @@ def test_a_bound_holds_for_every_reference(library, signatures) -> None:
     for signature in signatures:
         vector = JOINT.invariants(signature[None])[0]
         bounds = np.square(references[:, :-1] - vector[:-1]).sum(axis=1)
-        bounds /= references[:, -1] * vector[-1]
+        bounds /= vector[-1]
         distances = JOINT.compare(signature, library.signatures, library.parameters).distances
         assert (bounds <= distances * (1 + 1e-4) + 1e-3).all()
         # And says something: the wrong classes are kept out by it.

@@ -101,7 +101,7 @@ def test_a_given_training_orientation_is_what_answers_refer_to(stationary) -> No
         ("sand", stationary("sand", 75.0, seed=2), 75.0 + 180.0),
         ("brushed", stationary("brushed", 20.0, seed=1), None),
     ])  # fmt: skip
-    assert library.orientations_deg.tolist() == [30.0, 75.0, 0.0]
+    assert library.orientations_deg.tolist() == [30.0, 255.0, 0.0]
     sand, brushed = stationary("sand", 100.0, seed=3), stationary("brushed", 50.0, seed=1)
     assert off_deg(library.classify(sand).orientation_deg, 100.0) < 2.0
     assert off_deg(library.classify(brushed).orientation_deg, 30.0) < 2.0

@@ -114,7 +114,7 @@ def test_the_file_is_plain_json_and_numpy(saved: Path, library) -> None:
     assert set(content) == {"library.json", *ARRAYS, *parameters}
     header = json.loads(content["library.json"])
     assert header["format"] == "ps4lib"
-    assert header["version"] == VERSION == 2
+    assert header["version"] == VERSION == 3
     assert header["classes"] == ["grün", "fine"]
     array = np.load(io.BytesIO(content["signatures.npy"]), allow_pickle=False)
     np.testing.assert_array_equal(array, library.signatures)
@@ -151,11 +151,11 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
 @pytest.mark.parametrize(
     ("edit", "cause"),
     [
-        (lambda h: h.update(version=VERSION + 1), "version 3, this program reads 2; use a newer"),
-        (lambda h: h.update(version=1), "version 1, this program reads 2; train it again"),
-        (lambda h: h.update(version=0), "version 0, this program reads 2; train it again"),
-        (lambda h: h.update(version=10**30), "this program reads 2; use a newer"),
-        (lambda h: h.update(version="2"), "header field version"),
+        (lambda h: h.update(version=VERSION + 1), "version 4, this program reads 3; use a newer"),
+        (lambda h: h.update(version=1), "version 1, this program reads 3; train it again"),
+        (lambda h: h.update(version=0), "version 0, this program reads 3; train it again"),
+        (lambda h: h.update(version=10**30), "this program reads 3; use a newer"),
+        (lambda h: h.update(version="3"), "header field version"),
         (lambda h: h.update(version=2.5), "header field version"),
         (lambda h: h.update(version=None), "header field version"),
         (lambda h: h.pop("version"), "version"),
@@ -207,7 +207,7 @@ def test_a_library_of_the_first_version_is_refused_and_says_what_to_do(tmp_path:
     write_members(path, {"library.json": json.dumps(header).encode(), "signatures.npy": array})
     with pytest.raises(LibraryError) as caught:
         TextureLibrary.load(path)
-    assert str(caught.value) == (f"{path}: library version 1, this program reads 2; train it again")
+    assert str(caught.value) == (f"{path}: library version 1, this program reads 3; train it again")
 
 
 def claimed(shape: str, descr: str = "'<f4'", content: bytes = bytes(16)) -> bytes:
