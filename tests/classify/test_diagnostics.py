@@ -1,0 +1,105 @@
+"""What the images say of a solution, against plain numpy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import METHODS, InputError, Lighting, Method, SurfaceEstimate, photometric_stereo
+
+SHAPE = (37, 43)
+FULL_SCALE = 4095.0
+
+
+def lighting_for(method: Method) -> Lighting:
+    tilts = np.arange(6) * 60.0 if method == "rushmeier" else np.arange(4) * 90.0
+    slants = 45.0 + np.arange(len(tilts))
+    return Lighting(
+        Lighting.from_angles(list(tilts), list(slants)).directions,
+        np.linspace(0.8, 1.2, len(tilts)),
+    )
+
+
+@pytest.fixture(params=METHODS)
+def surface(request: pytest.FixtureRequest) -> SurfaceEstimate:
+    """A rough, spotted surface with cast shadows, highlights and saturated pixels."""
+    rng = np.random.default_rng(0)
+    lighting = lighting_for(request.param)
+    p, q = 0.4 * rng.standard_normal((2, *SHAPE))
+    normals = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p * p + q * q)
+    lit = np.maximum(np.tensordot(lighting.directions, normals, 1), 0.0)
+    values = 2500.0 * rng.uniform(0.3, 1.0, SHAPE) * lit * lighting.intensities[:, None, None]
+    values[rng.random(values.shape) < 0.1] = 0.0
+    values[rng.random(values.shape) < 0.02] *= 3.0
+    ambient = rng.uniform(100, 200, SHAPE)
+    images = np.minimum(np.round(values + ambient), FULL_SCALE).astype(np.uint16)
+    return photometric_stereo(
+        images, lighting, request.param, ambient=ambient.astype(np.uint16), full_scale=FULL_SCALE
+    )
+
+
+def light_values(surface: SurfaceEstimate) -> np.ndarray:
+    less_ambient = surface.images.astype(float) - surface.ambient
+    return less_ambient / (FULL_SCALE * surface.lighting.intensities[:, None, None])
+
+
+def test_the_residual_is_what_least_squares_of_all_lights_leaves(surface: SurfaceEstimate) -> None:
+    L = surface.lighting.directions
+    values = light_values(surface).reshape(len(L), -1)
+    left_over = values - L @ np.linalg.lstsq(L, values)[0]
+    expected = np.sqrt(np.square(left_over).mean(axis=0)).reshape(SHAPE)
+    np.testing.assert_allclose(surface.residual, expected, atol=2e-6)
+
+
+def test_shadows_and_highlights_are_told_from_the_prediction(surface: SurfaceEstimate) -> None:
+    L = surface.lighting.directions
+    normals = np.moveaxis(surface.normals.astype(float), -1, 0)
+    predicted = surface.albedo * np.tensordot(L, normals, 1)
+    values = light_values(surface)
+
+    def beyond(fraction: float, floor: float) -> np.ndarray:
+        least = np.maximum(floor * surface.albedo.astype(float), 1e-9)
+        return values / np.maximum(predicted, least) - fraction
+
+    below, above = beyond(0.5, 0.1), beyond(1.5, 0.2)
+    clear = (np.abs(below) > 1e-4).all(axis=0) & (np.abs(above) > 1e-4).all(axis=0)
+    clear &= surface.albedo > 1e-3
+    assert clear.mean() > 0.8
+    np.testing.assert_array_equal(surface.shadow_count[clear], (below <= 0).sum(axis=0)[clear])
+    np.testing.assert_array_equal(surface.shadow_mask, surface.shadow_count > 0)
+    if surface.highlights is None:
+        np.testing.assert_array_equal(surface.specular[clear], (above >= 0).any(axis=0)[clear])
+        assert 0.01 < surface.specular.mean() < 0.5
+    else:
+        np.testing.assert_array_equal(surface.specular, surface.highlights)
+
+
+def test_saturated_is_what_reached_full_scale(surface: SurfaceEstimate) -> None:
+    expected = (surface.images >= FULL_SCALE).any(axis=0)
+    assert expected.any()
+    np.testing.assert_array_equal(surface.saturated, expected)
+
+
+def test_maps_are_computed_once(surface: SurfaceEstimate) -> None:
+    for name in ("dropped", "residual", "shadow_count", "saturated", "specular"):
+        assert getattr(surface, name) is getattr(surface, name)
+
+
+def test_of_a_part_they_are_those_of_the_part(surface: SurfaceEstimate) -> None:
+    part = np.s_[..., 5:20, 7:30]
+    arrays = ("p", "q", "albedo", "valid", "images", "ambient", "left_out", "highlights")
+    cut = {
+        name: np.ascontiguousarray(values[part])
+        for name in arrays
+        if (values := getattr(surface, name)) is not None
+    }
+    small = replace(surface, **cut)
+    for name in ("dropped", "residual", "shadow_count", "saturated", "specular"):
+        np.testing.assert_array_equal(getattr(small, name), getattr(surface, name)[part])
+
+
+@pytest.mark.parametrize("name", ["dropped", "residual", "shadow_count", "saturated", "specular"])
+def test_an_estimate_without_images_says_that_it_cannot_know(surface_of, name: str) -> None:
+    ones = np.ones((4, 4))
+    with pytest.raises(InputError, match="no images with their lights"):
+        getattr(surface_of(ones, ones, ones), name)
