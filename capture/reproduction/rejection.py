@@ -96,13 +96,14 @@ class References:
         """Scores of a test, a surface and its signature, whose true class is `label`."""
         library = self.whole
         plain = _distances(signature, library) * signature[-1]
-        scaled = plain / library.signatures[:, -1]
         local = np.square(library.signatures[:, STATISTICS] - signature[STATISTICS]).sum(axis=1)
-        by_score = {"scatter": scaled, "plain": plain, "local": local, "spectra": plain - local}
+        by_score = {"plain": plain, "local": local, "spectra": plain - local}
         pairs = {
             name: _pair(_by_class(values, library), library, label)
             for name, values in by_score.items()
         }
+        rooms = np.array([library.signatures[own[0], -1] for own in _members(library)])
+        pairs["scatter"] = _pair(_by_class(plain, library), library, label, rooms)
         signatures = [self.quarters.observe(quarter) for quarter in quartered(surface)]
         distances = np.stack([_distances(each, self.quarters) for each in signatures])
         location, scale = self._extremes
@@ -151,9 +152,15 @@ def _by_class(distances: Distances, library: TextureLibrary) -> Distances:
     return np.array([distances[own].min() for own in _members(library)])
 
 
-def _pair(by_class: Distances, library: TextureLibrary, label: str) -> ScorePair:
-    own = library.classes.index(label)
-    return ScorePair(float(by_class.min()), float(np.delete(by_class, own).min()))
+def _pair(
+    by_class: Distances, library: TextureLibrary, label: str, rooms: Distances | float = 1.0
+) -> ScorePair:
+    """The distance of the nearest class over the room of that class, with and without `label`."""
+    scores = by_class / rooms
+    others = np.arange(len(by_class)) != library.classes.index(label)
+    return ScorePair(
+        float(scores[by_class.argmin()]), float(scores[others][by_class[others].argmin()])
+    )
 
 
 def _votes(distances: Distances) -> float:
