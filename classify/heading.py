@@ -158,6 +158,7 @@ def heading_scores(test: FloatMap, references: FloatMap, turns_deg: Floats) -> F
     weights = references[:, 2 * size :]
     turned = own * np.exp(-1j * np.radians(turns_deg)[:, None] * _SPINS)
     agreement = (weights * (turned * others.conj()).real).sum(axis=1)
-    noise = np.sqrt(0.5 * (weights * np.square(np.abs(others))).sum(axis=1))
+    energy = (weights * np.square(np.abs(others))).sum(axis=1)
+    noise = np.sqrt(0.5 * np.maximum(energy, 0.0))
     scores: Floats = np.divide(agreement, noise, out=np.zeros(len(noise)), where=noise > 0.0)
     return scores

@@ -133,7 +133,9 @@ def test_numpy_finds_the_same_surface() -> None:
     three_lit = ps4.valid & (np.sort(shot.images, axis=0)[0] < np.sort(shot.images, axis=0)[1])
     assert three_lit.mean() > 0.5
     for ours, theirs in ((ps4.p, p), (ps4.q, q), (ps4.albedo, albedo)):
-        np.testing.assert_allclose(ours[three_lit], theirs.reshape(40, 60)[three_lit], rtol=2e-3)
+        np.testing.assert_allclose(
+            ours[three_lit], theirs.reshape(40, 60)[three_lit], rtol=2e-3, atol=1e-6
+        )
     normals = normal_least_squares(shot.images, shot.lighting).reshape(3, 40, 60)
     all_lights = photometric_stereo(shot.images, shot.lighting, "least_squares")
     np.testing.assert_allclose(np.linalg.norm(normals, axis=0), all_lights.albedo, rtol=1e-4)
@@ -233,8 +235,9 @@ def test_peak_memory_is_what_a_step_takes() -> None:
     chapter = memory_chapter({"ones": filled, "solve": partial(solve_step, shot, "ps4")})
     ones, solve = (figure.value for figure in chapter.figures)
     assert ones == pytest.approx(80.0, abs=2.0)
-    maps = 512 * 512 * (4 * 4 + 6) / 1e6
-    assert maps < solve < 4 * maps
+    # p, q, albedo and validity; a little memory may be used again.
+    maps = 512 * 512 * (3 * 4 + 1) / 1e6
+    assert 0.9 * maps < solve < 4 * maps
 
 
 def test_a_turned_patch_is_lit_like_the_rest() -> None:
