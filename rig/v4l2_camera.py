@@ -1,0 +1,254 @@
+"""A V4L2 camera set for measurement: nothing automatic, everything read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import v4l2_abi as abi
+from .camera import CameraInfo, Frame, FrameFlag, Pixels
+from .config import CameraConfig
+from .errors import CameraError
+from .pixel_formats import PIXEL_FORMATS, decode
+from .v4l2 import Capture, V4l2Device, VideoFormat
+from .v4l2_controls import (
+    Control,
+    check_control,
+    find_control,
+    list_controls,
+    read_control,
+    write_control,
+)
+
+__all__ = ["V4l2Camera"]
+
+# Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
+_BUFFERS = 4
+_EXPOSURE_UNITS_PER_MS = 10
+# Off is 0, or the minimum where 0 is not allowed.
+_AUTOMATIC = (
+    abi.CID_AUTOGAIN,
+    abi.CID_AUTO_WHITE_BALANCE,
+    abi.CID_AUTO_N_PRESET_WHITE_BALANCE,
+    abi.CID_FOCUS_AUTO,
+    abi.CID_EXPOSURE_AUTO_PRIORITY,
+    abi.CID_BACKLIGHT_COMPENSATION,
+    abi.CID_HUE_AUTO,
+    abi.CID_AUTOBRIGHTNESS,
+    abi.CID_ISO_SENSITIVITY_AUTO,
+    abi.CID_WIDE_DYNAMIC_RANGE,
+    abi.CID_IMAGE_STABILIZATION,
+    abi.CID_SHARPNESS,
+)
+
+
+class V4l2Camera:
+    """An open, streaming V4L2 camera in measurement mode.
+
+    The driver's buffers are claimed before a control is touched, so a second program that opens
+    the camera is turned away without having changed anything.
+
+    Parameters
+    ----------
+    config
+        With ``kind = "v4l2"``.
+
+    Raises
+    ------
+    CameraError
+        If the camera is missing or in use, does not have the format, size or rate, or does not
+        hold a control; the message names it.
+    """
+
+    def __init__(self, config: CameraConfig) -> None:
+        if config.device is None:
+            raise CameraError("camera.device is missing; give the camera's path")
+        self._config = config
+        self._pixel_format = PIXEL_FORMATS[config.pixel_format]
+        self._device = V4l2Device(config.device)
+        try:
+            device = self._device
+            self._format = device.set_format(
+                self._pixel_format.fourcc, config.width_px, config.height_px
+            )
+            self._period_s = device.set_frame_rate(config.frame_rate_hz)
+            self._queue_length = device.claim(_BUFFERS)
+            settings = _measurement_mode(device, config)
+            device.start()
+            # Some cameras load their own settings when they begin to stream.
+            for setting in settings:
+                check_control(device, setting.control, setting.value)
+            self._exposure_s = config.exposure_ms / 1e3
+            for setting in settings:
+                if setting.control.id == abi.CID_EXPOSURE_ABSOLUTE:
+                    self._exposure_s = setting.value / (1e3 * _EXPOSURE_UNITS_PER_MS)
+            self._controls = _record(device, self._format, config)
+        except BaseException:
+            self._device.close()
+            raise
+
+    @property
+    def info(self) -> CameraInfo:
+        """What holds for every frame."""
+        return CameraInfo(
+            kind="v4l2",
+            name=self._device.card,
+            width_px=self._format.width_px,
+            height_px=self._format.height_px,
+            bit_depth=self._pixel_format.bit_depth,
+            frame_period_s=self._period_s,
+            exposure_s=self._exposure_s,
+            queue_length=self._queue_length,
+            controls=self._controls,
+        )
+
+    def read(self, timeout_s: float) -> Frame:
+        """The oldest frame in the queue, or the next one to come.
+
+        A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
+        """
+        capture = self._device.next_capture(timeout_s)
+        start_s = self._exposure_start_s(capture)
+        return Frame(
+            pixels=self._blank() if capture.is_corrupt else self._decoded(capture),
+            bit_depth=self._pixel_format.bit_depth,
+            exposure_start_s=start_s,
+            exposure_end_s=start_s + self._exposure_s,
+            sequence=capture.sequence,
+            flags=FrameFlag.CORRUPT if capture.is_corrupt else FrameFlag.GOOD,
+        )
+
+    def close(self) -> None:
+        """Stop streaming and release the device; a second call does nothing."""
+        self._device.close()
+
+    def _exposure_start_s(self, capture: Capture) -> float:
+        """When the first row began, at the earliest."""
+        stamp_s = capture.timestamp_s + self._config.timestamp_offset_ms / 1e3
+        # USB cameras' driver claims the start of exposure and stamps the arrival of data, so the
+        # claim counts only where somebody has tried it.
+        if self._config.timestamp_marks == "driver" and capture.marks_exposure_start:
+            return stamp_s
+        readout_ms = self._config.readout_ms
+        readout_s = self._period_s if readout_ms is None else readout_ms / 1e3
+        return stamp_s - readout_s - self._exposure_s
+
+    def _decoded(self, capture: Capture) -> Pixels:
+        form = self._format
+        try:
+            return decode(
+                self._pixel_format,
+                capture.data,
+                form.width_px,
+                form.height_px,
+                form.bytes_per_line,
+            )
+        except CameraError as error:
+            raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
+
+    def _blank(self) -> Pixels:
+        shape = (self._format.height_px, self._format.width_px)
+        if self._pixel_format.bit_depth == 8:
+            return np.zeros(shape, np.uint8)
+        return np.zeros(shape, np.uint16)
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """A control and the value that it must keep."""
+
+    control: Control
+    value: int
+
+
+def _measurement_mode(device: V4l2Device, config: CameraConfig) -> list[_Setting]:
+    """Set and check everything; return what was set."""
+    settings = [*_exposure(device, config)]
+    for control_id in _AUTOMATIC:
+        control = find_control(device, control_id)
+        if control is not None and control.is_readable:
+            off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
+            settings.append(_set(device, control, off))
+    # After the automatic ones, which own them while they are on.
+    for name, control_id, value in (
+        ("gain", abi.CID_GAIN, config.gain),
+        ("gamma", abi.CID_GAMMA, config.gamma),
+    ):
+        if value is not None:
+            settings.append(_set_active(device, name, control_id, value))
+    return settings
+
+
+def _exposure(device: V4l2Device, config: CameraConfig) -> list[_Setting]:
+    """Manual first: while exposure is automatic, what its time is set to is not defined."""
+    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    if config.fixed_exposure:
+        if control is not None:
+            raise CameraError(
+                f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
+                "fixed; take camera.fixed_exposure away"
+            )
+        return []
+    if control is None:
+        raise CameraError(
+            f"{device.path}: {device.card} has no control for its exposure time; if that is always "
+            "the same, set camera.exposure_ms to it and camera.fixed_exposure = true"
+        )
+    settings = []
+    mode = find_control(device, abi.CID_EXPOSURE_AUTO)
+    if mode is not None:
+        settings.append(_set(device, mode, abi.EXPOSURE_MANUAL))
+    units = max(1, round(config.exposure_ms * _EXPOSURE_UNITS_PER_MS))
+    if not control.minimum <= units <= control.maximum:
+        raise CameraError(
+            f"{device.path}: camera.exposure_ms = {config.exposure_ms:g} is not possible; "
+            f"{control.slug} takes {control.minimum / _EXPOSURE_UNITS_PER_MS:g} to "
+            f"{control.maximum / _EXPOSURE_UNITS_PER_MS:g} ms"
+        )
+    settings.append(_set_active(device, "exposure time", control.id, units))
+    return settings
+
+
+def _set_active(device: V4l2Device, name: str, control_id: int, value: int) -> _Setting:
+    """Set a control that must be there and have effect."""
+    control = find_control(device, control_id)
+    if control is None:
+        raise CameraError(f"{device.path}: {device.card} has no control for its {name}")
+    setting = _set(device, control, value)
+    after = find_control(device, control_id)
+    if after is None or after.is_inactive:
+        raise CameraError(
+            f"{device.path}: control {control.slug} has no effect, because another control rules "
+            "it; find out which, and whether the camera can be set by hand at all"
+        )
+    return setting
+
+
+def _set(device: V4l2Device, control: Control, value: int) -> _Setting:
+    # A read-only control that has the value already is as good as one that took it.
+    if not control.is_readable or read_control(device, control) != value:
+        write_control(device, control, value)
+    return _Setting(control, value)
+
+
+def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict[str, Any]:
+    """What a set keeps of the camera's state: every control, and how pixels and times came."""
+    record: dict[str, Any] = {
+        control.slug: read_control(device, control)
+        for control in list_controls(device)
+        if control.is_readable
+    }
+    record["v4l2"] = {
+        "driver": device.driver,
+        "bus": device.bus,
+        "pixel_format": config.pixel_format,
+        "compressed": PIXEL_FORMATS[config.pixel_format].is_compressed,
+        "quantization": form.quantization,
+        "fixed_exposure": config.fixed_exposure,
+        "timestamp_marks": config.timestamp_marks,
+        "timestamp_offset_ms": config.timestamp_offset_ms,
+        "readout_ms": config.readout_ms,
+    }
+    return record
