@@ -22,11 +22,14 @@ from .v4l2_controls import (
     write_control,
 )
 
-__all__ = ["V4l2Camera"]
+__all__ = ["V4l2Camera", "exposure_start_s"]
 
 # Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
 _BUFFERS = 4
 _EXPOSURE_UNITS_PER_MS = 10
+_LUMA = ("YUYV", "UYVY")
+# By the standard 235, and drivers that round down stop one before.
+_LIMITED_WHITE = 234
 # Off is 0, or the minimum where 0 is not allowed.
 _AUTOMATIC = (
     abi.CID_AUTOGAIN,
@@ -110,7 +113,7 @@ class V4l2Camera:
         A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
         """
         capture = self._device.next_capture(timeout_s)
-        start_s = self._exposure_start_s(capture)
+        start_s = exposure_start_s(capture, self._config, self._period_s, self._exposure_s)
         return Frame(
             pixels=self._blank() if capture.is_corrupt else self._decoded(capture),
             bit_depth=self._pixel_format.bit_depth,
@@ -124,21 +127,10 @@ class V4l2Camera:
         """Stop streaming and release the device; a second call does nothing."""
         self._device.close()
 
-    def _exposure_start_s(self, capture: Capture) -> float:
-        """When the first row began, at the earliest."""
-        stamp_s = capture.timestamp_s + self._config.timestamp_offset_ms / 1e3
-        # USB cameras' driver claims the start of exposure and stamps the arrival of data, so the
-        # claim counts only where somebody has tried it.
-        if self._config.timestamp_marks == "driver" and capture.marks_exposure_start:
-            return stamp_s
-        readout_ms = self._config.readout_ms
-        readout_s = self._period_s if readout_ms is None else readout_ms / 1e3
-        return stamp_s - readout_s - self._exposure_s
-
     def _decoded(self, capture: Capture) -> Pixels:
         form = self._format
         try:
-            return decode(
+            pixels = decode(
                 self._pixel_format,
                 capture.data,
                 form.width_px,
@@ -147,12 +139,29 @@ class V4l2Camera:
             )
         except CameraError as error:
             raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
+        if self._pixel_format.name in _LUMA and form.quantization != "full range":
+            # White ends there, and a saturated pixel must look like one.
+            pixels[pixels >= _LIMITED_WHITE] = 255
+        return pixels
 
     def _blank(self) -> Pixels:
         shape = (self._format.height_px, self._format.width_px)
         if self._pixel_format.bit_depth == 8:
             return np.zeros(shape, np.uint8)
         return np.zeros(shape, np.uint16)
+
+
+def exposure_start_s(
+    capture: Capture, config: CameraConfig, period_s: float, exposure_s: float
+) -> float:
+    """When the exposure of the first row began, at the earliest."""
+    stamp_s = capture.timestamp_s + config.timestamp_offset_ms / 1e3
+    # The driver of USB cameras claims the start of exposure and stamps the arrival of data, so
+    # the claim counts only where somebody has tried it.
+    if config.timestamp_marks == "driver" and capture.marks_exposure_start:
+        return stamp_s
+    readout_s = period_s if config.readout_ms is None else config.readout_ms / 1e3
+    return stamp_s - readout_s - exposure_s
 
 
 @dataclass(frozen=True)

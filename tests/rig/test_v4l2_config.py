@@ -7,7 +7,8 @@ import pytest
 from rig import CameraError, ConfigError, LightControllerError, RigConfig, load_config, open_rig
 from rig.config import PIXEL_FORMAT_BITS, CameraConfig
 from rig.pixel_formats import PIXEL_FORMATS
-from rig.v4l2_camera import V4l2Camera
+from rig.v4l2 import Capture
+from rig.v4l2_camera import V4l2Camera, exposure_start_s
 
 REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
 CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'
@@ -62,6 +63,27 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str
 def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
     text = CAMERA + 'pixel_format = "MJPG"\nallow_compressed = true\n'
     assert load(tmp_path, text).camera.bits == 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "claims_start", "start_s"),
+    [
+        # 100 s less the exposure of 20 ms and a whole period of 1/25 s for the readout
+        ({}, False, 99.94),
+        ({}, True, 99.94),
+        ({"readout_ms": 5.0}, True, 99.975),
+        ({"timestamp_marks": "driver"}, False, 99.94),
+        ({"timestamp_marks": "driver"}, True, 100.0),
+        ({"timestamp_marks": "driver", "timestamp_offset_ms": -3.0}, True, 99.997),
+        ({"readout_ms": 0.0, "timestamp_offset_ms": 1.0}, False, 99.981),
+    ],
+)
+def test_a_stamp_is_the_frames_end_unless_the_drivers_claim_was_asked_for(
+    changes: dict[str, object], claims_start: bool, start_s: float
+) -> None:
+    config = CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
+    capture = Capture(bytearray(), False, 100.0, claims_start, 1)
+    assert exposure_start_s(capture, config, 0.04, 0.02) == pytest.approx(start_s)
 
 
 def camera_at(device: str) -> CameraConfig:
