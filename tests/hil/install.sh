@@ -23,9 +23,8 @@ if [ -z "$have_kernel" ]; then
     image=$(apt-cache depends linux-image-amd64 | sed -n 's/^ *Depends: *//p' | head -n 1)
     work=$(mktemp -d)
     trap 'rm -rf "$work"' EXIT
-    # apt fetches as a user of its own.
-    chmod 755 "$work"
-    (cd "$work" && apt-get download -qq "$image")
+    # apt fetches as a user of its own, who may not write here, and warns of it.
+    (cd "$work" && apt-get download -qq -o APT::Sandbox::User=root "$image")
     dpkg-deb -x "$work"/*.deb "$work/tree"
     mkdir -p "$(dirname "$kernel")"
     rm -rf "$kernel"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from .machine import run_in_guest
+from .machine import MachineError, run_in_guest
 
 pytestmark = pytest.mark.slow
 
@@ -39,13 +39,16 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, list[str]
     shared = tmp_path_factory.mktemp("guest")
     pytest_there = ["-m", "pytest", "-p", "no:cacheprovider", "--color=no", "--tb=short"]
     checks = CHECKS.relative_to(Path(__file__).parents[2])
-    console = run_in_guest(
-        [sys.executable, *pytest_there, "--junitxml=/mnt/results.xml", str(checks)],
-        modules=["vivid"],
-        module_options=VIVID,
-        shared=shared,
-        timeout_s=TIMEOUT_S,
-    )
+    try:
+        console = run_in_guest(
+            [sys.executable, *pytest_there, "--junitxml=/mnt/results.xml", str(checks)],
+            modules=["vivid"],
+            module_options=VIVID,
+            shared=shared,
+            timeout_s=TIMEOUT_S,
+        )
+    except MachineError as error:
+        pytest.fail(str(error), pytrace=False)
     results = shared / "results.xml"
     assert results.exists(), f"the guest's tests did not run:\n{console}"
     found: dict[str, list[str]] = {}
