@@ -143,6 +143,11 @@ class V4l2Device:
             cause = "the camera is gone (unplugged, or its driver was removed)"
         elif error.errno == errno.EBUSY:
             cause = f"{purpose}: in use by another program; close it and try again"
+        elif error.errno == errno.ENOSPC:
+            cause = (
+                f"{purpose}: no USB bandwidth left; lower the frame rate or the size, or give the "
+                "camera a USB controller of its own"
+            )
         else:
             cause = f"{purpose}: {error.strerror}"
         raise CameraError(f"{self.path}: {cause}") from error

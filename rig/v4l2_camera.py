@@ -2,49 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from . import v4l2_abi as abi
 from .camera import CameraInfo, Frame, FrameFlag, Pixels
 from .config import CameraConfig
 from .errors import CameraError
+from .measurement_mode import check_measurement_mode, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 from .v4l2 import Capture, V4l2Device, VideoFormat
-from .v4l2_controls import (
-    Control,
-    check_control,
-    find_control,
-    list_controls,
-    read_control,
-    write_control,
-)
+from .v4l2_controls import list_controls, read_control
 
 __all__ = ["V4l2Camera", "exposure_start_s"]
 
 # Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
 _BUFFERS = 4
-_EXPOSURE_UNITS_PER_MS = 10
 _LUMA = ("YUYV", "UYVY")
 # By the standard 235, and drivers that round down stop one before.
 _LIMITED_WHITE = 234
-# Off is 0, or the minimum where 0 is not allowed.
-_AUTOMATIC = (
-    abi.CID_AUTOGAIN,
-    abi.CID_AUTO_WHITE_BALANCE,
-    abi.CID_AUTO_N_PRESET_WHITE_BALANCE,
-    abi.CID_FOCUS_AUTO,
-    abi.CID_EXPOSURE_AUTO_PRIORITY,
-    abi.CID_BACKLIGHT_COMPENSATION,
-    abi.CID_HUE_AUTO,
-    abi.CID_AUTOBRIGHTNESS,
-    abi.CID_ISO_SENSITIVITY_AUTO,
-    abi.CID_WIDE_DYNAMIC_RANGE,
-    abi.CID_IMAGE_STABILIZATION,
-    abi.CID_SHARPNESS,
-)
 
 
 class V4l2Camera:
@@ -78,15 +54,11 @@ class V4l2Camera:
             )
             self._period_s = device.set_frame_rate(config.frame_rate_hz)
             self._queue_length = device.claim(_BUFFERS)
-            settings = _measurement_mode(device, config)
+            mode = set_measurement_mode(device, config)
             device.start()
             # Some cameras load their own settings when they begin to stream.
-            for setting in settings:
-                check_control(device, setting.control, setting.value)
-            self._exposure_s = config.exposure_ms / 1e3
-            for setting in settings:
-                if setting.control.id == abi.CID_EXPOSURE_ABSOLUTE:
-                    self._exposure_s = setting.value / (1e3 * _EXPOSURE_UNITS_PER_MS)
+            check_measurement_mode(device, mode)
+            self._exposure_s = mode.exposure_s
             self._controls = _record(device, self._format, config)
         except BaseException:
             self._device.close()
@@ -162,84 +134,6 @@ def exposure_start_s(
         return stamp_s
     readout_s = period_s if config.readout_ms is None else config.readout_ms / 1e3
     return stamp_s - readout_s - exposure_s
-
-
-@dataclass(frozen=True)
-class _Setting:
-    """A control and the value that it must keep."""
-
-    control: Control
-    value: int
-
-
-def _measurement_mode(device: V4l2Device, config: CameraConfig) -> list[_Setting]:
-    """Set and check everything; return what was set."""
-    settings = [*_exposure(device, config)]
-    for control_id in _AUTOMATIC:
-        control = find_control(device, control_id)
-        if control is not None and control.is_readable:
-            off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
-            settings.append(_set(device, control, off))
-    # After the automatic ones, which own them while they are on.
-    for name, control_id, value in (
-        ("gain", abi.CID_GAIN, config.gain),
-        ("gamma", abi.CID_GAMMA, config.gamma),
-    ):
-        if value is not None:
-            settings.append(_set_active(device, name, control_id, value))
-    return settings
-
-
-def _exposure(device: V4l2Device, config: CameraConfig) -> list[_Setting]:
-    """Manual first: while exposure is automatic, what its time is set to is not defined."""
-    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
-    if config.fixed_exposure:
-        if control is not None:
-            raise CameraError(
-                f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
-                "fixed; take camera.fixed_exposure away"
-            )
-        return []
-    if control is None:
-        raise CameraError(
-            f"{device.path}: {device.card} has no control for its exposure time; if that is always "
-            "the same, set camera.exposure_ms to it and camera.fixed_exposure = true"
-        )
-    settings = []
-    mode = find_control(device, abi.CID_EXPOSURE_AUTO)
-    if mode is not None:
-        settings.append(_set(device, mode, abi.EXPOSURE_MANUAL))
-    units = max(1, round(config.exposure_ms * _EXPOSURE_UNITS_PER_MS))
-    if not control.minimum <= units <= control.maximum:
-        raise CameraError(
-            f"{device.path}: camera.exposure_ms = {config.exposure_ms:g} is not possible; "
-            f"{control.slug} takes {control.minimum / _EXPOSURE_UNITS_PER_MS:g} to "
-            f"{control.maximum / _EXPOSURE_UNITS_PER_MS:g} ms"
-        )
-    settings.append(_set_active(device, "exposure time", control.id, units))
-    return settings
-
-
-def _set_active(device: V4l2Device, name: str, control_id: int, value: int) -> _Setting:
-    """Set a control that must be there and have effect."""
-    control = find_control(device, control_id)
-    if control is None:
-        raise CameraError(f"{device.path}: {device.card} has no control for its {name}")
-    setting = _set(device, control, value)
-    after = find_control(device, control_id)
-    if after is None or after.is_inactive:
-        raise CameraError(
-            f"{device.path}: control {control.slug} has no effect, because another control rules "
-            "it; find out which, and whether the camera can be set by hand at all"
-        )
-    return setting
-
-
-def _set(device: V4l2Device, control: Control, value: int) -> _Setting:
-    # A read-only control that has the value already is as good as one that took it.
-    if not control.is_readable or read_control(device, control) != value:
-        write_control(device, control, value)
-    return _Setting(control, value)
 
 
 def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict[str, Any]:

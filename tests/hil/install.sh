@@ -3,7 +3,7 @@
 # Does nothing where all of it is there. Needs root on a Debian for amd64.
 set -euo pipefail
 
-kernel=${PS4RIG_HIL_KERNEL:-${XDG_CACHE_HOME:-$HOME/.cache}/ps4rig/hil-kernel}
+kernel=${PS4RIG_HIL_KERNEL:-${XDG_CACHE_HOME:-${HOME:-$(echo ~)}/.cache}/ps4rig/hil-kernel}
 packages=()
 command -v qemu-system-x86_64 >/dev/null || packages+=(qemu-system-x86)
 dpkg-query --show --showformat='${db:Status-Status}' busybox-static 2>/dev/null | grep -qx installed ||

@@ -4,13 +4,17 @@ vivid gives each frame a time stamp most of a period after it hands it out, has 
 control, and lists some 80 formats, most of which nobody decodes.
 """
 
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from capture import CapturedSet, capture_set
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import CameraError, Frame, FrameFlag, Rig, RigConfig, open_rig
 from rig.config import CameraConfig
@@ -19,7 +23,8 @@ from rig.v4l2 import V4l2Device
 from rig.v4l2_camera import V4l2Camera
 from rig.v4l2_controls import Control, find_control, list_controls, read_control, write_control
 
-# Asked of every camera; the one left out needs LEDs that the camera sees.
+# Asked of every camera. Of those left out one needs LEDs that the camera sees, which a set below
+# has, and one a camera that stamps no frame ahead of its time.
 from tests.contract.test_camera_contract import (  # noqa: F401
     test_at_most_a_queue_of_frames_is_older_than_a_pause,
     test_close_may_be_called_again_and_ends_the_frames,
@@ -37,6 +42,10 @@ PERIOD_S = 1.0 / RATE_HZ
 JITTER_S = 0.02
 # Of a read, and some time for an emulated processor that stands still now and then.
 DEADLINE_S = 6.0
+# For a frame that was being filled, and for the thread that turns the brightness.
+SETTLE_MS = 60.0
+# Within what vivid's bars bear: below and above its grey values wrap round.
+AMBIENT, STEP = 128, 12
 CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
 
@@ -71,16 +80,65 @@ def device() -> Iterator[V4l2Device]:
     opened.close()
 
 
+@dataclass(frozen=True)
+class Bench:
+    """A rig of vivid and of the controller's firmware on a pty, and what its LEDs really do."""
+
+    rig: Rig
+    board: SimulatedBoard
+
+
 @pytest.fixture
-def rig() -> Iterator[Rig]:
-    """The controller's firmware on a pty, and vivid."""
+def bench() -> Iterator[Bench]:
     clock = RealClock()
-    with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
+    board = SimulatedBoard(clock)
+    with serve_pty(SimulatedController(board, clock)) as server:
         whole = RigConfig.model_validate(
-            {"lights": {"port": server.address}, "camera": config().model_dump()}
+            {
+                "lights": {"port": server.address, "settle_ms": SETTLE_MS},
+                "camera": config().model_dump(),
+            }
         )
         with open_rig(whole) as opened:
-            yield opened
+            yield Bench(opened, board)
+
+
+@pytest.fixture
+def rig(bench: Bench) -> Rig:
+    return bench.rig
+
+
+@contextmanager
+def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
+    """Turn vivid's brightness up while an LED is on, as it sees no light.
+
+    By another amount for each LED, so that a picture tells which one it was taken under.
+    """
+    camera = bench.rig.camera
+    assert isinstance(camera, V4l2Camera)
+    # The camera's own file: others may not change its controls.
+    device = camera._device
+    brightness = named(device, "brightness")
+    done = threading.Event()
+
+    def follow() -> None:
+        held = None
+        while not done.wait(0.002):
+            now_s = bench.rig.clock.now_s()
+            lit = [bench.board.output(led, now_s) > 0.5 for led in range(4)]
+            level = AMBIENT + sum(STEP * (led + 1) for led in range(4) if lit[led])
+            if level != held:
+                write_control(device, brightness, level)
+                held = level
+
+    thread = threading.Thread(target=follow)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        write_control(device, brightness, AMBIENT)
 
 
 def named(device: V4l2Device, slug: str) -> Control:
@@ -352,6 +410,20 @@ def test_a_driver_that_fails_to_start_is_named_and_released(device: V4l2Device) 
     with pytest.raises(CameraError, match="/dev/video0: cannot start to stream"):
         V4l2Camera(config())
     V4l2Camera(config()).close()
+
+
+def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Path) -> None:
+    with brightness_follows_the_leds(bench):
+        capture_set(bench.rig, label="bars").save(tmp_path / "bars.ome.tif")
+    captured = CapturedSet.load(tmp_path / "bars.ome.tif")
+    over_ambient = captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
+    np.testing.assert_allclose(over_ambient, STEP * np.array([1, 2, 3, 4]), atol=1.0)
+    metadata = captured.metadata
+    assert not metadata.simulated
+    assert (metadata.camera.kind, metadata.camera.name) == ("v4l2", "vivid")
+    assert metadata.camera.controls["gain_automatic"] == 0
+    assert metadata.camera.controls["v4l2"]["fixed_exposure"]
+    assert sum(image.stale_frames for image in metadata.images) >= 4
 
 
 # Those below take devices away for good, so they come last.
