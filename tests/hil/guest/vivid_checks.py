@@ -4,24 +4,18 @@ vivid gives each frame a time stamp most of a period after it hands it out, has 
 control, and lists some 80 formats, most of which nobody decodes.
 """
 
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
-from rig import CameraError, Frame, FrameFlag, Rig, RigConfig, open_rig
-from rig.config import CameraConfig
+from rig import CameraError, FrameFlag
 from rig.pixel_formats import PIXEL_FORMATS
 from rig.v4l2 import V4l2Device
 from rig.v4l2_camera import V4l2Camera
-from rig.v4l2_controls import Control, find_control, list_controls, read_control, write_control
+from rig.v4l2_controls import find_control, read_control, write_control
 
 # Asked of every camera. Of those left out one needs LEDs that the camera sees, which a set below
 # has, and one a camera that stamps no frame ahead of its time.
@@ -32,145 +26,23 @@ from tests.contract.test_camera_contract import (  # noqa: F401
     test_frames_come_in_the_order_of_their_exposure_one_period_apart,
     test_no_frame_comes_out_of_the_future,
 )
-
-VIDEO = "/dev/video0"
-DISCONNECTED = "/dev/video1"
-REMOVED = "/dev/video2"
-RATE_HZ = 10.0
-PERIOD_S = 1.0 / RATE_HZ
-# The kernel's clock ticks every 4 ms, and vivid's frames come on a tick.
-JITTER_S = 0.02
-# Of a read, and some time for an emulated processor that stands still now and then.
-DEADLINE_S = 6.0
-# For a frame that was being filled, and for the thread that turns the brightness.
-SETTLE_MS = 60.0
-# Within what vivid's bars bear: below and above its grey values wrap round.
-AMBIENT, STEP = 128, 12
-CID_GAIN = 0x980913
-CID_BRIGHTNESS = 0x980900
-
-
-def config(pixel_format: str = "GREY", device: str = VIDEO, **changes: object) -> CameraConfig:
-    values = {
-        "kind": "v4l2",
-        "device": device,
-        "pixel_format": pixel_format,
-        "width_px": 320,
-        "height_px": 180,
-        "frame_rate_hz": RATE_HZ,
-        "exposure_ms": 20.0,
-        "fixed_exposure": True,
-        "readout_ms": 0.0,
-        "timestamp_offset_ms": -1000.0 * PERIOD_S,
-    }
-    return CameraConfig.model_validate(values | changes)
-
-
-@pytest.fixture
-def camera() -> Iterator[V4l2Camera]:
-    opened = V4l2Camera(config())
-    yield opened
-    opened.close()
-
-
-@pytest.fixture
-def device() -> Iterator[V4l2Device]:
-    opened = V4l2Device(VIDEO)
-    yield opened
-    opened.close()
-
-
-@dataclass(frozen=True)
-class Bench:
-    """A rig of vivid and of the controller's firmware on a pty, and what its LEDs really do."""
-
-    rig: Rig
-    board: SimulatedBoard
-
-
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    clock = RealClock()
-    board = SimulatedBoard(clock)
-    with serve_pty(SimulatedController(board, clock)) as server:
-        whole = RigConfig.model_validate(
-            {
-                "lights": {"port": server.address, "settle_ms": SETTLE_MS},
-                "camera": config().model_dump(),
-            }
-        )
-        with open_rig(whole) as opened:
-            yield Bench(opened, board)
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Rig:
-    return bench.rig
-
-
-@contextmanager
-def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
-    """Turn vivid's brightness up while an LED is on, as it sees no light.
-
-    By another amount for each LED, so that a picture tells which one it was taken under.
-    """
-    camera = bench.rig.camera
-    assert isinstance(camera, V4l2Camera)
-    # The camera's own file: others may not change its controls.
-    device = camera._device
-    brightness = named(device, "brightness")
-    done = threading.Event()
-
-    def follow() -> None:
-        held = None
-        while not done.wait(0.002):
-            now_s = bench.rig.clock.now_s()
-            lit = [bench.board.output(led, now_s) > 0.5 for led in range(4)]
-            level = AMBIENT + sum(STEP * (led + 1) for led in range(4) if lit[led])
-            if level != held:
-                write_control(device, brightness, level)
-                held = level
-
-    thread = threading.Thread(target=follow)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-        write_control(device, brightness, AMBIENT)
-
-
-def named(device: V4l2Device, slug: str) -> Control:
-    return next(control for control in list_controls(device) if control.slug == slug)
-
-
-def press(device: V4l2Device, slug: str) -> None:
-    write_control(device, named(device, slug), 0)
-
-
-def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:
-    return [camera.read(timeout_s) for _ in range(count)]
-
-
-def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
-    """Frames in a row; an emulated machine that stands still loses some, so it may try again."""
-    frames: list[Frame] = []
-    for _ in range(10 * count):
-        frame = camera.read(2.0)
-        if frames and frame.sequence != frames[-1].sequence + 1:
-            frames = []
-        frames.append(frame)
-        if len(frames) == count:
-            return frames
-    raise AssertionError(f"never {count} frames in a row without a gap")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def no_caption() -> None:
-    device = V4l2Device(VIDEO)
-    write_control(device, named(device, "osd_text_mode"), 2)
-    device.close()
+from tests.hil.guest.vivid_bench import (
+    CID_BRIGHTNESS,
+    CID_GAIN,
+    DEADLINE_S,
+    DISCONNECTED,
+    JITTER_S,
+    PERIOD_S,
+    REMOVED,
+    STEP,
+    Bench,
+    brightness_follows_the_leds,
+    config,
+    named,
+    press,
+    read_some,
+    without_loss,
+)
 
 
 def test_formats_and_sizes_are_listed_with_those_nobody_knows(device: V4l2Device) -> None:
