@@ -33,7 +33,7 @@ class Frame:
     bit_depth
         True depth: the sensor saturates at 2^bit_depth - 1 whatever the width of a word.
     exposure_start_s, exposure_end_s
-        On the rig's monotonic clock.
+        On the rig's monotonic clock. Of the first row, where rows are exposed one after the other.
     sequence
         Number the camera gave it. A gap is a frame that was lost.
     flags

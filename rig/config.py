@@ -6,7 +6,15 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from classify import Lighting
 from classify.lighting import RING_TILTS_DEG
@@ -19,6 +27,7 @@ from firmware_sim.firmware import (
 from .errors import ConfigError
 
 __all__ = [
+    "PIXEL_FORMAT_BITS",
     "CameraConfig",
     "LightsConfig",
     "Placement",
@@ -30,6 +39,24 @@ __all__ = [
 # As `lights.port`: the firmware runs here, on a pty.
 SIMULATED = "simulated"
 _MAX_TOML_BYTES = 1 << 20
+# Pixel formats by name with their true depth. They are decoded in `pixel_formats`, which is not
+# imported here: a configuration must be readable without loading OpenCV.
+PIXEL_FORMAT_BITS = {
+    "GREY": 8,
+    "Y10": 10,
+    "Y12": 12,
+    "Y16": 16,
+    "YUYV": 8,
+    "UYVY": 8,
+    "RGB24": 8,
+    "BGR24": 8,
+    "MJPG": 8,
+    **{
+        f"{order}{bits}": bits
+        for order in ("SRGGB", "SGRBG", "SGBRG", "SBGGR")
+        for bits in (8, 10, 12)
+    },
+}
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
@@ -58,14 +85,64 @@ class LightsConfig(_Section):
 
 
 class CameraConfig(_Section):
-    """The camera and how it is set."""
+    """The camera and how it is set.
 
-    kind: Literal["simulated"] = "simulated"
+    `bits` of a V4L2 camera are those of its `pixel_format`; the keys below `exposure_ms` are for
+    such a camera only.
+
+    Attributes
+    ----------
+    device
+        ``/dev/v4l/by-id/...`` stays the same when cameras are plugged in another order.
+    pixel_format
+        A key of `PIXEL_FORMAT_BITS`.
+    allow_compressed
+        Whether MJPG may be used, whose losses are in every slope.
+    fixed_exposure
+        The camera has no exposure control, and `exposure_ms` is what it does by itself.
+    gain, gamma
+        In the camera's own units; None leaves them as they are.
+    timestamp_marks
+        What the driver's time stamp of a frame is: its end, which is never later than the truth,
+        or ``driver``, for what the driver claims.
+    timestamp_offset_ms
+        Added to the driver's time stamp.
+    readout_ms
+        From the end of the first row's exposure to the end of the frame. None is a whole frame
+        period, the most that a rolling shutter can take.
+    """
+
+    kind: Literal["simulated", "v4l2"] = "simulated"
     width_px: int = Field(default=512, ge=16, le=8192)
     height_px: int = Field(default=512, ge=16, le=8192)
     bits: Literal[8, 10, 12, 16] = 12
     frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0)
     exposure_ms: float = Field(default=20.0, gt=0.0, le=10_000.0)
+    device: str | None = Field(default=None, min_length=1, max_length=4096)
+    pixel_format: str = "GREY"
+    allow_compressed: bool = False
+    fixed_exposure: bool = False
+    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    timestamp_marks: Literal["frame_end", "driver"] = "frame_end"
+    timestamp_offset_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
+    readout_ms: float | None = Field(default=None, ge=0.0, le=10_000.0)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bits_of_the_pixel_format(cls, values: Any) -> Any:
+        if isinstance(values, dict) and values.get("kind") == "v4l2" and "bits" not in values:
+            name = values.get("pixel_format", "GREY")
+            if isinstance(name, str) and name in PIXEL_FORMAT_BITS:
+                return {**values, "bits": PIXEL_FORMAT_BITS[name]}
+        return values
+
+    @field_validator("pixel_format")
+    @classmethod
+    def _pixel_format_is_known(cls, name: str) -> str:
+        if name not in PIXEL_FORMAT_BITS:
+            raise ValueError(f"{name!r} is unknown; it is one of " + ", ".join(PIXEL_FORMAT_BITS))
+        return name
 
     @model_validator(mode="after")
     def _exposure_fits(self) -> Self:
@@ -73,6 +150,30 @@ class CameraConfig(_Section):
             raise ValueError(
                 f"exposure_ms = {self.exposure_ms:g} does not fit into a frame at "
                 f"{self.frame_rate_hz:g} Hz; lower one of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _is_one_camera(self) -> Self:
+        if self.kind == "simulated":
+            if self.device is not None:
+                raise ValueError(
+                    f"device = {self.device!r} is given, but kind is 'simulated'; set kind = 'v4l2'"
+                )
+            return self
+        if self.device is None:
+            raise ValueError(
+                "device is missing; give the camera's, best its name in /dev/v4l/by-id"
+            )
+        depth = PIXEL_FORMAT_BITS[self.pixel_format]
+        if self.bits != depth:
+            raise ValueError(
+                f"bits = {self.bits}, but pixel_format = {self.pixel_format!r} has {depth}; "
+                "leave bits out"
+            )
+        if self.pixel_format == "MJPG" and not self.allow_compressed:
+            raise ValueError(
+                "pixel_format = 'MJPG' is lossy; choose another, or set allow_compressed = true"
             )
         return self
 
@@ -113,6 +214,15 @@ class RigConfig(_Section):
     lights: LightsConfig = LightsConfig()
     camera: CameraConfig = CameraConfig()
     simulation: SimulationConfig = SimulationConfig()
+
+    @model_validator(mode="after")
+    def _camera_sees_the_lights(self) -> Self:
+        if self.camera.kind == "v4l2" and self.is_simulated:
+            raise ValueError(
+                "camera.kind = 'v4l2' cannot see simulated LEDs; give lights.port a real "
+                "controller's, or set camera.kind = 'simulated'"
+            )
+        return self
 
     @model_validator(mode="after")
     def _watchdog_waits_for_frames(self) -> Self:

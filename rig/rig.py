@@ -102,12 +102,7 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
                     f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
                     f"at {port} has {lights.led_count}"
                 )
-            if simulation is None:
-                raise ConfigError(
-                    f"camera.kind = 'simulated' cannot see the LEDs at {port}; a simulated camera "
-                    "needs lights.port = 'simulated'"
-                )
-            return Rig(config, clock, lights, simulation.camera, simulation)
+            return Rig(config, clock, lights, _open_camera(config, simulation), simulation)
         except BaseException:
             lights.close()
             raise
@@ -115,3 +110,17 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         if simulation is not None:
             simulation.close()
         raise
+
+
+def _open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
+    if config.camera.kind == "v4l2":
+        # Here, so that a simulated rig opens without loading it.
+        from .v4l2_camera import V4l2Camera
+
+        return V4l2Camera(config.camera)
+    if simulation is None:
+        raise ConfigError(
+            f"camera.kind = 'simulated' cannot see the LEDs at {config.lights.port}; a simulated "
+            "camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
+        )
+    return simulation.camera

@@ -1,0 +1,111 @@
+"""The test driver vivid as a camera, and what stands in for the light that it does not see."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from firmware_sim import SimulatedBoard
+from rig import Frame, Rig
+from rig.config import CameraConfig
+from rig.v4l2 import V4l2Device
+from rig.v4l2_camera import V4l2Camera
+from rig.v4l2_controls import Control, list_controls, write_control
+
+VIDEO = "/dev/video0"
+DISCONNECTED = "/dev/video1"
+REMOVED = "/dev/video2"
+RATE_HZ = 10.0
+PERIOD_S = 1.0 / RATE_HZ
+# The kernel's clock ticks every 4 ms, and vivid's frames come on a tick.
+JITTER_S = 0.02
+# Of a read, and some time for an emulated processor that stands still now and then.
+DEADLINE_S = 6.0
+# For a frame that was being filled, and for the thread that turns the brightness.
+SETTLE_MS = 60.0
+# Within what vivid's bars bear: below and above its grey values wrap round.
+AMBIENT, STEP = 128, 12
+CID_GAIN = 0x980913
+CID_BRIGHTNESS = 0x980900
+
+
+def config(pixel_format: str = "GREY", device: str = VIDEO, **changes: object) -> CameraConfig:
+    values = {
+        "kind": "v4l2",
+        "device": device,
+        "pixel_format": pixel_format,
+        "width_px": 320,
+        "height_px": 180,
+        "frame_rate_hz": RATE_HZ,
+        "exposure_ms": 20.0,
+        "fixed_exposure": True,
+        "readout_ms": 0.0,
+        "timestamp_offset_ms": -1000.0 * PERIOD_S,
+    }
+    return CameraConfig.model_validate(values | changes)
+
+
+def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:
+    return [camera.read(timeout_s) for _ in range(count)]
+
+
+def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
+    """Frames in a row; an emulated machine that stands still loses some, so it may try again."""
+    frames: list[Frame] = []
+    for _ in range(10 * count):
+        frame = camera.read(2.0)
+        if frames and frame.sequence != frames[-1].sequence + 1:
+            frames = []
+        frames.append(frame)
+        if len(frames) == count:
+            return frames
+    raise AssertionError(f"never {count} frames in a row without a gap")
+
+
+def named(device: V4l2Device, slug: str) -> Control:
+    return next(control for control in list_controls(device) if control.slug == slug)
+
+
+def press(device: V4l2Device, slug: str) -> None:
+    write_control(device, named(device, slug), 0)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig of vivid and of the controller's firmware on a pty, and what its LEDs really do."""
+
+    rig: Rig
+    board: SimulatedBoard
+
+
+@contextmanager
+def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
+    """Turn vivid's brightness up while an LED is on, as it sees no light.
+
+    By another amount for each LED, so that a picture tells which one it was taken under.
+    """
+    camera = bench.rig.camera
+    assert isinstance(camera, V4l2Camera)
+    # The camera's own file: others may not change its controls.
+    device = camera._device
+    brightness = named(device, "brightness")
+    done = threading.Event()
+
+    def follow() -> None:
+        held = None
+        while not done.wait(0.002):
+            now_s = bench.rig.clock.now_s()
+            lit = [bench.board.output(led, now_s) > 0.5 for led in range(4)]
+            level = AMBIENT + sum(STEP * (led + 1) for led in range(4) if lit[led])
+            if level != held:
+                write_control(device, brightness, level)
+                held = level
+
+    thread = threading.Thread(target=follow)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        write_control(device, brightness, AMBIENT)

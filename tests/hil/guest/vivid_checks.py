@@ -1,0 +1,326 @@
+"""What our V4L2 layer does on the kernel's own test driver, vivid. Runs as root in the guest.
+
+vivid gives each frame a time stamp most of a period after it hands it out, has no exposure
+control, and lists some 80 formats, most of which nobody decodes.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet, capture_set
+from rig import CameraError, FrameFlag
+from rig.pixel_formats import PIXEL_FORMATS
+from rig.v4l2 import V4l2Device
+from rig.v4l2_camera import V4l2Camera
+from rig.v4l2_controls import find_control, read_control, write_control
+
+# Asked of every camera. Of those left out one needs LEDs that the camera sees, which a set below
+# has, and one a camera that stamps no frame ahead of its time.
+from tests.contract.test_camera_contract import (  # noqa: F401
+    test_at_most_a_queue_of_frames_is_older_than_a_pause,
+    test_close_may_be_called_again_and_ends_the_frames,
+    test_frames_are_what_its_info_says,
+    test_frames_come_in_the_order_of_their_exposure_one_period_apart,
+    test_no_frame_comes_out_of_the_future,
+)
+from tests.hil.guest.vivid_bench import (
+    CID_BRIGHTNESS,
+    CID_GAIN,
+    DEADLINE_S,
+    DISCONNECTED,
+    JITTER_S,
+    PERIOD_S,
+    REMOVED,
+    STEP,
+    Bench,
+    brightness_follows_the_leds,
+    config,
+    named,
+    press,
+    read_some,
+    without_loss,
+)
+
+
+def test_formats_and_sizes_are_listed_with_those_nobody_knows(device: V4l2Device) -> None:
+    offered = {entry.fourcc: entry for entry in device.formats()}
+    assert "320x180" in offered["GREY"].sizes
+    known = {entry.fourcc for entry in PIXEL_FORMATS.values()}
+    assert len(offered.keys() - known) > 10
+    # vivid has all that we decode but the compressed one.
+    assert known - offered.keys() == {"MJPG"}
+
+
+@pytest.mark.parametrize(
+    "name", [entry.name for entry in PIXEL_FORMATS.values() if not entry.is_compressed]
+)
+def test_a_stream_in_every_format_has_true_depth_and_no_gaps(name: str) -> None:
+    camera = V4l2Camera(config(name, frame_rate_hz=25.0))
+    try:
+        frames = without_loss(camera, 5)
+    finally:
+        camera.close()
+    stamps = np.diff([frame.exposure_start_s for frame in frames])
+    np.testing.assert_allclose(stamps, 0.04, atol=JITTER_S)
+    depth = PIXEL_FORMATS[name].bit_depth
+    assert {frame.pixels.shape for frame in frames} == {(180, 320)}
+    # Colour bars: from black to three quarters of the range, of luma's shorter range too.
+    pixels = frames[-1].pixels
+    assert pixels.dtype == (np.uint8 if depth == 8 else np.uint16)
+    assert pixels.min() < 0.1 * 2**depth
+    assert 0.65 * 2**depth < pixels.max() < 2**depth
+
+
+def test_all_depths_of_grey_show_one_picture() -> None:
+    means = {}
+    for name in ("GREY", "Y10", "Y12", "Y16", "YUYV"):
+        camera = V4l2Camera(config(name))
+        try:
+            pixels = camera.read(2.0).pixels
+        finally:
+            camera.close()
+        means[name] = pixels.mean(axis=0) / 2 ** PIXEL_FORMATS[name].bit_depth
+    for name in ("Y10", "Y12", "Y16"):
+        np.testing.assert_allclose(means[name], means["GREY"], atol=1 / 256)
+
+
+def test_white_in_luma_of_limited_range_is_saturated(device: V4l2Device) -> None:
+    pattern = named(device, "test_pattern")
+    before = read_control(device, pattern)
+    white = next(value for value, name in pattern.menu.items() if name == "100% White")
+    write_control(device, pattern, white)
+    try:
+        camera = V4l2Camera(config("YUYV"))
+        pixels = camera.read(2.0).pixels
+        assert camera.info.controls["v4l2"]["quantization"] != "full range"
+        camera.close()
+    finally:
+        write_control(device, pattern, before)
+    assert pixels.min() == 255
+
+
+def test_the_stream_keeps_its_period_and_its_count(camera: V4l2Camera) -> None:
+    starts = [frame.exposure_start_s for frame in without_loss(camera, 12)]
+    np.testing.assert_allclose(np.diff(starts), PERIOD_S, atol=JITTER_S)
+    assert abs((starts[-1] - starts[0]) / 11 - PERIOD_S) < 0.005
+
+
+def test_a_pause_shows_as_a_gap_after_the_queue(camera: V4l2Camera) -> None:
+    camera.read(2.0)
+    time.sleep(1.0)
+    sequences = [camera.read(2.0).sequence for _ in range(camera.info.queue_length + 2)]
+    gaps = np.diff(sequences)
+    assert gaps.max() >= 3
+    assert (gaps == 1).sum() >= camera.info.queue_length - 1
+
+
+def test_lost_frames_are_missing_from_the_count(camera: V4l2Camera, device: V4l2Device) -> None:
+    loss = named(device, "percentage_of_dropped_buffers")
+    camera.close()
+    write_control(device, loss, 50)
+    lossy = V4l2Camera(config(frame_rate_hz=25.0))
+    try:
+        sequences = [lossy.read(2.0).sequence for _ in range(20)]
+    finally:
+        lossy.close()
+        write_control(device, loss, 0)
+    assert np.diff(sequences).max() > 1
+    assert np.diff(sequences).min() >= 1
+
+
+def test_a_faulty_frame_is_flagged_and_the_next_is_good(camera: V4l2Camera) -> None:
+    camera.read(2.0)
+    press(camera._device, "inject_v4l2_buf_flag_error")
+    flags = [camera.read(2.0).flags for _ in range(6)]
+    assert flags.count(FrameFlag.CORRUPT) == 1
+    assert flags[-1] == FrameFlag.GOOD
+
+
+def test_a_driver_that_stops_for_good_is_an_error_in_time(camera: V4l2Camera) -> None:
+    camera.read(2.0)
+    press(camera._device, "inject_fatal_streaming_error")
+    started_s = time.monotonic()
+    with pytest.raises(CameraError, match=r"/dev/video0: .*(stopped|no frame:|error)"):
+        read_some(camera, 6, 2.0)
+    assert time.monotonic() - started_s < DEADLINE_S
+
+
+def test_no_frame_in_time_is_an_error_and_the_next_one_still_comes(camera: V4l2Camera) -> None:
+    with pytest.raises(CameraError, match=r"/dev/video0: no frame in 0\.001 s"):
+        read_some(camera, 8, 0.001)
+    assert camera.read(2.0).flags == FrameFlag.GOOD
+
+
+@pytest.mark.parametrize("source", [0, 1])
+def test_what_the_driver_claims_of_its_time_stamp_is_seen(device: V4l2Device, source: int) -> None:
+    control = named(device, "timestamp_source")
+    write_control(device, control, source)
+    try:
+        device.set_format("GREY", 320, 180)
+        device.claim(3)
+        device.start()
+        capture = device.next_capture(2.0)
+    finally:
+        write_control(device, control, 0)
+    assert capture.marks_exposure_start == (source == 1)
+
+
+def test_measurement_mode_is_held_and_recorded() -> None:
+    camera = V4l2Camera(config(gain=77))
+    controls = camera.info.controls
+    camera.close()
+    assert controls["gain_automatic"] == 0
+    assert controls["gain"] == 77
+    assert controls["brightness"] == 128
+    assert controls["v4l2"]["driver"] == "vivid"
+    assert controls["v4l2"]["pixel_format"] == "GREY"
+    assert not controls["v4l2"]["compressed"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"gain": 300}, r"control gain = 300 is not possible; it takes 0 to 255"),
+        ({"gamma": 1}, r"vivid has no control for its gamma"),
+        ({"fixed_exposure": False}, r"no control for its exposure time.*fixed_exposure = true"),
+    ],
+)
+def test_a_setting_it_cannot_have_is_refused_by_name(
+    changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(CameraError, match=message):
+        V4l2Camera(config(**changes))
+
+
+@pytest.mark.parametrize(
+    ("slug", "value"),
+    [
+        ("brightness", 200),
+        ("hue", -128),
+        ("integer_64_bits", -(2**62)),
+        ("menu", 4),
+        ("integer_menu", 8),
+        ("horizontal_flip", 1),
+    ],
+)
+def test_a_control_of_every_kind_is_held(device: V4l2Device, slug: str, value: int) -> None:
+    control = named(device, slug)
+    before = read_control(device, control)
+    write_control(device, control, value)
+    assert read_control(device, control) == value
+    write_control(device, control, before)
+
+
+@pytest.mark.parametrize(
+    ("slug", "value", "message"),
+    [
+        ("brightness", 256, "control brightness = 256 is not possible; it takes 0 to 255"),
+        ("menu", 2, r"control menu = 2 is not possible; .*1 \(Menu Item 1\), 3"),
+        ("read_only_integer_32_bits", 7, "control read_only_integer_32_bits is read-only"),
+    ],
+)
+def test_a_control_that_cannot_be_set_is_named(
+    device: V4l2Device, slug: str, value: int, message: str
+) -> None:
+    with pytest.raises(CameraError, match=message):
+        write_control(device, named(device, slug), value)
+
+
+def test_a_control_that_does_not_obey_is_named(device: V4l2Device) -> None:
+    automatic, gain = named(device, "gain_automatic"), find_control(device, CID_GAIN)
+    assert gain is not None
+    write_control(device, automatic, 1)
+    try:
+        with pytest.raises(CameraError, match="control gain was set to 255 and reads"):
+            write_control(device, gain, 255)
+    finally:
+        write_control(device, automatic, 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pixel_format": "MJPG", "allow_compressed": True}, r"MJPG 320x180 was asked for.*GREY"),
+        ({"width_px": 322}, r"GREY 322x180 was asked for, the driver gave GREY 320x180"),
+        ({"frame_rate_hz": 13.0}, r"frame_rate_hz = 13 was asked for, the driver gives"),
+    ],
+)
+def test_a_format_or_rate_it_does_not_have_is_refused(
+    changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(CameraError, match=message):
+        V4l2Camera(config(**changes))
+
+
+def test_a_second_program_is_turned_away_and_changes_nothing(
+    camera: V4l2Camera, device: V4l2Device
+) -> None:
+    before = camera.read(2.0)
+    with pytest.raises(CameraError, match=r"/dev/video0: .*in use by another program"):
+        V4l2Camera(config("Y12", gain=9))
+    brightness = find_control(device, CID_BRIGHTNESS)
+    assert brightness is not None
+    with pytest.raises(CameraError, match=r"brightness.*in use by another program"):
+        write_control(device, brightness, 3)
+    after = camera.read(2.0)
+    assert after.sequence > before.sequence
+    assert after.flags == FrameFlag.GOOD
+
+
+def test_it_can_be_opened_again_once_closed(camera: V4l2Camera) -> None:
+    camera.close()
+    again = V4l2Camera(config("Y10"))
+    assert again.read(2.0).bit_depth == 10
+    again.close()
+
+
+def test_a_driver_that_fails_to_start_is_named_and_released(device: V4l2Device) -> None:
+    press(device, "inject_vidioc_streamon_error")
+    with pytest.raises(CameraError, match="/dev/video0: cannot start to stream"):
+        V4l2Camera(config())
+    V4l2Camera(config()).close()
+
+
+def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Path) -> None:
+    with brightness_follows_the_leds(bench):
+        capture_set(bench.rig, label="bars").save(tmp_path / "bars.ome.tif")
+    captured = CapturedSet.load(tmp_path / "bars.ome.tif")
+    over_ambient = captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
+    np.testing.assert_allclose(over_ambient, STEP * np.array([1, 2, 3, 4]), atol=1.0)
+    metadata = captured.metadata
+    assert not metadata.simulated
+    assert (metadata.camera.kind, metadata.camera.name) == ("v4l2", "vivid")
+    assert metadata.camera.controls["gain_automatic"] == 0
+    assert metadata.camera.controls["v4l2"]["fixed_exposure"]
+    assert sum(image.stale_frames for image in metadata.images) >= 4
+
+
+# Those below take devices away for good, so they come last.
+
+
+def test_a_camera_that_is_disconnected_in_mid_stream_is_named_in_time() -> None:
+    camera = V4l2Camera(config(device=DISCONNECTED))
+    camera.read(2.0)
+    press(camera._device, "disconnect")
+    started_s = time.monotonic()
+    with pytest.raises(CameraError, match="/dev/video1: the camera is gone"):
+        read_some(camera, 6, 2.0)
+    assert time.monotonic() - started_s < DEADLINE_S
+    camera.close()
+    camera.close()
+
+
+def test_a_driver_that_is_unbound_in_mid_stream_is_named_in_time() -> None:
+    camera = V4l2Camera(config(device=REMOVED))
+    camera.read(2.0)
+    Path("/sys/bus/platform/drivers/vivid/unbind").write_text("vivid.0")
+    started_s = time.monotonic()
+    with pytest.raises(CameraError, match="/dev/video2: the camera is gone"):
+        read_some(camera, 6, 2.0)
+    assert time.monotonic() - started_s < DEADLINE_S
+    camera.close()
+    with pytest.raises(CameraError, match="/dev/video2: no such camera"):
+        V4l2Camera(config(device=REMOVED))

@@ -1,0 +1,155 @@
+"""A virtual machine with Debian's kernel on the host's own files, for drivers that need one.
+
+The host's file system is the guest's root, read-only, so the guest runs this very checkout in this
+very environment. What it has to say comes back in a folder that both share.
+"""
+
+import os
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from .initramfs import write_initramfs
+
+__all__ = ["MachineError", "run_in_guest"]
+
+_TO_BOOT = ("virtio_pci", "9pnet_virtio", "9p")
+_INSTALL = "run tests/hil/install.sh, as root, on a Debian of this architecture"
+_MAX_CONSOLE = 6000
+
+
+class MachineError(Exception):
+    """The guest cannot be started, or did not come to its end."""
+
+
+def kernel_folder() -> Path:
+    """Where `install.sh` unpacked the kernel."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(os.environ.get("PS4RIG_HIL_KERNEL") or cache / "ps4rig" / "hil-kernel")
+
+
+def run_in_guest(
+    command: Sequence[str],
+    *,
+    modules: Iterable[str],
+    module_options: str,
+    shared: Path,
+    timeout_s: float,
+) -> str:
+    """Boot, load `modules`, run `command` with the environment's Python path, power off.
+
+    Parameters
+    ----------
+    command
+        Run by root in the folder of the checkout. It finds `shared` as ``/mnt``, writable.
+    modules, module_options
+        Kernel modules; the options are those of the last.
+    shared
+        An empty folder.
+    timeout_s
+        After this the guest is killed.
+
+    Returns
+    -------
+    str
+        What was on the console.
+
+    Raises
+    ------
+    MachineError
+        If something to boot with is missing, or the command did not end in time.
+    """
+    qemu, busybox = _program("qemu-system-x86_64"), _program("busybox")
+    folder = kernel_folder()
+    kernels = sorted(folder.glob("boot/vmlinuz-*"))
+    if not kernels:
+        raise MachineError(f"no kernel in {folder}; {_INSTALL}")
+    kernel = kernels[-1]
+    version = kernel.name.removeprefix("vmlinuz-")
+    tree = next(path for path in folder.rglob(f"lib/modules/{version}") if path.is_dir())
+    init = shared / "init.sh"
+    init.write_text(_init_script(command, module_options))
+    initramfs = shared / "initramfs.cpio"
+    write_initramfs(initramfs, busybox, tree, (*_TO_BOOT, *modules), init.read_text())
+    try:
+        done = subprocess.run(
+            _qemu_command(qemu, kernel, initramfs, shared),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=timeout_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        console = (error.stdout or b"").decode(errors="replace")
+        raise MachineError(
+            f"the guest did not end in {timeout_s:g} s:\n{console[-_MAX_CONSOLE:]}"
+        ) from error
+    console = done.stdout.decode(errors="replace")
+    if not (shared / "status").exists():
+        raise MachineError(f"the guest ended before its command:\n{console[-_MAX_CONSOLE:]}")
+    return console
+
+
+def _program(name: str) -> Path:
+    found = shutil.which(name)
+    if found is None:
+        raise MachineError(f"{name} is not installed; {_INSTALL}")
+    return Path(found)
+
+
+def _qemu_command(qemu: Path, kernel: Path, initramfs: Path, shared: Path) -> list[str]:
+    share = "security_model=none,multidevs=remap"
+    return [
+        str(qemu),
+        # KVM is missing on many CI machines, and half there on some; emulation is everywhere.
+        *("-accel", "tcg,thread=multi", "-machine", "q35", "-cpu", "Nehalem"),
+        *("-smp", "2", "-m", "1024", "-no-reboot", "-nodefaults", "-display", "none"),
+        *("-serial", "stdio", "-kernel", str(kernel), "-initrd", str(initramfs)),
+        *("-virtfs", f"local,path=/,mount_tag=host,readonly=on,{share}"),
+        *("-virtfs", f"local,path={_for_qemu(shared)},mount_tag=shared,{share}"),
+        *("-append", "console=ttyS0 quiet panic=-1 tsc=unstable mitigations=off"),
+    ]
+
+
+def _for_qemu(path: Path) -> str:
+    # A comma would end the option; QEMU takes two as one.
+    return str(path).replace(",", ",,")
+
+
+def _init_script(command: Sequence[str], module_options: str) -> str:
+    checkout = Path(__file__).parents[2]
+    inner = " ".join(
+        [
+            f"cd {shlex.quote(str(checkout))} &&",
+            "PATH=/usr/local/bin:/usr/bin:/bin HOME=/dev/shm TMPDIR=/dev/shm",
+            "PYTHONDONTWRITEBYTECODE=1 LANG=C.UTF-8",
+            shlex.join(command),
+        ]
+    )
+    return f"""#!/bin/busybox sh
+b=/bin/busybox
+$b mount -t devtmpfs dev /dev
+$b mount -t proc proc /proc
+last=$($b ls /modules | $b tail -n 1)
+for module in $($b ls /modules); do
+    options=
+    [ "$module" = "$last" ] && options={shlex.quote(module_options)}
+    $b insmod /modules/$module $options || echo "cannot load $module"
+done
+nine=trans=virtio,version=9p2000.L,msize=524288
+$b mount -t 9p -o ro,cache=loose,$nine host /root || echo "no host files"
+$b mount -t 9p -o $nine shared /root/mnt || echo "no shared folder"
+$b mount -t devtmpfs dev /root/dev
+$b mkdir -p /root/dev/shm /root/dev/pts
+$b mount -t tmpfs shm /root/dev/shm
+$b mount -t devpts pts /root/dev/pts
+$b mount -t proc proc /root/proc
+$b mount -t sysfs sys /root/sys
+$b chroot /root /bin/sh -c {shlex.quote(inner)}
+echo $? > /root/mnt/status
+$b sync
+$b poweroff -f
+"""
