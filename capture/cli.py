@@ -17,6 +17,7 @@ from classify.errors import InputError
 
 from . import bench_command, demo_command, reproduce_command, set_commands, texture_commands
 from .console import INTERRUPTED_STATUS, describe
+from .rig_commands import rig_app
 
 __all__ = ["app", "run"]
 
@@ -34,6 +35,7 @@ app.command()(texture_commands.classify)
 app.command("evaluate")(texture_commands.evaluate_)
 app.command()(reproduce_command.reproduce)
 app.command()(bench_command.bench)
+app.add_typer(rig_app, name="rig")
 
 
 def _version(asked: bool) -> None:

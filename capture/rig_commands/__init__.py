@@ -1,0 +1,15 @@
+"""``ps4rig rig``: a file a command, registered here."""
+
+import typer
+
+__all__ = ["rig_app"]
+
+_HELP = "Look after the rig itself: find it, check it, switch it by hand."
+
+rig_app = typer.Typer(help=_HELP)
+
+
+@rig_app.callback(invoke_without_command=True, help=_HELP)
+def _options(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        print(context.get_help())
