@@ -1,4 +1,5 @@
 from .camera import Camera, CameraInfo, Frame, FrameFlag
+from .camera_list import ListedCamera, list_cameras
 from .config import Placement, RigConfig, load_config
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights import ControllerIdentity, LightController, Switch
@@ -20,11 +21,13 @@ __all__ = [
     "HardwareError",
     "LightController",
     "LightControllerError",
+    "ListedCamera",
     "Placement",
     "Rig",
     "RigConfig",
     "Simulation",
     "Switch",
+    "list_cameras",
     "load_config",
     "open_rig",
     "surface_names",

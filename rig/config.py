@@ -93,7 +93,8 @@ class CameraConfig(_Section):
     Attributes
     ----------
     device
-        ``/dev/v4l/by-id/...`` stays the same when cameras are plugged in another order.
+        A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
+        the same when cameras are plugged in another order.
     pixel_format
         A key of `PIXEL_FORMAT_BITS`.
     allow_compressed
@@ -136,6 +137,11 @@ class CameraConfig(_Section):
             if isinstance(name, str) and name in PIXEL_FORMAT_BITS:
                 return {**values, "bits": PIXEL_FORMAT_BITS[name]}
         return values
+
+    @field_validator("device", mode="before")
+    @classmethod
+    def _device_may_be_a_number(cls, device: Any) -> Any:
+        return str(device) if type(device) is int else device
 
     @field_validator("pixel_format")
     @classmethod

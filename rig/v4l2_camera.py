@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .camera import CameraInfo, Frame, FrameFlag, Pixels
+from .camera_list import device_path
 from .config import CameraConfig
 from .errors import CameraError
 from .measurement_mode import check_measurement_mode, set_measurement_mode
@@ -46,7 +47,7 @@ class V4l2Camera:
             raise CameraError("camera.device is missing; give the camera's path")
         self._config = config
         self._pixel_format = PIXEL_FORMATS[config.pixel_format]
-        self._device = V4l2Device(config.device)
+        self._device = V4l2Device(device_path(config.device))
         try:
             device = self._device
             self._format = device.set_format(
