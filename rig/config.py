@@ -19,6 +19,7 @@ from firmware_sim.firmware import (
 from .camera_config import PIXEL_FORMAT_BITS, CameraConfig
 from .config_section import Section
 from .errors import ConfigError
+from .fault_plan import FaultPlan
 
 __all__ = [
     "PIXEL_FORMAT_BITS",
@@ -76,7 +77,8 @@ class SimulationConfig(Section):
 
     `clock` is ``virtual`` (a set takes milliseconds) or ``real`` (it takes what frames take).
     `ambient` is the light that no LED makes, as a fraction of one LED at full level. `readout_ms`
-    is from the first row's exposure to the last row's, 0 for a global shutter.
+    is from the first row's exposure to the last row's, 0 for a global shutter. `faults` are what
+    goes wrong, on purpose; a ``rig.toml`` has them or names their file.
 
     The camera's driver stamps the start of exposure and is right. With a `stamp_lag_ms` it stamps
     each frame so much later than that, as drivers do that stamp the arrival of data, and up to
@@ -91,6 +93,7 @@ class SimulationConfig(Section):
     stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
     stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)
     placement: Placement = Placement()
+    faults: FaultPlan | None = None
 
 
 class RigConfig(Section):
@@ -131,6 +134,18 @@ class RigConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _faults_are_of_its_leds(self) -> Self:
+        faults = () if self.simulation.faults is None else self.simulation.faults.leds
+        for fault in faults:
+            for led in (fault.led, fault.other):
+                if led is not None and led >= len(self.lights.tilts_deg):
+                    raise ValueError(
+                        f"simulation.faults: there is no LED {led}; lights.tilts_deg names "
+                        f"{len(self.lights.tilts_deg)}"
+                    )
+        return self
+
+    @model_validator(mode="after")
     def _watchdog_waits_for_frames(self) -> Self:
         period_ms = 1000.0 / self.camera.frame_rate_hz
         needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms
@@ -168,17 +183,10 @@ def load_config(path: Path) -> RigConfig:
     ConfigError
         If it is missing, not TOML, has an unknown key or a value out of range.
     """
-    try:
-        if path.stat().st_size > _MAX_TOML_BYTES:
-            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes; not a rig.toml")
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(f"{path}: no such rig configuration (or use --rig sim)") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    # Besides its own error tomllib lets through those of deep nesting and of endless numbers.
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    values = _read_toml(path, "no such rig configuration (or use --rig sim)")
+    simulation = values.get("simulation", {})
+    if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
+        simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
     lights = values.get("lights", {})
     if isinstance(lights, dict) and "port" not in lights:
         # Left out it would be the simulated one, and nobody would have asked for that.
@@ -187,6 +195,20 @@ def load_config(path: Path) -> RigConfig:
             f"{SIMULATED!r} for a simulated rig"
         )
     return _validated(values, str(path))
+
+
+def _read_toml(path: Path, if_missing: str) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_TOML_BYTES:
+            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes; no configuration")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: {if_missing}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    # Besides its own error tomllib lets through those of deep nesting and of endless numbers.
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
 
 
 def _validated(values: dict[str, Any], source: str) -> RigConfig:

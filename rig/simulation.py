@@ -16,9 +16,14 @@ from firmware_sim import (
     VirtualClock,
     serve_pty,
 )
+from firmware_sim.faults import FaultyLine, faulty_leds
+from firmware_sim.led import Led
 
+from .camera import Camera
 from .config import Placement, RigConfig
 from .frame_time import exposure_start_s, require_measured_mode
+from .fault_plan import FaultPlan
+from .frame_faults import FaultyCamera
 from .material_folder import bundled_materials, load_material
 from .scene import SceneImages, render_frame
 from .sensor import SensorModel
@@ -44,7 +49,8 @@ class Simulation:
     """Everything of a simulated rig that is hardware in a real one.
 
     `port` is where the light controller's firmware answers, `camera` looks at the part that
-    `place` put there, `board` knows what the LEDs really do.
+    `place` put there, `board` knows what the LEDs really do. `frames` is what a program reads of
+    the camera: its frames, with the faults that were asked for.
     """
 
     def __init__(self, config: RigConfig) -> None:
@@ -54,13 +60,20 @@ class Simulation:
         self.clock: Clock = VirtualClock() if virtual else RealClock()
         self.placement = config.simulation.placement
         scene = self._rendered(self.placement)
+        faults = config.simulation.faults or FaultPlan()
+        rise_ms, fall_ms = config.simulation.led_rise_ms, config.simulation.led_fall_ms
+        leds = [Led(rise_ms, fall_ms) for _ in config.lights.tilts_deg]
         self.board = SimulatedBoard(
             self.clock,
-            led_count=len(config.lights.tilts_deg),
-            rise_ms=config.simulation.led_rise_ms,
-            fall_ms=config.simulation.led_fall_ms,
+            led_count=len(leds),
+            leds=faulty_leds(leds, faults.leds, faults.seed, self.clock.now_s())
+            if faults.leds
+            else leds,
         )
-        self._server = serve_pty(SimulatedController(self.board, self.clock))
+        controller = SimulatedController(self.board, self.clock)
+        self._server = serve_pty(
+            FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
+        )
         self.port = self._server.address
         self.camera = SimulatedCamera(
             self.board,
@@ -73,6 +86,9 @@ class Simulation:
             readout_s=config.simulation.readout_ms / 1000.0,
             reported_start_s=_driver_stamps(config),
         )
+        self.frames: Camera = self.camera
+        if faults.frames:
+            self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)
 
     def place(self, placement: Placement) -> None:
         """Lay another part, or the same one turned, below the camera.
