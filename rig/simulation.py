@@ -21,9 +21,9 @@ from firmware_sim.led import Led
 
 from .camera import Camera
 from .config import Placement, RigConfig
-from .frame_time import exposure_start_s, require_measured_mode
 from .fault_plan import FaultPlan
 from .frame_faults import FaultyCamera
+from .frame_time import exposure_start_s, require_measured_mode
 from .material_folder import bundled_materials, load_material
 from .scene import SceneImages, render_frame
 from .sensor import SensorModel
