@@ -2,10 +2,12 @@
 
 import math
 import threading
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from .clock import Clock
-from .led import Led
+from .firmware import STROBE_BUFFER_EDGES
+from .led import Led, LedLight
 
 __all__ = ["Board", "SimulatedBoard"]
 
@@ -36,6 +38,28 @@ class Board(Protocol):
     def set_led(self, index: int, percent: int) -> int:
         """Drive one LED at 0 to 100 percent; return the `micros` at which it changed."""
 
+    def max_on_ms(self, index: int) -> int:
+        """The longest that an LED may be on without a pause, in milliseconds, at least 1."""
+
+    def max_duty_percent(self, index: int) -> int:
+        """The largest share of the time that an LED may be on in the long run, 1 to 100."""
+
+    def strobe_edges(self) -> list[tuple[int, bool]]:
+        """Edges of the camera's strobe line since the last call, oldest first; never waits.
+
+        Each is the `micros` at which it happened and the level after it, True while the camera
+        exposes, whatever the polarity of the wire. The time is taken where the edge happens, in
+        an interrupt or in hardware, not when it is asked for. At most STROBE_BUFFER_EDGES (of
+        `firmware`) wait; those that come when the buffer is full are dropped, so a list of that
+        length says that edges may be missing.
+        """
+
+    def trigger(self) -> int:
+        """Begin a pulse on the camera's trigger line; return the `micros` of its beginning.
+
+        The board ends the pulse by itself. It may wait for that, but for no more than 100 us.
+        """
+
 
 class SimulatedBoard:
     """A board of LEDs that rise and fall in time, with bytes in and out.
@@ -51,12 +75,17 @@ class SimulatedBoard:
         What the firmware reports as model and serial number.
     rise_ms, fall_ms
         10 % to 90 % times of the LEDs' exponential approaches; 0 switches at once.
+    max_on_ms, max_duty_percent
+        Limits of each LED, which the firmware keeps. The defaults leave room for the mean of 1024
+        frames under one LED at 9 frames per second, and for any order of four LEDs.
+    leds
+        Its `led_count` LEDs, where they are others than `rise_ms` and `fall_ms` make.
 
     Raises
     ------
     ValueError
-        For no LED, a serial number that would break the protocol, or a time that is negative or
-        not finite.
+        For no LED, a serial number that would break the protocol, a time that is negative or not
+        finite, or a limit that leaves no light.
     """
 
     def __init__(
@@ -67,6 +96,9 @@ class SimulatedBoard:
         serial_number: str = "SIM-0001",
         rise_ms: float = 0.5,
         fall_ms: float = 0.3,
+        max_on_ms: int = 120_000,
+        max_duty_percent: int = 50,
+        leds: Sequence[LedLight] | None = None,
     ) -> None:
         if led_count < 1:
             raise ValueError(f"led_count is {led_count}; a board has at least 1 LED")
@@ -77,14 +109,22 @@ class SimulatedBoard:
         for name, time_ms in (("rise_ms", rise_ms), ("fall_ms", fall_ms)):
             if not (math.isfinite(time_ms) and time_ms >= 0):
                 raise ValueError(f"{name} is {time_ms}; give a time in milliseconds, 0 or more")
+        if max_on_ms < 1 or not 1 <= max_duty_percent <= 100:
+            raise ValueError(
+                f"limits of {max_on_ms} ms and {max_duty_percent} %: give 1 ms or more, 1 to 100 %"
+            )
         self.led_count = led_count
         self.serial_number = serial_number
         self._clock = clock
         self._lock = threading.Lock()
-        self._leds = [Led(rise_ms, fall_ms) for _ in range(led_count)]
+        self._leds = leds or [Led(rise_ms, fall_ms) for _ in range(led_count)]
         self._booted_s = clock.now_s()
+        self._max_on_ms = [max_on_ms] * led_count
+        self._max_duty_percent = [max_duty_percent] * led_count
         self._received = b""
         self._sent = b""
+        self._strobe_edges: list[tuple[int, bool]] = []
+        self._triggered: Callable[[], object] = _nobody
 
     # the firmware's side
 
@@ -110,6 +150,24 @@ class SimulatedBoard:
             self._leds[index].drive(percent, now_s)
             return self._micros_at(now_s)
 
+    def max_on_ms(self, index: int) -> int:
+        return self._max_on_ms[index]
+
+    def max_duty_percent(self, index: int) -> int:
+        return self._max_duty_percent[index]
+
+    def strobe_edges(self) -> list[tuple[int, bool]]:
+        if not self._strobe_edges:
+            return []
+        with self._lock:
+            edges, self._strobe_edges = self._strobe_edges, []
+            return edges
+
+    def trigger(self) -> int:
+        triggered_us = self.micros()
+        self._triggered()
+        return triggered_us
+
     # the world's side
 
     def receive(self, data: bytes) -> None:
@@ -123,13 +181,24 @@ class SimulatedBoard:
             data, self._sent = self._sent, b""
             return data
 
+    def strobe(self, exposing: bool, at_us: int) -> None:
+        """An edge of the strobe line, at a time as `micros` tells it, waits for the firmware."""
+        with self._lock:
+            if len(self._strobe_edges) < STROBE_BUFFER_EDGES:
+                self._strobe_edges.append((at_us, exposing))
+
+    def on_trigger(self, callback: Callable[[], object]) -> None:
+        """Call `callback` at each beginning of a trigger pulse: the wire to a camera."""
+        self._triggered = callback
+
     def reset(self) -> None:
-        """Power cycle: LEDs off, bytes under way lost, `micros` starts again at 0."""
+        """Power cycle: LEDs off, bytes and edges under way lost, `micros` starts again at 0."""
         with self._lock:
             self._booted_s = self._clock.now_s()
             for led in self._leds:
                 led.drive(0, self._booted_s)
             self._received = self._sent = b""
+            self._strobe_edges = []
 
     def output(self, led: int, at_s: float) -> float:
         """Relative optical output of an LED, 0 to 1, at a time that is not in the future."""
@@ -167,3 +236,7 @@ class SimulatedBoard:
         now_s = self._clock.now_s()
         if at_s > now_s + _CLOCK_ROUNDING_S:
             raise ValueError(f"the light at {at_s:.6f} s is not known yet: it is {now_s:.6f} s")
+
+
+def _nobody() -> None:
+    """The far end of a trigger line that no camera is on."""

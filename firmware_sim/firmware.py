@@ -16,6 +16,7 @@ PROTOCOL_VERSION = 1
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
 QUEUE_DEPTH = 8
+STROBE_BUFFER_EDGES = 16  # what a board keeps for the firmware between two turns of its loop
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
 WATCHDOG_MAX_MS = 60000

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim import SimulatedBoard, VirtualClock
+from firmware_sim.firmware import STROBE_BUFFER_EDGES
 from firmware_sim.led import Led
 
 TIMES_MS = st.sampled_from([0.0, 0.05, 0.3, 0.5, 4.0])
@@ -135,8 +136,34 @@ def test_unread_output_is_bounded_and_loses_whole_lines():
         *[{"led_count": 0}, {"serial_number": ""}, {"serial_number": "a,b"}],
         *[{"serial_number": "a b"}, {"serial_number": "\xe4"}, {"rise_ms": -1.0}],
         *[{"fall_ms": math.inf}, {"fall_ms": math.nan}],
+        *[{"max_on_ms": 0}, {"max_duty_percent": 0}, {"max_duty_percent": 101}],
     ],
 )
 def test_bad_options_are_refused(options):
-    with pytest.raises(ValueError, match=r"led_count|serial number|rise_ms|fall_ms"):
+    with pytest.raises(ValueError, match=r"led_count|serial number|rise_ms|fall_ms|limits"):
         SimulatedBoard(VirtualClock(), **options)
+
+
+def test_strobe_edges_wait_in_order_and_are_bounded():
+    board = SimulatedBoard(VirtualClock())
+    board.strobe(True, 100)
+    board.strobe(False, 200)
+    assert board.strobe_edges() == [(100, True), (200, False)]
+    assert board.strobe_edges() == []
+    for edge in range(100):
+        board.strobe(edge % 2 == 0, edge)
+    assert [at_us for at_us, _ in board.strobe_edges()] == list(range(STROBE_BUFFER_EDGES))
+    board.strobe(True, 300)
+    board.reset()
+    assert board.strobe_edges() == []
+
+
+def test_a_trigger_reaches_the_camera_and_is_timed():
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    board.trigger()
+    pulses_s: list[float] = []
+    board.on_trigger(lambda: pulses_s.append(clock.now_s()))
+    clock.sleep_s(0.0025)
+    assert board.trigger() == 2500
+    assert pulses_s == [0.0025]
