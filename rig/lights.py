@@ -17,7 +17,7 @@ from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_com
 
 __all__ = ["ControllerIdentity", "LightController", "LightState", "Switch"]
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 _OPEN_TIMEOUT_S = 3.0
 _REPLY_TIMEOUT_S = 0.5

@@ -406,7 +406,7 @@ def test_an_intact_reply_of_another_form_is_an_error(damaged_line: Line, fields:
 
 def test_a_restart_in_an_exchange_is_noticed(damaged_line: Line) -> None:
     def restart(_command: str, _reply: bytes) -> Iterator[bytes]:
-        yield b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n"
+        yield b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 
     with (
         LightController(damaged_line(only("LED:SEL 1", restart))) as lights,
