@@ -21,12 +21,16 @@ from typing import NoReturn
 from . import v4l2_abi as abi
 from .errors import CameraError
 
-__all__ = ["Capture", "OfferedFormat", "V4l2Device", "VideoFormat"]
+__all__ = ["Capture", "NoCaptureDeviceError", "OfferedFormat", "V4l2Device", "VideoFormat"]
 
 # Drivers round 1/30 s to their own units; 25 instead of 30 Hz is another rate.
 _RATE_TOLERANCE = 0.01
 # A driver that never ends a list would keep us here.
 _MAX_LISTED = 512
+
+
+class NoCaptureDeviceError(CameraError):
+    """A video device that is there, but gives no pictures."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ class V4l2Device:
             able = capability.device_caps if separate else capability.capabilities
             for flag, word in ((abi.CAP_VIDEO_CAPTURE, "capture"), (abi.CAP_STREAMING, "stream")):
                 if not able & flag:
-                    raise CameraError(
+                    raise NoCaptureDeviceError(
                         f"{path}: {self.card} cannot {word}; give the camera's capture node "
                         "(a camera often has a second one for metadata)"
                     )

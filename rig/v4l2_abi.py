@@ -230,6 +230,28 @@ class QueryExtCtrl(ctypes.Structure):
     )
 
 
+class QueryCtrl(ctypes.Structure):
+    """``struct v4l2_queryctrl``, which drivers had before `QueryExtCtrl`."""
+
+    _fields_ = (
+        ("id", c_uint32),
+        ("type", c_uint32),
+        ("name", c_char * 32),
+        ("minimum", c_int32),
+        ("maximum", c_int32),
+        ("step", c_int32),
+        ("default_value", c_int32),
+        ("flags", c_uint32),
+        ("reserved", c_uint32 * 2),
+    )
+
+
+class SimpleControl(ctypes.Structure):
+    """``struct v4l2_control``."""
+
+    _fields_ = (("id", c_uint32), ("value", c_int32))
+
+
 class _MenuUnion(ctypes.Union):
     _pack_ = 1
     _fields_ = (("name", c_char * 32), ("value", c_int64))
@@ -297,6 +319,9 @@ VIDIOC_STREAMON = _request(_WRITE, 18, c_int32)
 VIDIOC_STREAMOFF = _request(_WRITE, 19, c_int32)
 VIDIOC_G_PARM = _request(_READ | _WRITE, 21, StreamParm)
 VIDIOC_S_PARM = _request(_READ | _WRITE, 22, StreamParm)
+VIDIOC_G_CTRL = _request(_READ | _WRITE, 27, SimpleControl)
+VIDIOC_S_CTRL = _request(_READ | _WRITE, 28, SimpleControl)
+VIDIOC_QUERYCTRL = _request(_READ | _WRITE, 36, QueryCtrl)
 VIDIOC_QUERYMENU = _request(_READ | _WRITE, 37, QueryMenu)
 VIDIOC_S_PRIORITY = _request(_WRITE, 68, c_uint32)
 VIDIOC_G_EXT_CTRLS = _request(_READ | _WRITE, 71, ExtControls)

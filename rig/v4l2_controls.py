@@ -73,14 +73,8 @@ class Control:
 
 def find_control(device: V4l2Device, control_id: int) -> Control | None:
     """One control, None if the device does not have it or has it switched off."""
-    query = abi.QueryExtCtrl(id=control_id)
-    try:
-        device.try_call(abi.VIDIOC_QUERY_EXT_CTRL, query)
-    except OSError as error:
-        if error.errno in (errno.EINVAL, errno.ENOTTY):
-            return None
-        device.fail(f"cannot query control {control_id:#x}", error)
-    if query.flags & abi.CTRL_FLAG_DISABLED:
+    query = _query(device, control_id)
+    if query is None or query.flags & abi.CTRL_FLAG_DISABLED:
         return None
     return Control(
         id=query.id,
@@ -97,14 +91,8 @@ def list_controls(device: V4l2Device) -> Iterator[Control]:
     """All controls, buttons included, in the order of their ids."""
     after = 0
     for _ in range(_MAX_CONTROLS):
-        query = abi.QueryExtCtrl(id=after | abi.CTRL_FLAG_NEXT_CTRL)
-        try:
-            device.try_call(abi.VIDIOC_QUERY_EXT_CTRL, query)
-        except OSError as error:
-            if error.errno in (errno.EINVAL, errno.ENOTTY):
-                return
-            device.fail("cannot list its controls", error)
-        if query.id <= after:
+        query = _query(device, after | abi.CTRL_FLAG_NEXT_CTRL)
+        if query is None or query.id <= after:
             return
         after = query.id
         control = find_control(device, query.id)
@@ -114,8 +102,13 @@ def list_controls(device: V4l2Device) -> Iterator[Control]:
 
 def read_control(device: V4l2Device, control: Control) -> int:
     """The value the driver holds."""
-    item = abi.ExtControl(id=control.id)
-    device.call(f"cannot read control {control.slug}", abi.VIDIOC_G_EXT_CTRLS, _single(item))
+    item, simple = abi.ExtControl(id=control.id), abi.SimpleControl(id=control.id)
+    try:
+        if not _is_known(device, abi.VIDIOC_G_EXT_CTRLS, _single(item)):
+            device.try_call(abi.VIDIOC_G_CTRL, simple)
+            return int(simple.value)
+    except OSError as error:
+        device.fail(f"cannot read control {control.slug}", error)
     wide = control.kind == abi.CTRL_TYPE_INTEGER64
     return int(item.payload.value64 if wide else item.payload.value)
 
@@ -140,7 +133,11 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
         item.payload.value64 = value
     else:
         item.payload.value = value
-    device.call(f"control {control.slug} refuses {value}", abi.VIDIOC_S_EXT_CTRLS, _single(item))
+    try:
+        if not _is_known(device, abi.VIDIOC_S_EXT_CTRLS, _single(item)):
+            device.try_call(abi.VIDIOC_S_CTRL, abi.SimpleControl(id=control.id, value=value))
+    except OSError as error:
+        device.fail(f"control {control.slug} refuses {value}", error)
     if control.is_readable:
         check_control(device, control, value)
 
@@ -155,11 +152,38 @@ def check_control(device: V4l2Device, control: Control, value: int) -> None:
         )
 
 
+def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:
+    """What the driver says of a control, or of the next one; None if there is none."""
+    for request, query in (
+        (abi.VIDIOC_QUERY_EXT_CTRL, abi.QueryExtCtrl(id=control_id)),
+        (abi.VIDIOC_QUERYCTRL, abi.QueryCtrl(id=control_id)),
+    ):
+        try:
+            if _is_known(device, request, query):
+                return query
+        except OSError as error:
+            if error.errno == errno.EINVAL:
+                return None
+            device.fail(f"cannot query control {control_id:#x}", error)
+    return None
+
+
+def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
+    """Do an ioctl that old drivers lack; False if this one does. May raise OSError."""
+    try:
+        device.try_call(request, argument)
+    except OSError as error:
+        if error.errno == errno.ENOTTY:
+            return False
+        raise
+    return True
+
+
 def _single(item: abi.ExtControl) -> abi.ExtControls:
     return abi.ExtControls(count=1, controls=ctypes.pointer(item))
 
 
-def _menu(device: V4l2Device, query: abi.QueryExtCtrl) -> Iterator[tuple[int, str]]:
+def _menu(device: V4l2Device, query: abi.QueryExtCtrl | abi.QueryCtrl) -> Iterator[tuple[int, str]]:
     for index in range(max(query.minimum, 0), min(query.maximum, _MAX_MENU) + 1):
         entry = abi.QueryMenu(id=query.id, index=index)
         try:

@@ -14,6 +14,7 @@ from rig import v4l2_abi as abi
 from rig.config import CameraConfig
 from rig.measurement_mode import check_measurement_mode, set_measurement_mode
 from rig.v4l2 import V4l2Device
+from rig.v4l2_controls import list_controls
 
 AUTO, TIME, PRIORITY = (
     abi.CID_EXPOSURE_AUTO,
@@ -81,7 +82,7 @@ class PlayedCamera(V4l2Device):
     def _exposes_by_itself(self) -> bool:
         return AUTO in self.knobs and self.knobs[AUTO].value != abi.EXPOSURE_MANUAL
 
-    def _query(self, query: abi.QueryExtCtrl) -> None:
+    def _query(self, query: abi.QueryExtCtrl | abi.QueryCtrl) -> None:
         knob = self._knob(query.id)
         query.name, query.minimum, query.maximum = knob.name.encode(), knob.minimum, knob.maximum
         boolean = (knob.minimum, knob.maximum) == (0, 1)
@@ -97,6 +98,25 @@ class PlayedCamera(V4l2Device):
             raise OSError(errno.EIO, "Input/output error")
         if not knob.stubborn:
             knob.value = value
+
+
+class OldCamera(PlayedCamera):
+    """A driver that has none of the extended control ioctls, only those before them."""
+
+    def try_call(self, request: int, argument: Any) -> None:
+        if request == abi.VIDIOC_QUERYCTRL:
+            if argument.id & abi.CTRL_FLAG_NEXT_CTRL:
+                after = argument.id & ~abi.CTRL_FLAG_NEXT_CTRL
+                argument.id = min((known for known in self.knobs if known > after), default=0)
+            self._query(argument)
+        elif request == abi.VIDIOC_G_CTRL:
+            argument.value = self._knob(argument.id).value
+        elif request == abi.VIDIOC_S_CTRL:
+            self._write(argument.id, self._knob(argument.id), argument.value)
+        elif request == abi.VIDIOC_QUERYMENU:
+            super().try_call(request, argument)
+        else:
+            raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
 
 
 def config(**changes: object) -> CameraConfig:
@@ -193,3 +213,31 @@ def test_a_read_only_control_counts_only_if_it_is_off() -> None:
     knobs[PRIORITY].value = 1
     with pytest.raises(CameraError, match="exposure_dynamic_framerate is read-only"):
         set_measurement_mode(PlayedCamera(knobs), config())
+
+
+def test_a_driver_without_extended_controls_is_set_and_listed_as_well() -> None:
+    camera = OldCamera(usual_knobs())
+    mode = set_measurement_mode(camera, config(exposure_ms=12.34, gain=7, gamma=100))
+    assert camera.written[:2] == [AUTO, TIME]
+    assert (camera.knobs[TIME].value, camera.knobs[abi.CID_GAIN].value) == (123, 7)
+    assert mode.exposure_s == pytest.approx(0.0123)
+    listed = list(list_controls(camera))
+    assert [control.id for control in listed] == sorted(camera.knobs)
+    auto = next(control for control in listed if control.id == AUTO)
+    assert auto.menu == {1: "Manual Mode", APERTURE_PRIORITY: "Aperture Priority Mode"}
+
+
+def test_a_driver_without_extended_controls_that_does_not_obey_is_named() -> None:
+    knobs = usual_knobs()
+    knobs[abi.CID_AUTO_WHITE_BALANCE].stubborn = True
+    with pytest.raises(CameraError, match="white_balance_automatic was set to 0 and reads 1"):
+        set_measurement_mode(OldCamera(knobs), config())
+
+
+def test_a_control_that_an_old_driver_refuses_is_named() -> None:
+    class Refusing(OldCamera):
+        def _write(self, *_: object) -> None:
+            raise OSError(errno.EBUSY, "Device or resource busy")
+
+    with pytest.raises(CameraError, match="control auto_exposure refuses 1: in use by another"):
+        set_measurement_mode(Refusing(usual_knobs()), config())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from rig import CameraError, FrameFlag
+from rig import CameraError, FrameFlag, list_cameras
 from rig.pixel_formats import PIXEL_FORMATS
 from rig.v4l2 import V4l2Device
 from rig.v4l2_camera import V4l2Camera
@@ -35,6 +35,7 @@ from tests.hil.guest.vivid_bench import (
     PERIOD_S,
     REMOVED,
     STEP,
+    VIDEO,
     Bench,
     brightness_follows_the_leds,
     config,
@@ -52,6 +53,16 @@ def test_formats_and_sizes_are_listed_with_those_nobody_knows(device: V4l2Device
     assert len(offered.keys() - known) > 10
     # vivid has all that we decode but the compressed one.
     assert known - offered.keys() == {"MJPG"}
+
+
+def test_cameras_are_listed_beside_one_that_streams(camera: V4l2Camera) -> None:
+    listed = {str(entry.node): entry for entry in list_cameras()}
+    vivid = listed[VIDEO]
+    assert (vivid.name, vivid.driver, vivid.problem) == ("vivid", "vivid", None)
+    assert "GREY" in {entry.fourcc for entry in vivid.formats}
+    values = {control.slug: value for control, value in vivid.controls}
+    assert values["gain_automatic"] == 0
+    assert camera.read(2.0).flags == FrameFlag.GOOD
 
 
 @pytest.mark.parametrize(
