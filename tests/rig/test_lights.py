@@ -275,7 +275,8 @@ def test_a_port_that_chatters_is_given_up(
 @pytest.mark.parametrize(
     ("identity", "message"),
     [
-        ("PS4RIG,LED4,SIM-0001,9.0.0,2", "speaks protocol version 2, this program version 1"),
+        ("PS4RIG,LED4,SIM-0001,1.0.0,1", "this program version 2; renew its firmware: ps4rig"),
+        ("PS4RIG,LED4,SIM-0001,9.0.0,3", "speaks protocol version 3.*; update this program"),
         ("ACME,LED4,1,1.0,1", "not a PS4RIG light controller .it is 'ACME"),
         ("PS4RIG,LED4,SIM-0001", "not a PS4RIG light controller"),
         ("PS4RIG,LED4,SIM-0001,1.0,one", "not a PS4RIG light controller"),
