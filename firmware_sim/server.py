@@ -10,9 +10,9 @@ from typing import Self
 
 from .clock import VirtualClock
 from .controller import SimulatedController
-from .endpoints import Endpoint, PtyEndpoint, tcp_endpoint, unix_endpoint
+from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
 
-__all__ = ["Server", "serve_pty", "serve_tcp", "serve_unix"]
+__all__ = ["Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
 
 _TURN_MS = 5  # the longest time between two polls of the device
 _READ_BYTES = 256  # few lines at a time, so that stop() need not wait for many link delays
@@ -21,6 +21,11 @@ _READ_BYTES = 256  # few lines at a time, so that stop() need not wait for many 
 def serve_pty(controller: SimulatedController, link: str | Path | None = None) -> "Server":
     """Serve on a pseudo-terminal; `link` is a path for a symbolic link to it."""
     return Server(controller, PtyEndpoint(None if link is None else Path(link)))
+
+
+def serve_tty(controller: SimulatedController, path: str | Path, baud: int = 115_200) -> "Server":
+    """Serve on a serial device: this end of a null modem, or of a USB gadget's line."""
+    return Server(controller, TtyEndpoint(Path(path), baud))
 
 
 def serve_unix(controller: SimulatedController, path: str | Path) -> "Server":
@@ -56,7 +61,10 @@ class Server:
 
     @property
     def address(self) -> str:
-        """What a host opens: a terminal's path, a socket's path or `socket://127.0.0.1:PORT`."""
+        """What a host opens: a terminal's path, a socket's path or `socket://127.0.0.1:PORT`.
+
+        Of a serial device it is this end's path; the host opens the other.
+        """
         return self._endpoint.address
 
     def stop(self) -> None:
