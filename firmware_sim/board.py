@@ -2,12 +2,12 @@
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
-from .led import Led
+from .led import Led, LedLight
 
 __all__ = ["Board", "SimulatedBoard"]
 
@@ -78,6 +78,8 @@ class SimulatedBoard:
     max_on_ms, max_duty_percent
         Limits of each LED, which the firmware keeps. The defaults leave room for the mean of 1024
         frames under one LED at 9 frames per second, and for any order of four LEDs.
+    leds
+        Its `led_count` LEDs, where they are others than `rise_ms` and `fall_ms` make.
 
     Raises
     ------
@@ -96,6 +98,7 @@ class SimulatedBoard:
         fall_ms: float = 0.3,
         max_on_ms: int = 120_000,
         max_duty_percent: int = 50,
+        leds: Sequence[LedLight] | None = None,
     ) -> None:
         if led_count < 1:
             raise ValueError(f"led_count is {led_count}; a board has at least 1 LED")
@@ -114,7 +117,7 @@ class SimulatedBoard:
         self.serial_number = serial_number
         self._clock = clock
         self._lock = threading.Lock()
-        self._leds = [Led(rise_ms, fall_ms) for _ in range(led_count)]
+        self._leds = leds or [Led(rise_ms, fall_ms) for _ in range(led_count)]
         self._booted_s = clock.now_s()
         self._max_on_ms = [max_on_ms] * led_count
         self._max_duty_percent = [max_duty_percent] * led_count

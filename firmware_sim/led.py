@@ -3,8 +3,9 @@
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import Protocol
 
-__all__ = ["Led"]
+__all__ = ["Led", "LedLight"]
 
 _HISTORY_EVENTS = 65536
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
@@ -34,6 +35,19 @@ class _Segment:
         if self.tau_s == 0.0:
             return 0.0
         return (self.start - self.target) * math.exp((self.since_s - at_s) / self.tau_s)
+
+
+class LedLight(Protocol):
+    """What a board asks of an LED."""
+
+    def drive(self, percent: int, at_s: float) -> None:
+        """Set the drive; `at_s` must not be before the event before it."""
+
+    def output(self, at_s: float) -> float:
+        """The relative output at a time."""
+
+    def output_integral_s(self, start_s: float, end_s: float) -> float:
+        """The integral of the output over an interval, in seconds of full output."""
 
 
 class Led:

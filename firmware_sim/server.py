@@ -6,34 +6,60 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
-from .clock import VirtualClock
-from .controller import SimulatedController
+from .clock import Clock, VirtualClock
 from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
 
-__all__ = ["Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
+__all__ = ["Device", "Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
 
 _TURN_MS = 5  # the longest time between two polls of the device
 _READ_BYTES = 256  # few lines at a time, so that stop() need not wait for many link delays
 
 
-def serve_pty(controller: SimulatedController, link: str | Path | None = None) -> "Server":
+class Device(Protocol):
+    """What is served: a `SimulatedController`, or one behind a damaged line."""
+
+    @property
+    def clock(self) -> Clock:
+        """Its time, real or virtual."""
+
+    @property
+    def boot_remaining_s(self) -> float:
+        """Time until it is ready; 0 when it is."""
+
+    def connect(self) -> None:
+        """A host has opened the port."""
+
+    def reset(self) -> None:
+        """Power cycle."""
+
+    def feed(self, data: bytes) -> None:
+        """Bytes from the host; returns when every line in them has been executed."""
+
+    def poll(self) -> None:
+        """One turn of its main loop. Never waits."""
+
+    def take_output(self) -> bytes:
+        """What it has sent since the last call."""
+
+
+def serve_pty(controller: Device, link: str | Path | None = None) -> "Server":
     """Serve on a pseudo-terminal; `link` is a path for a symbolic link to it."""
     return Server(controller, PtyEndpoint(None if link is None else Path(link)))
 
 
-def serve_tty(controller: SimulatedController, path: str | Path, baud: int = 115_200) -> "Server":
+def serve_tty(controller: Device, path: str | Path, baud: int = 115_200) -> "Server":
     """Serve on a serial device: this end of a null modem, or of a USB gadget's line."""
     return Server(controller, TtyEndpoint(Path(path), baud))
 
 
-def serve_unix(controller: SimulatedController, path: str | Path) -> "Server":
+def serve_unix(controller: Device, path: str | Path) -> "Server":
     """Serve on a unix socket; the path must not exist yet."""
     return Server(controller, unix_endpoint(Path(path)))
 
 
-def serve_tcp(controller: SimulatedController, port: int = 0) -> "Server":
+def serve_tcp(controller: Device, port: int = 0) -> "Server":
     """Serve on a TCP port of 127.0.0.1; 0 takes a free one."""
     return Server(controller, tcp_endpoint(port))
 
@@ -49,7 +75,7 @@ class Server:
         Where it is served; closed by `stop`.
     """
 
-    def __init__(self, controller: SimulatedController, endpoint: Endpoint) -> None:
+    def __init__(self, controller: Device, endpoint: Endpoint) -> None:
         self._controller = controller
         self._endpoint = endpoint
         self._wake_read, self._wake_write = os.pipe()
@@ -146,7 +172,7 @@ class Server:
             clock.sleep_s(self._controller.boot_remaining_s)
 
 
-def _run_on_ticks(controller: SimulatedController) -> Callable[[], None]:
+def _run_on_ticks(controller: Device) -> Callable[[], None]:
     if isinstance(controller.clock, VirtualClock):
         return controller.clock.on_tick(controller.poll)
     return lambda: None

@@ -2,6 +2,7 @@ from .camera import Camera, CameraInfo, Frame, FrameFlag
 from .camera_list import ListedCamera, list_cameras
 from .config import Placement, RigConfig, load_config
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
+from .fault_plan import FaultPlan
 from .lights import ControllerIdentity, LightController, Switch
 from .rig import Rig, open_rig
 from .simulation import Simulation, surface_names
@@ -16,6 +17,7 @@ __all__ = [
     "CameraInfo",
     "ConfigError",
     "ControllerIdentity",
+    "FaultPlan",
     "Frame",
     "FrameFlag",
     "HardwareError",

@@ -123,4 +123,4 @@ def _open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
             f"camera.kind = 'simulated' cannot see the LEDs at {config.lights.port}; a simulated "
             "camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
         )
-    return simulation.camera
+    return simulation.frames

@@ -1,0 +1,350 @@
+"""Faults on purpose, below the driver: on the serial line and in the LEDs of a simulated board."""
+
+import itertools
+import math
+import random
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from .clock import Clock
+from .controller import SimulatedController
+from .led import Led, LedLight
+
+__all__ = ["FaultyLed", "FaultyLine", "LedFault", "LineFault", "When", "faulty_leds"]
+
+# Pieces of an exposure in which a light that flickers is taken for steady, per period.
+_PIECES_PER_PERIOD = 16
+
+
+def _require(holds: bool, cause: str) -> None:
+    if not holds:
+        raise ValueError(cause)
+
+
+@dataclass(frozen=True)
+class When:
+    """Which of many events a fault befalls. All that is given must hold.
+
+    Attributes
+    ----------
+    nth, times
+        The nth event from `from_s` on, counted from 1, and so many from there; None is all.
+    from_s, until_s
+        On the simulation's clock, which is 0 where it starts.
+    probability
+        Of each such event.
+    """
+
+    nth: int | None = None
+    times: int = 1
+    from_s: float = 0.0
+    until_s: float = math.inf
+    probability: float = 1.0
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - a plan's file has no unknown keys
+
+    def __post_init__(self) -> None:
+        _require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; it counts from 1")
+        _require(self.times >= 1, f"times is {self.times}; it must be 1 or more")
+        _require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        _require(0.0 < self.probability <= 1.0, f"probability is {self.probability:g}")
+
+    def covers(self, at_s: float) -> bool:
+        """Whether its time has come and not gone."""
+        return self.from_s <= at_s < self.until_s
+
+    def befalls(self, number: int, rng: random.Random) -> bool:
+        """Whether event `number` (from 1) of those that it covers is one."""
+        if self.nth is not None and not self.nth <= number < self.nth + self.times:
+            return False
+        return self.probability == 1.0 or rng.random() < self.probability
+
+
+@dataclass(frozen=True)
+class LineFault:
+    """What happens to lines on the serial line.
+
+    Attributes
+    ----------
+    kind
+        ``lose``, ``garble`` (some bytes become others), ``truncate`` (the end is missing, and the
+        line end with it), ``double``, ``lose_byte``, ``double_byte``, ``delay`` (by `delay_ms`),
+        ``late`` (it comes with the next line, when the host has given it up), ``reboot`` (of the
+        controller, before it executes the line).
+    direction
+        ``to_controller`` for commands, ``to_host`` for replies.
+    containing
+        Only commands with this text, and the replies to them.
+    """
+
+    kind: Literal[
+        "lose", "garble", "truncate", "double", "lose_byte", "double_byte", "delay", "late",
+        "reboot",
+    ]  # fmt: skip
+    direction: Literal["to_controller", "to_host"] = "to_controller"
+    containing: str = ""
+    delay_ms: float = 50.0
+    when: When = When()
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        _require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}")
+        _require(
+            self.kind != "reboot" or self.direction == "to_controller",
+            "a reboot happens at a line to the controller",
+        )
+
+
+@dataclass(frozen=True)
+class LedFault:
+    """What is wrong with the light of one LED, while its time is.
+
+    Attributes
+    ----------
+    kind
+        ``dead``, ``dim`` (`share` of its light is missing), ``stuck_on`` (it never gives less than
+        `share`), ``flicker`` (up to `share` of its light is missing, as a sine of `frequency_hz`),
+        ``unsteady`` (the same, at random anew for each 1 / `frequency_hz`), ``swapped`` (its cable
+        and that of LED `other` are exchanged, always).
+    """
+
+    kind: Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"]
+    led: int
+    share: float = 0.5
+    frequency_hz: float = 50.0
+    other: int | None = None
+    from_s: float = 0.0
+    until_s: float = math.inf
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
+
+    def __post_init__(self) -> None:
+        _require(self.led >= 0, f"led is {self.led}; LEDs count from 0")
+        _require(0.0 <= self.share <= 1.0, f"share is {self.share:g}; it must be 0 to 1")
+        _require(0.001 <= self.frequency_hz <= 1e5, f"frequency_hz is {self.frequency_hz:g}")
+        _require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        _require(
+            (self.kind == "swapped") == (self.other is not None),
+            "other is the LED that this one is swapped with, and belongs to kind 'swapped'",
+        )
+
+    def gain(self, at_s: float, rng_key: str) -> float:
+        """The share of the LED's light that is left at a time."""
+        if not self.from_s <= at_s < self.until_s or self.kind in ("stuck_on", "swapped"):
+            return 1.0
+        if self.kind == "dead":
+            return 0.0
+        missing = 1.0
+        if self.kind == "flicker":
+            missing = 0.5 + 0.5 * math.sin(2.0 * math.pi * self.frequency_hz * at_s)
+        elif self.kind == "unsteady":
+            slot = math.floor(at_s * self.frequency_hz)
+            missing = random.Random(f"{rng_key} {slot}").random()
+        return 1.0 - self.share * missing
+
+    def least(self, at_s: float) -> float:
+        """The light that it gives at a time whatever it is told."""
+        stuck = self.kind == "stuck_on" and self.from_s <= at_s < self.until_s
+        return self.share if stuck else 0.0
+
+
+class FaultyLed:
+    """An LED of a board with faults in its light. It is driven, and looked at, like any."""
+
+    def __init__(self, led: Led, faults: Sequence[LedFault], seed: int, started_s: float) -> None:
+        self._led = led
+        self._faults = faults
+        self._seed = seed
+        self._started_s = started_s
+
+    def drive(self, percent: int, at_s: float) -> None:
+        """Set the drive, see `Led.drive`."""
+        self._led.drive(percent, at_s)
+
+    def output(self, at_s: float) -> float:
+        """The output at a time."""
+        gain, least = self._at(at_s)
+        return max(least, gain * self._led.output(at_s))
+
+    def output_integral_s(self, start_s: float, end_s: float) -> float:
+        """The integral of the output, in pieces over which the faults stay what they are."""
+        total_s = 0.0
+        for begin_s, finish_s in self._pieces(start_s, end_s):
+            gain, least = self._at(0.5 * (begin_s + finish_s))
+            lit_s = gain * self._led.output_integral_s(begin_s, finish_s)
+            total_s += max(least * (finish_s - begin_s), lit_s)
+        return total_s
+
+    def _at(self, at_s: float) -> tuple[float, float]:
+        since_s = at_s - self._started_s
+        keys = (f"{self._seed} {number}" for number in range(len(self._faults)))
+        gains = [f.gain(since_s, key) for f, key in zip(self._faults, keys, strict=True)]
+        return math.prod(gains), max(fault.least(since_s) for fault in self._faults)
+
+    def _pieces(self, start_s: float, end_s: float) -> Iterator[tuple[float, float]]:
+        cuts = {start_s, end_s}
+        for fault in self._faults:
+            cuts |= {edge + self._started_s for edge in (fault.from_s, fault.until_s)}
+            if fault.kind in ("flicker", "unsteady"):
+                count = max(1, math.ceil((end_s - start_s) * fault.frequency_hz))
+                count *= _PIECES_PER_PERIOD
+                cuts |= {start_s + (end_s - start_s) * i / count for i in range(1, count)}
+        inside = sorted(cut for cut in cuts if start_s <= cut <= end_s)
+        return itertools.pairwise(inside)
+
+
+class _Cabled:
+    """An LED in its place, and the one that its pin drives: the same, unless cables are swapped."""
+
+    def __init__(self, light: LedLight, driven: LedLight) -> None:
+        self.drive = driven.drive
+        self.output = light.output
+        self.output_integral_s = light.output_integral_s
+
+
+def faulty_leds(
+    leds: Sequence[Led], faults: Iterable[LedFault], seed: int, started_s: float
+) -> list[LedLight]:
+    """The LEDs of a board with faults, in the order in which they are connected."""
+    faults = tuple(faults)
+    result: list[LedLight] = []
+    for index, led in enumerate(leds):
+        own = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
+        result.append(FaultyLed(led, own, seed + index, started_s) if own else led)
+    cabled = list(range(len(leds)))
+    for fault in faults:
+        if fault.other is not None:
+            cabled[fault.led], cabled[fault.other] = cabled[fault.other], cabled[fault.led]
+    return [_Cabled(light, result[driven]) for light, driven in zip(result, cabled, strict=True)]
+
+
+class FaultyLine:
+    """A controller behind a line that damages what goes through it; served like the controller.
+
+    Parameters
+    ----------
+    device
+        The controller at the far end.
+    faults
+        All of them befall a line, one after the other.
+    """
+
+    def __init__(self, device: SimulatedController, faults: Sequence[LineFault], seed: int) -> None:
+        self._device = device
+        self._faults = faults
+        self._rng = random.Random(seed)
+        self._started_s = device.clock.now_s()
+        self._counts = [0] * len(faults)
+        self._half_line = b""
+        self._command = b""
+        self._held: dict[str, bytes] = {"to_controller": b"", "to_host": b""}
+        self._output = b""
+
+    @property
+    def clock(self) -> Clock:
+        """The controller's."""
+        return self._device.clock
+
+    @property
+    def boot_remaining_s(self) -> float:
+        """The controller's."""
+        return self._device.boot_remaining_s
+
+    def connect(self) -> None:
+        """A host has opened the port."""
+        self._half_line = self._output = b""
+        self._device.connect()
+
+    def reset(self) -> None:
+        """Power cycle of the controller."""
+        self._device.reset()
+
+    def poll(self) -> None:
+        """One turn of the controller's main loop."""
+        self._device.poll()
+
+    def feed(self, data: bytes) -> None:
+        """Bytes from the host; returns when what arrives of them has been executed."""
+        *lines, self._half_line = (self._half_line + data).split(b"\n")
+        for line in lines:
+            self._collect_output()
+            self._command = line
+            self._device.feed(self._through("to_controller", line + b"\n"))
+            self._collect_output()
+
+    def take_output(self) -> bytes:
+        """What arrives at the host of what the device has sent since the last call."""
+        self._collect_output()
+        output, self._output = self._output, b""
+        return output
+
+    def _collect_output(self) -> None:
+        for line in self._device.take_output().splitlines(keepends=True):
+            self._output += self._through("to_host", line)
+
+    def _through(self, direction: str, line: bytes) -> bytes:
+        """What arrives of a line at the other end, after what was still under way."""
+        since_s = self.clock.now_s() - self._started_s
+        late = False
+        for index, fault in enumerate(self._faults):
+            told = fault.direction == direction and fault.containing.encode() in self._command
+            if not (told and fault.when.covers(since_s)):
+                continue
+            self._counts[index] += 1
+            if not fault.when.befalls(self._counts[index], self._rng):
+                continue
+            if fault.kind == "reboot":
+                self._device.reset()
+            elif fault.kind == "delay":
+                self.clock.sleep_s(fault.delay_ms / 1000.0)
+            elif fault.kind == "late":
+                late = True
+            else:
+                line = _DAMAGE[fault.kind](line, self._rng)
+        under_way, self._held[direction] = self._held[direction], b""
+        if late:
+            self._held[direction] = under_way + line
+            return b""
+        return under_way + line
+
+
+def _lose(_line: bytes, _rng: random.Random) -> bytes:
+    return b""
+
+
+def _garble(line: bytes, rng: random.Random) -> bytes:
+    damaged = bytearray(line)
+    for _ in range(rng.randint(1, 3)):
+        # The line end is left: what becomes of lines that run together is what truncate shows.
+        damaged[rng.randrange(max(1, len(line) - 1))] ^= rng.randint(1, 255)
+    return bytes(damaged)
+
+
+def _truncate(line: bytes, rng: random.Random) -> bytes:
+    return line[: rng.randrange(len(line))]
+
+
+def _double(line: bytes, _rng: random.Random) -> bytes:
+    return line + line
+
+
+def _lose_byte(line: bytes, rng: random.Random) -> bytes:
+    at = rng.randrange(len(line))
+    return line[:at] + line[at + 1 :]
+
+
+def _double_byte(line: bytes, rng: random.Random) -> bytes:
+    at = rng.randrange(len(line))
+    return line[: at + 1] + line[at:]
+
+
+_DAMAGE: dict[str, Callable[[bytes, random.Random], bytes]] = {
+    "lose": _lose,
+    "garble": _garble,
+    "truncate": _truncate,
+    "double": _double,
+    "lose_byte": _lose_byte,
+    "double_byte": _double_byte,
+}
