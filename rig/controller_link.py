@@ -13,7 +13,7 @@ from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_com
 
 __all__ = ["PROTOCOL_VERSION", "REPLY_TIMEOUT_S", "ControllerIdentity", "ControllerLink"]
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 REPLY_TIMEOUT_S = 0.5
 _OPEN_TIMEOUT_S = 3.0
@@ -121,10 +121,11 @@ class ControllerLink:
         vendor, model, serial_number, firmware_version, protocol = fields[:5]
         identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
         if identity.protocol_version != PROTOCOL_VERSION:
+            older = identity.protocol_version < PROTOCOL_VERSION
             raise LightControllerError(
                 f"{self.port}: the controller speaks protocol version "
                 f"{identity.protocol_version}, this program version {PROTOCOL_VERSION}; "
-                "update the older of the two"
+                + ("renew its firmware: ps4rig rig flash" if older else "update this program")
             )
         return identity
 

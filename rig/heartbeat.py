@@ -70,3 +70,6 @@ class TendedClock:
         while (remaining_s := end_s - self._clock.now_s()) > _INSTANT_S:
             pause_s = remaining_s if self._tend is None else min(remaining_s, self._tend())
             self._clock.sleep_s(max(pause_s, _INSTANT_S))
+
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+        return self._clock.call_at(at_s, callback)

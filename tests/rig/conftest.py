@@ -53,8 +53,9 @@ class DamagedLine:
 
     def __init__(self, tamper: Tamper) -> None:
         self._tamper = tamper
-        clock = VirtualClock()
-        self.controller = SimulatedController(SimulatedBoard(clock), clock)
+        self.clock = VirtualClock()
+        self.board = SimulatedBoard(self.clock)
+        self.controller = SimulatedController(self.board, self.clock)
         self.controller.take_output()
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)

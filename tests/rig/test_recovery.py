@@ -184,7 +184,8 @@ def test_damage_is_an_error_or_does_no_harm_and_is_over_after_recovery(
             with suppress(LightControllerError):
                 assert lights.select(led).led == led
                 # What is acknowledged has happened, whatever was on the line before.
-                assert line.controller._firmware._selected == led
+                line.clock.sleep_s(0.01)
+                assert line.board.output(led, line.clock.now_s()) > 0.99
         damage.plan, damage.late = [], []
         lights.recover()
         assert lights.select(3).led == 3
