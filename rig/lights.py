@@ -15,7 +15,7 @@ from .errors import LightControllerError
 from .serial_line import SerialLine
 from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
 
-__all__ = ["ControllerIdentity", "LightController", "LightState", "Switch"]
+__all__ = ["Answer", "ControllerIdentity", "LightController", "LightState", "Switch"]
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
@@ -54,6 +54,15 @@ class LightState:
     led: int | None
     levels_percent: tuple[int, ...]
     controller_time_us: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The numbers of a reply, and when the question was sent and the reply was here."""
+
+    numbers: tuple[int, ...]
+    sent_s: float
+    received_s: float
 
 
 class LightController:
@@ -116,19 +125,27 @@ class LightController:
         led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
         return LightState(None if led == -1 else led, tuple(levels), time_us)
 
+    def ask(self, command: str, count: int) -> Answer:
+        """Send any command whose reply is `count` numbers; times are on the rig's clock."""
+        sent_s = self._clock.now_s()
+        numbers = self._numbers(self._exchange(command), count)
+        return Answer(numbers, sent_s, self._clock.now_s())
+
     def confirm(self, led: int | None) -> LightState:
         """Make sure that `led` (None: no LED) is still what is lit, and return the whole state.
 
         Raises
         ------
         LightControllerError
-            If not: the watchdog tripped, or somebody else switched.
+            If not, with the oldest entry of the controller's error queue: its watchdog tripped,
+            the LED has been on for as long as it may, or somebody else switched.
         """
         state = self.state()
         if state.led != led:
+            said = self._exchange("SYST:ERR?").text
             raise LightControllerError(
                 f"{self.port}: {_named(led)} should be lit but {_named(state.led)} is; "
-                "the controller's watchdog may have tripped"
+                f"its watchdog or a limit may have tripped (it says {said})"
             )
         return state
 
