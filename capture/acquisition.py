@@ -64,6 +64,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     checked_label(label)
+    rig.lights.recover()
     created = datetime.now(UTC)
     try:
         if rig.config.sequence_plan is None:
