@@ -158,7 +158,7 @@ class LightController:
             said = self._exchange("SYST:ERR?").text
             raise LightControllerError(
                 f"{self.port}: {_named(led)} should be lit but {_named(state.led)} is; "
-                f"its watchdog or a limit may have tripped (it says {said})"
+                f"its watchdog may have tripped (it says {said})"
             )
         return state
 
