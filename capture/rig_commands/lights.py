@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,6 @@ import typer
 from capture.console import out, reported
 
 if TYPE_CHECKING:
-    from firmware_sim import Clock
     from rig import LightController
 
 __all__ = ["lights"]
@@ -36,7 +36,7 @@ def lights(
     The camera is left alone. The LEDs are out at the end, whatever ends it.
     """
     from rig import ConfigError, RigConfig, load_config
-    from rig.rig import clock_of, open_lights
+    from rig.rig import open_lights
     from rig.simulation import Simulation
 
     if led not in ("cycle", "off") and not led.isdecimal():
@@ -57,13 +57,13 @@ def lights(
                 raise ConfigError(
                     f"LED {led}: the controller has {opened.led_count}, counted from 0"
                 )
-            _hold(opened, number, level, clock_of(simulation))
+            _hold(opened, number, level)
     finally:
         if simulation is not None:
             simulation.close()
 
 
-def _hold(opened: LightController, number: int | None, level: int, clock: Clock) -> None:
+def _hold(opened: LightController, number: int | None, level: int) -> None:
     """Until somebody interrupts, which is the ordinary end."""
     leds = range(opened.led_count) if number is None else (number,)
     try:
@@ -74,7 +74,7 @@ def _hold(opened: LightController, number: int | None, level: int, clock: Clock)
                 if opened.state().led != led:
                     opened.select(led)
                     out.print(f"LED {led} is on at {level} %; Ctrl-C puts it out")
-                clock.sleep_s(_LOOK_S)
+                time.sleep(_LOOK_S)
                 opened.confirm(led)
     except KeyboardInterrupt:
         out.print("all LEDs are out")
