@@ -11,16 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from rig import CameraError, CameraInfo, Frame, FrameFlag, HardwareError, Rig, Switch
+from rig import CameraInfo, Frame, FrameFlag, HardwareError, Rig, Switch
 
 from .captured_set import CapturedSet
 from .errors import SetRejected
+from .frame_mean import FrameMean, check_frame
+from .hardware_set import images_in_sequence
 from .quality import check_images
 from .set_file import pixels_sha256
 from .set_metadata import (
     CameraRecord,
     ControllerRecord,
-    FrameRecord,
     ImageRecord,
     LightingRecord,
     SetMetadata,
@@ -66,8 +67,11 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     rig.lights.recover()
     created = datetime.now(UTC)
     try:
-        ambient, ambient_record = _image_under(rig, None, average)
-        taken = [_image_under(rig, light, average) for light in range(len(rig.lighting))]
+        if rig.config.sequence_plan is None:
+            order = (None, *range(len(rig.lighting)))
+            (ambient, ambient_record), *taken = (_image_under(rig, n, average) for n in order)
+        else:
+            (ambient, ambient_record), *taken = images_in_sequence(rig, average)
         rig.lights.off()
     except BaseException:
         # The cause is what the caller must see; if this fails too, the watchdog is there.
@@ -92,6 +96,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         placement=placement,
         rig_name=rig.config.name,
         settle_ms=rig.config.lights.settle_ms,
+        synchronisation=rig.config.lights.synchronisation,
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         software_version=version("ps4rig"),
@@ -106,34 +111,14 @@ def _image_under(
     """Switch to `light` (None: all off) and take the mean of `average` fresh frames."""
     switch = rig.lights.off() if light is None else rig.lights.select(light)
     fresh = _FreshFrames(rig, light, switch)
-    frames: list[FrameRecord] = []
-    info = rig.camera.info
-    total = np.zeros((info.height_px, info.width_px), dtype=np.uint32)
-    saturated = np.zeros(total.shape, dtype=np.bool_)
+    mean = FrameMean(rig.camera.info, average)
     for _ in range(average):
-        frame = fresh.take()
+        mean.add(fresh.take())
         # Asked after the exposure: a watchdog that tripped or a restart in it shows here.
         state = rig.lights.confirm(light)
-        frames.append(
-            FrameRecord(
-                sequence=frame.sequence,
-                exposure_start_s=frame.exposure_start_s,
-                exposure_end_s=frame.exposure_end_s,
-            )
-        )
-        if average == 1:
-            image = frame.pixels.astype(np.uint16)
-        else:
-            total += frame.pixels
-            saturated |= frame.pixels >= (1 << info.bit_depth) - 1
-    if average > 1:
-        scale = 65535.0 / (((1 << info.bit_depth) - 1) * average)
-        image = np.rint(total * scale).astype(np.uint16)
-        # A pixel that saturated once has no mean.
-        image[saturated] = 65535
     record = ImageRecord(
         light=light,
-        frames=tuple(frames),
+        frames=mean.records,
         led_acknowledged_s=switch.acknowledged_s,
         led_level_percent=None if light is None else state.levels_percent[light],
         controller_time_us=switch.controller_time_us,
@@ -141,7 +126,7 @@ def _image_under(
         corrupt_frames=fresh.corrupt,
         lost_frames=fresh.lost,
     )
-    return image, record
+    return mean.image(), record
 
 
 class _FreshFrames:
@@ -177,7 +162,7 @@ class _FreshFrames:
         while clock.now_s() < deadline_s:
             # Not only what remains: a camera that gives bad frames has not failed to give any.
             frame = self._rig.camera.read(patience_s)
-            _check_frame(frame, info, clock.now_s())
+            check_frame(frame, info, clock.now_s())
             if self._previous is not None:
                 if frame.sequence <= self._previous:
                     raise SetRejected(
@@ -201,22 +186,6 @@ class _FreshFrames:
 
     def _name(self) -> str:
         return "ambient light" if self._light is None else _light_name(self._rig, self._light)
-
-
-def _check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
-    """Refuse a frame that the camera did not announce, or that cannot have been exposed yet."""
-    rows, columns = frame.pixels.shape
-    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
-        raise CameraError(
-            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit, it had announced "
-            f"{info.width_px} x {info.height_px} of {info.bit_depth}"
-        )
-    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
-        raise CameraError(
-            f"frame {frame.sequence} claims an exposure from {frame.exposure_start_s:.6f} to "
-            f"{frame.exposure_end_s:.6f} s and came at {now_s:.6f} s; the camera's time stamps "
-            "are not on the rig's clock"
-        )
 
 
 def _light_name(rig: Rig, light: int) -> str:

@@ -63,7 +63,9 @@ class ImageRecord(_Record):
     `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
     `controller_time_us` say when the light was switched, on the rig's and the controller's clock;
     `led_level_percent` is how bright the LED was driven. `stale_frames` were older than the switch
-    and thrown away, `lost_frames` are gaps in the sequence after it.
+    and thrown away, `lost_frames` are gaps in the sequence after it. In a sequence of the
+    controller's, `exposures_us` are the edges of the strobe for each frame and `triggers_us` its
+    triggers, on the controller's clock.
     """
 
     light: int | None
@@ -74,6 +76,8 @@ class ImageRecord(_Record):
     stale_frames: int = 0
     corrupt_frames: int = 0
     lost_frames: int = 0
+    exposures_us: tuple[tuple[int, int], ...] = ()
+    triggers_us: tuple[int, ...] = ()
     source_file: str | None = None
 
 
@@ -109,6 +113,7 @@ class SetMetadata(_Record):
 
     `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
     how far the part was turned, where that is known. `placement` is the simulated part.
+    `synchronisation` is who moved on from light to light, see `rig.toml`.
     """
 
     schema_version: Literal[1] = 1
@@ -123,6 +128,7 @@ class SetMetadata(_Record):
     placement: Placement | None = None
     rig_name: str | None = None
     settle_ms: FiniteFloat | None = None
+    synchronisation: Literal["software", "strobe", "trigger"] | None = None
     camera: CameraRecord | None = None
     controller: ControllerRecord | None = None
     gamma: str = "linear"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
 
 from classify import Lighting
 from classify.lighting import RING_TILTS_DEG
@@ -20,6 +21,7 @@ from .camera_config import PIXEL_FORMAT_BITS, CameraConfig
 from .config_section import Section
 from .errors import ConfigError
 from .fault_plan import FaultPlan
+from .light_sequence import SequencePlan, plan_sequence
 
 __all__ = [
     "PIXEL_FORMAT_BITS",
@@ -31,8 +33,12 @@ __all__ = [
     "load_config",
 ]
 
+# An LED is steady when 1 % is missing: so many times its 10 to 90 % time after the switch.
+_STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
 # As `lights.port`: the firmware runs here, on a pty.
 SIMULATED = "simulated"
+# As `lights.port`: wherever the controller is plugged in.
+AUTO = "auto"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
@@ -41,15 +47,36 @@ Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 class LightsConfig(Section):
     """The LED controller and where its LEDs stand.
 
-    `port` is a device (``/dev/ttyACM0``), a pyserial URL, or ``simulated``.
+    `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
+    the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
+    they are given. `synchronisation` is who moves on from light to light: the ``software``; the
+    controller at each edge of the camera's ``strobe``; or the controller by time, which then has to
+    ``trigger`` the camera.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
+    serial_number: str | None = Field(default=None, min_length=1, max_length=200)
+    usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
     baud: int = Field(default=115_200, ge=300, le=12_000_000)
     tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
+    synchronisation: Literal["software", "strobe", "trigger"] = "software"
+
+    @field_validator("usb_id", mode="before")
+    @classmethod
+    def _usb_id_in_small_letters(cls, usb_id: Any) -> Any:
+        return usb_id.lower() if isinstance(usb_id, str) else usb_id
+
+    @model_validator(mode="after")
+    def _is_looked_for_one_way(self) -> Self:
+        if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
+            raise ValueError(
+                f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "
+                "leave them out, or set that"
+            )
+        return self
 
     @property
     def lighting(self) -> Lighting:
@@ -155,6 +182,49 @@ class RigConfig(Section):
                 f"frame is awaited; at this frame rate it must be at least {needed_ms:.0f}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _sequence_is_possible(self) -> Self:
+        plan = self.sequence_plan
+        if plan is not None and self.lights.watchdog_ms < 1e3 * plan.duration_s:
+            raise ValueError(
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would end a sequence of "
+                f"{1e3 * plan.duration_s:.0f} ms"
+            )
+        simulation = self.simulation
+        steady_ms = _STEADY_PER_10_90 * max(simulation.led_rise_ms, simulation.led_fall_ms)
+        if plan is not None and self.is_simulated and self.lights.settle_ms < steady_ms:
+            raise ValueError(
+                f"lights.settle_ms = {self.lights.settle_ms:g}, but these simulated LEDs take "
+                f"{steady_ms:.3g} ms until they are within 1 %"
+            )
+        return self
+
+    @property
+    def sequence_plan(self) -> SequencePlan | None:
+        """What the controller is asked to do for a set; None with ``software``.
+
+        Raises
+        ------
+        ValueError
+            If lights and camera leave no time to switch.
+        """
+        if self.lights.synchronisation == "software":
+            return None
+        simulated = self.camera.kind == "simulated"
+        readout_ms = self.simulation.readout_ms if simulated else self.camera.readout_ms
+        if readout_ms is None:
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} needs to know when the "
+                "last row is exposed; give camera.readout_ms, which is 0 for a global shutter"
+            )
+        return plan_sequence(
+            len(self.lights.tilts_deg),
+            triggers=self.lights.synchronisation == "trigger",
+            settle_s=self.lights.settle_ms / 1e3,
+            period_s=1.0 / self.camera.frame_rate_hz,
+            exposed_s=(self.camera.exposure_ms + readout_ms) / 1e3,
+        )
 
     @property
     def is_simulated(self) -> bool:

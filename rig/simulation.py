@@ -88,7 +88,10 @@ class Simulation:
             seed=self.placement.seed,
             readout_s=config.simulation.readout_ms / 1000.0,
             reported_start_s=_driver_stamps(config),
+            strobe=controller.strobe,
+            triggered=config.lights.synchronisation == "trigger",
         )
+        self.board.on_trigger(self.camera.trigger)
         self.frames: Camera = self.camera
         if faults.frames:
             self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)

@@ -26,7 +26,7 @@ def test_readme_transcript(new_device, transcript):
             passed_us, _, strobe = line[2:].partition(" us")
             device.clock.sleep_s(int(passed_us) / 1e6)
             if strobe:
-                device.controller.strobe({", strobe on": True, ", strobe off": False}[strobe])
+                device.strobe({", strobe on": True, ", strobe off": False}[strobe])
         else:
             assert line == "< " + received.removesuffix("\n")
             received = ""
