@@ -142,9 +142,13 @@ def _open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
         from .v4l2_camera import V4l2Camera
 
         return V4l2Camera(config.camera)
+    if config.camera.kind == "opencv":
+        from .opencv_camera import OpencvCamera
+
+        return OpencvCamera(config.camera)
     if simulation is None:
         raise ConfigError(
-            f"camera.kind = 'simulated' cannot see the LEDs at {config.lights.port}; a simulated "
-            "camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
+            f"camera.kind = {config.camera.kind!r} cannot see the LEDs at {config.lights.port}; a "
+            "simulated camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
         )
     return simulation.frames
