@@ -110,6 +110,8 @@ class SimulatedController:
             if self._board.micros() < self._boot_us:
                 return False
             self._firmware = Firmware(self._board)
+        if self._firmware.stopped:
+            return False  # a board would be at its own prompt; this one waits for its reset
         self._firmware.poll()
         if self._firmware.sequence.running and not self._in_loop:
             self._in_loop = True

@@ -148,10 +148,10 @@ class RigConfig(Section):
 
     @model_validator(mode="after")
     def _camera_sees_the_lights(self) -> Self:
-        if self.camera.kind == "v4l2" and self.is_simulated:
+        if self.camera.kind in ("v4l2", "opencv") and self.is_simulated:
             raise ValueError(
-                "camera.kind = 'v4l2' cannot see simulated LEDs; give lights.port a real "
-                "controller's, or set camera.kind = 'simulated'"
+                f"camera.kind = {self.camera.kind!r} cannot see simulated LEDs; give lights.port a "
+                "real controller's, or set camera.kind = 'simulated'"
             )
         return self
 
@@ -259,6 +259,9 @@ def load_config(path: Path) -> RigConfig:
     """
     values = _read_toml(path, "no such rig configuration (or use --rig sim)")
     simulation = values.get("simulation", {})
+    camera = values.get("camera")
+    if isinstance(camera, dict) and isinstance(camera.get("set_file"), str):
+        camera["set_file"] = str(path.parent / camera["set_file"])
     if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
         simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
     lights = values.get("lights", {})

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from firmware_sim import Clock, RealClock
+from firmware_sim.firmware import WATCHDOG_MIN_MS
 
 from .controller_link import REPLY_TIMEOUT_S, ControllerIdentity, ControllerLink
 from .errors import LightControllerError
@@ -161,6 +162,20 @@ class LightController:
                 f"its watchdog may have tripped (it says {said})"
             )
         return state
+
+    def trips_watchdog(self) -> bool:
+        """Whether the controller puts an LED out by itself when it is left alone.
+
+        It is told to wait for its shortest time, and again for its ordinary time afterwards.
+        """
+        with self._lock:  # no heartbeat meanwhile
+            self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")
+            self.select(0)
+            self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
+            tripped = self.state().led is None
+            self.off()
+            self._exchange(f"SYST:WDOG {self._watchdog_ms}")
+        return tripped
 
     def keep_alive(self) -> None:
         """Send heartbeats from a thread from here on; for real time, see `tend`."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,10 +15,9 @@ from firmware_sim import Clock, SimulatedBoard
 
 from .camera import CameraInfo, Frame
 from .errors import CameraError
-from .scene import SceneImages
-from .sensor import SensorModel
+from .sensor import Sensor
 
-__all__ = ["SimulatedCamera"]
+__all__ = ["CameraIdentity", "LitScene", "SimulatedCamera"]
 
 # From the end of the last row's exposure to the frame in the driver's queue.
 _TRANSFER_S = 0.004
@@ -27,13 +27,32 @@ _TRIGGER_LOOK_S = 0.001
 _ROUNDING_S = 1e-6
 
 
+class LitScene(Protocol):
+    """What there is to see: (N, H, W) of each light, (H, W) without any."""
+
+    @property
+    def lights(self) -> npt.NDArray[np.float32]: ...
+
+    @property
+    def ambient(self) -> npt.NDArray[np.float32]: ...
+
+
+@dataclass(frozen=True)
+class CameraIdentity:
+    """What a simulated camera says it is."""
+
+    kind: str = "simulated"
+    name: str = "simulated camera"
+    controls: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class _Exposed:
     """A filled buffer. Its pixels are made when somebody asks for them."""
 
     sequence: int
     start_s: float
-    scene: SceneImages
+    scene: LitScene
 
 
 def _unwired(_exposing: bool, _at_s: float) -> None:
@@ -63,8 +82,8 @@ class SimulatedCamera:
         self,
         board: SimulatedBoard,
         clock: Clock,
-        scene: SceneImages,
-        sensor: SensorModel,
+        scene: LitScene,
+        sensor: Sensor,
         *,
         frame_period_s: float,
         exposure_s: float,
@@ -72,6 +91,7 @@ class SimulatedCamera:
         buffers: int = 4,
         readout_s: float = 0.0,
         reported_start_s: Callable[[int, float], float] = _as_it_is,
+        identity: CameraIdentity = CameraIdentity(),
         strobe: Callable[[bool, float], object] = _unwired,
         triggered: bool = False,
     ) -> None:
@@ -85,6 +105,7 @@ class SimulatedCamera:
         self._buffers = buffers
         self._readout_s = readout_s
         self._reported_start_s = reported_start_s
+        self._identity = identity
         self._strobe = strobe
         self._exposures = 0  # that are under way: with a rolling shutter they may overlap
         self._queue: deque[_Exposed] = deque()
@@ -101,8 +122,8 @@ class SimulatedCamera:
         """What holds for every frame."""
         rows, columns = self._scene.ambient.shape
         return CameraInfo(
-            kind="simulated",
-            name="simulated camera",
+            kind=self._identity.kind,
+            name=self._identity.name,
             width_px=columns,
             height_px=rows,
             bit_depth=self._sensor.bit_depth,
@@ -112,9 +133,10 @@ class SimulatedCamera:
             gain_e_per_dn=self._sensor.gain_e_per_dn,
             read_noise_dn=self._sensor.read_noise_dn,
             black_level_dn=self._sensor.black_level_dn,
+            controls=self._identity.controls,
         )
 
-    def look_at(self, scene: SceneImages, seed: int) -> None:
+    def look_at(self, scene: LitScene, seed: int) -> None:
         """Exchange the part below the camera. Frames already in the queue show the old one."""
         self._fill_buffers(self._clock.now_s())
         self._scene = scene
