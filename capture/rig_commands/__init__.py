@@ -2,7 +2,7 @@
 
 import typer
 
-from . import flash, latency
+from . import doctor, flash, latency, lights, preview
 
 __all__ = ["rig_app"]
 
@@ -10,7 +10,10 @@ _HELP = "Look after the rig itself: find it, check it, switch it by hand."
 
 rig_app = typer.Typer(help=_HELP)
 rig_app.command()(flash.flash)
+rig_app.command()(doctor.doctor)
+rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
+rig_app.command()(preview.preview)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)
