@@ -88,9 +88,10 @@ def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) 
     InputError
         If the configuration cannot be used at all.
     """
-    if config.is_simulated:
-        # A picture's age is in the time of those who look at it.
-        config = config.with_changes(simulation={"clock": "real"})
+    # It is we who switch; and a picture's age is in the time of those who look at it.
+    config = config.with_changes(
+        lights={"synchronisation": "software"}, simulation={"clock": "real"}
+    )
     while not stopping.is_set():
         try:
             with open_rig(config) as rig:
