@@ -215,7 +215,12 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
-        simulated = self.camera.kind == "simulated"
+        if self.camera.kind == "opencv":
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
+                "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+            )
+        simulated = self.camera.kind in ("simulated", "replay")
         readout_ms = self.simulation.readout_ms if simulated else self.camera.readout_ms
         if readout_ms is None:
             raise ValueError(
