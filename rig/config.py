@@ -220,8 +220,7 @@ class RigConfig(Section):
                 f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
                 "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
             )
-        simulated = self.camera.kind in ("simulated", "replay")
-        readout_ms = self.simulation.readout_ms if simulated else self.camera.readout_ms
+        readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
             raise ValueError(
                 f"lights.synchronisation = {self.lights.synchronisation!r} needs to know when the "

@@ -2,17 +2,19 @@
 
 import typer
 
-from . import doctor, latency, lights, timing
+from . import doctor, flash, latency, lights, preview, timing
 
 __all__ = ["rig_app"]
 
 _HELP = "Look after the rig itself: find it, check it, switch it by hand."
 
 rig_app = typer.Typer(help=_HELP)
+rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
 rig_app.command()(timing.timing)
+rig_app.command()(preview.preview)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)
