@@ -19,8 +19,8 @@ _DARK = SHADOW_FRACTION * SHADOW_FLOOR
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def drop_darkest(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise_floor: np.float32, inverse: Array, null: Array,
+    images: Array, ambient: Array | None, gains: Array | None, albedo_gain: np.float32,
+    saturation: np.float32, noise_floor: np.float32, inverse: Array, null: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
     """Leave out the darkest of four values, solve from the other three (SCIENCE section 1).
@@ -30,13 +30,15 @@ def drop_darkest(
     the first three light vectors. Where several lights are equally dark the mean of their solutions
     is taken: picking the first would favour one axis over the other.
 
-    A slope is known where b_z^2 >= `noise_floor` rho, no light is saturated, and the second
-    darkest is out of shadow: with two lights in shadow, one of them is in the solution. Of n
-    equally dark lights any may be the one in shadow, and what r says of that one does not go for
-    the others: by (n - 1) / n of it the second darkest counts as darker.
+    Values are multiplied by `gains` before, or, where those are all the same, albedo by
+    `albedo_gain` after: slopes do not change with the brightness of all lights.
+
+    A slope is known where b_z^2 >= `noise_floor` rho (before `albedo_gain`), no light is saturated,
+    and the second darkest is out of shadow: with two lights in shadow, one of them is in the
+    solution. Of n equally dark lights any may be the one in shadow, and what r says of that one
+    does not go for the others: by (n - 1) / n of it the second darkest counts as darker.
     """
     rows, columns = p.shape
-    g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
@@ -56,21 +58,24 @@ def drop_darkest(
                 v1 -= dark
                 v2 -= dark
                 v3 -= dark
-            v0 *= g0
-            v1 *= g1
-            v2 *= g2
-            v3 *= g3
+            if gains is not None:
+                v0 *= gains[0]
+                v1 *= gains[1]
+                v2 *= gains[2]
+                v3 *= gains[3]
             low, other_low = min(v0, v1), min(v2, v3)
             darkest = min(low, other_low)
             second = min(max(low, other_low), min(max(v0, v1), max(v2, v3)))
-            ties = (
-                (one if v0 == darkest else zero) + (one if v1 == darkest else zero)
-                + (one if v2 == darkest else zero) + (one if v3 == darkest else zero)
-            )  # fmt: skip
+            # One for each light that is the darkest.
+            d0 = one if v0 == darkest else zero
+            d1 = one if v1 == darkest else zero
+            d2 = one if v2 == darkest else zero
+            d3 = one if v3 == darkest else zero
+            ties = (d0 + d1) + (d2 + d3)
             share = (n0 * v0 + n1 * v1 + n2 * v2 + n3 * v3) / ties
-            p[r, c] = v0 - (share * c0 if v0 == darkest else zero)
-            q[r, c] = v1 - (share * c1 if v1 == darkest else zero)
-            albedo[r, c] = v2 - (share * c2 if v2 == darkest else zero)
+            p[r, c] = v0 - share * c0 * d0
+            q[r, c] = v1 - share * c1 * d1
+            albedo[r, c] = v2 - share * c2 * d2
             second -= (ties - one) * largest * abs(share)
             seconds[c] = second if brightest < saturation else -one
         for c in range(columns):
@@ -83,5 +88,5 @@ def drop_darkest(
             scale = -one / bz if visible else zero
             p[r, c] = bx * scale
             q[r, c] = by * scale
-            albedo[r, c] = rho
+            albedo[r, c] = rho * albedo_gain
             valid[r, c] = visible & (seconds[c] > _DARK * rho)

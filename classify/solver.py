@@ -141,7 +141,12 @@ def photometric_stereo(
         pinv, null = drop_one_constants(lighting, chosen)
         floor = np.float32(sigma()) * _slope_noise(pinv)
         of_three = np.linalg.inv(lighting.directions[:3]).astype(np.float32)
-        drop_darkest(*given, floor, of_three, null.astype(np.float32), *maps)
+        same = np.ptp(gains) == 0.0
+        gain = gains[0] if same else np.float32(1.0)
+        drop_darkest(
+            stack, dark, None if same else gains, gain, saturation,
+            floor / gain, of_three, null.astype(np.float32), *maps,
+        )  # fmt: skip
         # What the three brightest give is taken for the surface.
         specular = nowhere
     elif chosen == "rushmeier":

@@ -3,8 +3,8 @@
 `firmware` is the program of the real controller, one file for MicroPython and CPython.
 Everything else stands in for the hardware around it: `SimulatedBoard` (LEDs that rise and fall in
 time), `RealClock` and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay
-as one device), and `serve_pty`, `serve_unix`, `serve_tcp`, which give that device an address. A
-host opens the address and cannot tell that it is simulated.
+as one device), and `serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device
+an address. A host opens the address and cannot tell that it is simulated.
 
     clock = VirtualClock()
     board = SimulatedBoard(clock)
@@ -18,7 +18,7 @@ from .board import Board, SimulatedBoard
 from .clock import Clock, RealClock, VirtualClock
 from .controller import SimulatedController
 from .firmware import FIRMWARE_VERSION, PROTOCOL_VERSION, Firmware, crc8
-from .server import Server, serve_pty, serve_tcp, serve_unix
+from .server import Server, serve_pty, serve_tcp, serve_tty, serve_unix
 
 __all__ = [
     "FIRMWARE_VERSION",
@@ -34,5 +34,6 @@ __all__ = [
     "crc8",
     "serve_pty",
     "serve_tcp",
+    "serve_tty",
     "serve_unix",
 ]

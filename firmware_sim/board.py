@@ -42,7 +42,7 @@ class Board(Protocol):
         """The longest that an LED may be on without a pause, in milliseconds, at least 1."""
 
     def max_duty_percent(self, index: int) -> int:
-        """The largest share of the time that an LED may be on in the long run, 1 to 100."""
+        """The largest share of the time that an LED may be on in the long run, 1 to 99."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
         """Edges of the camera's strobe line since the last call, oldest first; never waits.
@@ -109,9 +109,9 @@ class SimulatedBoard:
         for name, time_ms in (("rise_ms", rise_ms), ("fall_ms", fall_ms)):
             if not (math.isfinite(time_ms) and time_ms >= 0):
                 raise ValueError(f"{name} is {time_ms}; give a time in milliseconds, 0 or more")
-        if max_on_ms < 1 or not 1 <= max_duty_percent <= 100:
+        if max_on_ms < 1 or not 1 <= max_duty_percent <= 99:
             raise ValueError(
-                f"limits of {max_on_ms} ms and {max_duty_percent} %: give 1 ms or more, 1 to 100 %"
+                f"limits of {max_on_ms} ms and {max_duty_percent} %: give 1 ms or more, 1 to 99 %"
             )
         self.led_count = led_count
         self.serial_number = serial_number

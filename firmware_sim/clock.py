@@ -1,5 +1,7 @@
 """Time for everything simulated: the real clock, or a virtual one that nobody has to wait for."""
 
+import heapq
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -19,9 +21,59 @@ class Clock(Protocol):
     def sleep_s(self, duration_s: float) -> None:
         """Return when the duration has passed; at once if it is zero or negative."""
 
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+        """Call `callback` once when it is `at_s`, or as soon as may be if that is past.
+
+        It is called on a thread of the clock's own or on one that sleeps, never from in here: this
+        may be called with any lock held. `callback` must not sleep on the clock.
+
+        Returns
+        -------
+        Callable
+            Cancels the call, if it has not begun.
+        """
+
+
+class _Agenda:
+    """Calls to be made, in the order of their times. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._order = itertools.count()  # calls at the same time are made as they came
+        self._calls: list[tuple[int, int, Callable[[], object]]] = []
+
+    def add(self, at_ns: int, callback: Callable[[], object]) -> Callable[[], None]:
+        with self._lock:
+            number = next(self._order)
+            heapq.heappush(self._calls, (at_ns, number, callback))
+
+        def cancel() -> None:
+            with self._lock:
+                self._calls = [call for call in self._calls if call[1] != number]
+                heapq.heapify(self._calls)
+
+        return cancel
+
+    def next_ns(self) -> int | None:
+        """The time of the first call, None if there is none."""
+        first = self._calls[:1]  # without the lock: a clock asks at every tick
+        return first[0][0] if first else None
+
+    def take(self, now_ns: int) -> Callable[[], object] | None:
+        """Remove and return the first call, if its time has come."""
+        with self._lock:
+            if self._calls and self._calls[0][0] <= now_ns:
+                return heapq.heappop(self._calls)[2]
+            return None
+
 
 class RealClock:
-    """The machine's own monotonic clock."""
+    """The machine's own monotonic clock. A thread waits for calls while there are any."""
+
+    def __init__(self) -> None:
+        self._agenda = _Agenda()
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
 
     def now_s(self) -> float:
         return time.monotonic()
@@ -30,13 +82,36 @@ class RealClock:
         if duration_s > 0:
             time.sleep(duration_s)
 
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+        with self._changed:
+            cancel = self._agenda.add(round(at_s * 1e9), callback)
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="clock", daemon=True)
+                self._thread.start()
+            self._changed.notify()
+        return cancel
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                next_ns = self._agenda.next_ns()
+                if next_ns is None:
+                    self._thread = None
+                    return
+                callback = self._agenda.take(time.monotonic_ns())
+                if callback is None:
+                    self._changed.wait((next_ns - time.monotonic_ns()) / 1e9)
+            if callback is not None:
+                callback()
+
 
 class VirtualClock:
     """A clock on which time passes only while somebody sleeps, and then at once.
 
     A sleep moves the time in steps of at most 1 ms and calls every tick callback after each step,
-    so that what would run in a main loop (a watchdog) runs at its simulated time. Threads may
-    sleep together: each returns when the common time has reached its own deadline.
+    so that what would run in a main loop (a watchdog) runs at its simulated time. What was asked
+    for with `call_at` is called at its exact time, on the thread that sleeps. Threads may sleep
+    together: each returns when the common time has reached its own deadline.
 
     Parameters
     ----------
@@ -47,6 +122,8 @@ class VirtualClock:
     def __init__(self, start_s: float = 0.0) -> None:
         # whole nanoseconds: thousands of steps add up without rounding
         self._now_ns = round(start_s * 1e9)
+        self._ticked_ns = self._now_ns
+        self._agenda = _Agenda()
         self._callbacks: tuple[Callable[[], object], ...] = ()
         self._step_lock = threading.RLock()
         self._in_tick = False
@@ -61,6 +138,9 @@ class VirtualClock:
                 if self._in_tick:
                     raise RuntimeError("a tick callback of a virtual clock must not sleep on it")
                 self._step_towards(deadline_ns)
+
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+        return self._agenda.add(round(at_s * 1e9), callback)
 
     def on_tick(self, callback: Callable[[], object]) -> Callable[[], None]:
         """Call `callback` after each step of time, on the thread that sleeps.
@@ -84,13 +164,20 @@ class VirtualClock:
 
     def _step_towards(self, deadline_ns: int) -> None:
         # another sleeper may have come past the deadline since it was last looked at
-        remaining_ns = deadline_ns - self._now_ns
-        if remaining_ns <= 0:
+        if deadline_ns <= self._now_ns:
             return
-        self._now_ns += min(_TICK_NS, remaining_ns)
+        tick_ns = min(deadline_ns, self._ticked_ns + _TICK_NS)
+        call_ns = self._agenda.next_ns()
         self._in_tick = True
         try:
-            for callback in self._callbacks:
-                callback()
+            if call_ns is None or call_ns > tick_ns:
+                self._now_ns = self._ticked_ns = tick_ns
+                for tick in self._callbacks:
+                    tick()
+            else:
+                # asked for in the past, or by a call at this very time: the time stays
+                self._now_ns = max(self._now_ns, call_ns)
+                while (call := self._agenda.take(self._now_ns)) is not None:
+                    call()
         finally:
             self._in_tick = False

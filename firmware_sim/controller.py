@@ -1,5 +1,6 @@
 """The whole simulated device: the firmware on its board, how it boots, how long its line takes."""
 
+import random
 import threading
 
 from .board import SimulatedBoard
@@ -27,6 +28,10 @@ class SimulatedController:
         From a reset to the banner; bytes that arrive in this time are lost.
     link_delay_ms
         The time each line takes on the wire, spent before it is executed.
+    turn_us
+        The least and the most time of one turn of the firmware's main loop; some 50 to 200 us
+        for MicroPython. While a sequence runs the loop is simulated turn by turn, so that it comes
+        to an edge of the strobe, or to a time it waits for, up to one turn late.
     """
 
     def __init__(
@@ -37,12 +42,16 @@ class SimulatedController:
         resets_on_open: bool = False,
         boot_ms: float = 300.0,
         link_delay_ms: float = 1.0,
+        turn_us: tuple[float, float] = (50.0, 200.0),
     ) -> None:
         self.clock = clock
         self._board = board
         self._resets_on_open = resets_on_open
         self._boot_us = round(boot_ms * 1000.0)
         self._link_delay_s = link_delay_ms / 1000.0
+        self._turn_us = turn_us
+        self._turns = random.Random(0)
+        self._in_loop = False  # the next turn is on the clock's agenda
         self._lock = threading.Lock()
         self._firmware: Firmware | None = Firmware(board)  # None while it boots
 
@@ -68,9 +77,14 @@ class SimulatedController:
         self._arrive(rest)
 
     def poll(self) -> None:
-        """One turn of the device's main loop. Never waits."""
+        """One turn of the device's main loop, unless its turns are timed. Never waits."""
         with self._lock:
-            self._turn()
+            if not self._in_loop:
+                self._turn()
+
+    def strobe(self, exposing: bool) -> None:
+        """An edge on the wire of the camera's strobe, at this moment."""
+        self._board.strobe(exposing, self._board.micros())
 
     def take_output(self) -> bytes:
         """What the device has sent since the last call."""
@@ -97,4 +111,13 @@ class SimulatedController:
                 return False
             self._firmware = Firmware(self._board)
         self._firmware.poll()
+        if self._firmware.sequence.running and not self._in_loop:
+            self._in_loop = True
+            turn_s = self._turns.uniform(*self._turn_us) / 1e6
+            self.clock.call_at(self.clock.now_s() + turn_s, self._timed_turn)
         return True
+
+    def _timed_turn(self) -> None:
+        with self._lock:
+            self._in_loop = False
+            self._turn()

@@ -1,8 +1,9 @@
-"""Where a host finds the simulated device: a pseudo-terminal or a listening socket.
+"""Where a host finds the simulated device: a pseudo-terminal, a serial device or a socket.
 
 An endpoint hands out one file descriptor per host that connects; the server does the rest.
 """
 
+import fcntl
 import os
 import select
 import socket
@@ -11,7 +12,14 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
-__all__ = ["Endpoint", "PtyEndpoint", "SocketEndpoint", "tcp_endpoint", "unix_endpoint"]
+__all__ = [
+    "Endpoint",
+    "PtyEndpoint",
+    "SocketEndpoint",
+    "TtyEndpoint",
+    "tcp_endpoint",
+    "unix_endpoint",
+]
 
 
 class Endpoint(Protocol):
@@ -107,6 +115,78 @@ class PtyEndpoint:
             termios.tcflush(slave, termios.TCIFLUSH)
         finally:
             os.close(slave)
+
+
+class TtyEndpoint:
+    """A real serial device: this end of a null modem, or of a USB gadget's line.
+
+    Such a line does not say whether somebody has opened its other end, so a host is taken to be
+    there for as long as the device is. A device that goes away is opened again when it is back.
+
+    Parameters
+    ----------
+    path
+        The device, which nobody else may have open.
+    baud
+        Its speed; lines over USB take any.
+
+    Raises
+    ------
+    OSError
+        If it is missing, not permitted, in use or no serial device.
+    ValueError
+        For a speed that serial devices do not have.
+    """
+
+    listener_fd = None
+
+    def __init__(self, path: Path, baud: int) -> None:
+        self.address = str(path)
+        try:
+            self._speed: int = getattr(termios, f"B{baud}")
+        except AttributeError:
+            raise ValueError(f"{baud} baud is no speed of a serial device") from None
+        self._fd = self._opened()
+
+    def accept(self) -> int | None:
+        if self._fd is None:
+            try:
+                self._fd = self._opened()
+            except OSError:
+                return None  # unplugged
+        return self._fd
+
+    def refuse(self) -> None:
+        pass
+
+    def hang_up(self) -> None:
+        self.close()
+
+    def close(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None
+
+    def _opened(self) -> int | None:
+        fd = os.open(self.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.ioctl(fd, termios.TIOCEXCL)
+            # Before a byte is served, or it would be echoed to the host.
+            tty.setraw(fd, termios.TCSANOW)
+            settings = termios.tcgetattr(fd)
+            # The other end's modem lines mean nothing here, and it sends no faster than it may.
+            settings[2] = settings[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
+            settings[4] = settings[5] = self._speed
+            termios.tcsetattr(fd, termios.TCSANOW, settings)
+            termios.tcflush(fd, termios.TCIOFLUSH)
+        except termios.error as error:
+            os.close(fd)
+            raise OSError(*error.args) from error
+        except OSError:
+            os.close(fd)
+            raise
+        return fd
 
 
 class SocketEndpoint:

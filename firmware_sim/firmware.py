@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
     from .board import Board
 
-FIRMWARE_VERSION = "1.0.0"
-PROTOCOL_VERSION = 1
+FIRMWARE_VERSION = "2.0.0"
+PROTOCOL_VERSION = 2
 
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
@@ -20,33 +20,35 @@ STROBE_BUFFER_EDGES = 16  # what a board keeps for the firmware between two turn
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
 WATCHDOG_MAX_MS = 60000
+MAX_STEPS = 16
+MAX_STEP_US = 60000000
+DARK = -1  # in place of an LED: none
 
-NO_ERROR = 0
-WATCHDOG_TRIPPED = 100
-INVALID_CHARACTER = -101
-SYNTAX_ERROR = -102
-PARAMETER_NOT_ALLOWED = -108
-MISSING_PARAMETER = -109
-UNDEFINED_HEADER = -113
-OUT_OF_RANGE = -222
-QUEUE_OVERFLOW = -350
-CRC_MISMATCH = -360
-LINE_TOO_LONG = -363
+MESSAGES: dict[int, str] = {}
 
+
+def _message(code: int, message: str) -> int:
+    MESSAGES[code] = message
+    return code
+
+
+NO_ERROR = _message(0, "No error")
+WATCHDOG_TRIPPED = _message(100, "Watchdog: LEDs off")
+ON_TIME_EXCEEDED = _message(110, "On-time limit: LEDs off")
+LED_RESTS = _message(111, "LED must rest")
+SEQUENCE_RUNS = _message(120, "Sequence is running")
+STROBE_MISSING = _message(121, "Strobe missing: LEDs off")
+SEQUENCE_ABORTED = _message(122, "Sequence aborted")
 # the negative numbers and their texts are those of SCPI
-MESSAGES = {
-    NO_ERROR: "No error",
-    WATCHDOG_TRIPPED: "Watchdog: LEDs off",
-    INVALID_CHARACTER: "Invalid character",
-    SYNTAX_ERROR: "Syntax error",
-    PARAMETER_NOT_ALLOWED: "Parameter not allowed",
-    MISSING_PARAMETER: "Missing parameter",
-    UNDEFINED_HEADER: "Undefined header",
-    OUT_OF_RANGE: "Data out of range",
-    QUEUE_OVERFLOW: "Queue overflow",
-    CRC_MISMATCH: "Communication error",
-    LINE_TOO_LONG: "Input buffer overrun",
-}
+INVALID_CHARACTER = _message(-101, "Invalid character")
+SYNTAX_ERROR = _message(-102, "Syntax error")
+PARAMETER_NOT_ALLOWED = _message(-108, "Parameter not allowed")
+MISSING_PARAMETER = _message(-109, "Missing parameter")
+UNDEFINED_HEADER = _message(-113, "Undefined header")
+OUT_OF_RANGE = _message(-222, "Data out of range")
+QUEUE_OVERFLOW = _message(-350, "Queue overflow")
+CRC_MISMATCH = _message(-360, "Communication error")
+LINE_TOO_LONG = _message(-363, "Input buffer overrun")
 
 
 class CommandError(Exception):
@@ -63,46 +65,183 @@ def crc8(data: bytes) -> int:
     return crc
 
 
-class Firmware:
-    """The controller's program on one board; construction is the start after a reset.
+class Lamps:
+    """The LEDs: one lit at most, each within the limits of its board.
 
-    Parameters
-    ----------
-    board
-        LEDs, microsecond clock and serial bytes; the firmware knows nothing else.
+    Being lit uses up an LED's budget, being out restores it, at rates that balance at its largest
+    duty. A full budget lasts for its longest time on.
     """
 
     def __init__(self, board: "Board") -> None:
         self._board = board
+        self._counted_us = [board.micros()] * board.led_count
+        self._budgets = [self._full(led) for led in range(board.led_count)]  # in ms x percent
+        self.levels_percent = [100] * board.led_count
+        self.selected = DARK
+        self.exhausted_us = 0  # when the LED that is lit will have used up its budget
+
+    def light(self, led: int) -> int:
+        """Light one LED alone, or none; return the `micros` of the last change."""
+        if self.selected != DARK:
+            self._budget(self.selected)
+        if led != DARK:
+            share_percent = 100 - self._board.max_duty_percent(led)
+            lasts_ms = self._budget(led) // share_percent
+            self.exhausted_us = self._counted_us[led] + 1000 * lasts_ms
+        self.selected = led
+        changed_us = 0
+        for other in range(self._board.led_count):
+            if other != led:
+                changed_us = self._board.set_led(other, 0)
+        return changed_us if led == DARK else self._board.set_led(led, self.levels_percent[led])
+
+    def has_rested(self, led: int) -> bool:
+        """Whether an LED may be lit: it goes on, or at least half of its budget is there."""
+        return led in (DARK, self.selected) or 2 * self._budget(led) >= self._full(led)
+
+    def _budget(self, led: int) -> int:
+        passed_ms = (self._board.micros() - self._counted_us[led]) // 1000
+        self._counted_us[led] += 1000 * passed_ms
+        duty_percent = self._board.max_duty_percent(led)
+        gain_percent = duty_percent - 100 if led == self.selected else duty_percent
+        left = self._budgets[led] + passed_ms * gain_percent
+        self._budgets[led] = min(left, self._full(led))
+        return self._budgets[led]
+
+    def _full(self, led: int) -> int:
+        return self._board.max_on_ms(led) * (100 - self._board.max_duty_percent(led))
+
+
+class Step:
+    """One light of a sequence and the times of what happened under it; -1 is not yet."""
+
+    def __init__(self, led: int, changed_us: int) -> None:
+        self.led = led
+        self.changed_us = changed_us
+        self.triggered_us = self.begin_us = self.end_us = -1  # of the exposure that counts
+        self.exposures = 0  # all that began under this light
+
+
+class Sequence:
+    """Lights in a given order, one exposure under each, from its construction on.
+
+    The end of each exposure moves it on; or time does, and each exposure is triggered. An exposure
+    counts if it began when its light had settled: one that was under way or began too soon passes.
+    All is written down, and the host judges it.
+    """
+
+    def __init__(
+        self,
+        board: "Board",
+        lamps: Lamps,
+        triggers: bool,
+        settle_us: int,
+        wait_us: int,
+        *order: int,
+    ) -> None:
+        self._board = board
+        self._lamps = lamps
+        self._triggers = triggers
+        self._settle_us = settle_us
+        self._wait_us = wait_us  # for an edge at most; with triggers, from step to step
+        self.order = order
+        self.steps: list[Step] = []
+        self.code = NO_ERROR  # why it ended early
+        self.running = True
+        self.started_us = self.ended_us = self._next()
+        self._edge_us = self.started_us
+
+    def turn(self) -> bool:
+        """Take the strobe's edges and the time; return False if no strobe comes any more."""
+        for at_us, exposing in self._board.strobe_edges():
+            # of edges from before the start nothing is known but that they are past
+            if self.running and at_us >= self.started_us:
+                self._take(at_us, exposing)
+        if not self.running:
+            return True
+        now_us = self._board.micros()
+        if not self._triggers:
+            return now_us - self._edge_us < self._wait_us
+        step = self.steps[-1]
+        if step.triggered_us < 0:
+            if now_us - step.changed_us >= self._settle_us:
+                step.triggered_us = self._board.trigger()
+        elif now_us - self.started_us >= len(self.steps) * self._wait_us:
+            self._next()
+        return True
+
+    def end(self, code: int) -> int:
+        """Put the LEDs out, early if there is an error code; return when, in `micros`."""
+        self.running = False
+        self.code = code
+        self.ended_us = self._lamps.light(DARK)
+        return self.ended_us
+
+    def _take(self, at_us: int, exposing: bool) -> None:
+        self._edge_us = at_us
+        step = self.steps[-1]
+        if exposing:
+            step.exposures += 1
+            if step.begin_us < 0 and at_us - step.changed_us >= self._settle_us:
+                step.begin_us = at_us
+        elif step.begin_us >= 0 and step.end_us < 0:
+            step.end_us = at_us
+            if not self._triggers:
+                self._next()
+
+    def _next(self) -> int:
+        if len(self.steps) == len(self.order):
+            return self.end(NO_ERROR)
+        led = self.order[len(self.steps)]
+        self.steps.append(Step(led, self._lamps.light(led)))
+        return self.steps[-1].changed_us
+
+
+class Firmware:
+    """The controller's program on one board; construction is the start after a reset."""
+
+    def __init__(self, board: "Board") -> None:
+        self._board = board
         self._line = b""
-        self._selected = -1
-        self._levels_percent: list[int] = []
+        self._lamps = Lamps(board)
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
-        # header: (number of parameters, what executes it)
-        self._commands: dict[str, tuple[int, Callable[..., str]]] = {
-            "*IDN?": (0, self._identity),
-            "*RST": (0, self._reset),
-            "SYST:ERR?": (0, self._oldest_error),
-            "SYST:WDOG": (1, self._set_watchdog),
-            "SYST:WDOG?": (0, self._watchdog),
-            "LED:SEL": (1, self._select),
-            "LED:OFF": (0, self._off),
-            "LED:LEV": (2, self._set_level),
-            "LED:LEV?": (1, self._level),
-            "LED:STAT?": (0, self._state),
+        # header: (least and most parameters, what executes it)
+        self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
+            "*IDN?": (0, 0, self._identity),
+            "*RST": (0, 0, self._reset),
+            "SYST:ERR?": (0, 0, self._oldest_error),
+            "SYST:WDOG": (1, 1, self._set_watchdog),
+            "SYST:WDOG?": (0, 0, self._watchdog),
+            "LED:SEL": (1, 1, self._select),
+            "LED:OFF": (0, 0, self._off),
+            "LED:LEV": (2, 2, self._set_level),
+            "LED:LEV?": (1, 1, self._level),
+            "LED:LIM?": (1, 1, self._limits),
+            "LED:STAT?": (0, 0, self._state),
+            "SEQ:ARM": (3, 2 + MAX_STEPS, lambda *numbers: self._start(False, *numbers)),
+            "SEQ:TRIG": (3, 2 + MAX_STEPS, lambda *numbers: self._start(True, *numbers)),
+            "SEQ:STAT?": (0, 0, self._progress),
+            "SEQ:STEP?": (1, 1, self._step),
         }
         self._reset()
         self._send("READY " + self._identity())
 
     def poll(self) -> None:
-        """One turn of the main loop: take what arrived, execute whole lines, check the watchdog."""
+        """One turn of the main loop: step the sequence, execute whole lines, guard the LEDs."""
+        if not self.sequence.turn():
+            self._darken(STROBE_MISSING)
         data = self._board.read()
         if data:
             self._receive(data)
-        if self._selected >= 0:
-            self._check_watchdog()
+        if self._lamps.selected == DARK and not self.sequence.running:
+            return
+        now_us = self._board.micros()
+        if self._lamps.selected != DARK and now_us >= self._lamps.exhausted_us:
+            self._darken(ON_TIME_EXCEEDED)
+        elif now_us - self._fed_us >= 1000 * self._watchdog_ms:
+            self._darken(WATCHDOG_TRIPPED)
 
     # lines
 
@@ -175,8 +314,8 @@ class Firmware:
         header = text if blank < 0 else text[:blank]
         if header not in self._commands:
             raise CommandError(UNDEFINED_HEADER)
-        count, handler = self._commands[header]
-        return handler(*_numbers(text[len(header) :].strip(), count))
+        least, most, handler = self._commands[header]
+        return handler(*_numbers(text[len(header) :].strip(), least, most))
 
     def _error(self, code: int) -> str:
         self._queue(code)
@@ -196,10 +335,10 @@ class Firmware:
         return f"PS4RIG,{model},{board.serial_number},{FIRMWARE_VERSION},{PROTOCOL_VERSION}"
 
     def _reset(self) -> str:
-        self._switch_all_off()
-        self._levels_percent = [100] * self._board.led_count
-        self._watchdog_ms = WATCHDOG_DEFAULT_MS
+        self._lamps.levels_percent = [100] * self._board.led_count
         self._errors = []
+        self.sequence = Sequence(self._board, self._lamps, False, 0, 0)  # no steps: LEDs out
+        self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
 
     def _oldest_error(self) -> str:
@@ -214,57 +353,84 @@ class Firmware:
         return str(self._watchdog_ms)
 
     def _select(self, led: int) -> str:
-        _require(led < self._board.led_count)
-        for other in range(self._board.led_count):
-            if other != led:
-                self._board.set_led(other, 0)
-        self._selected = led
-        changed_us = self._board.set_led(led, self._levels_percent[led])
-        return f"{led},{changed_us}"
+        self._require_led(led)
+        self._require_free(led)
+        return f"{led},{self._lamps.light(led)}"
 
     def _off(self) -> str:
-        return f"-1,{self._switch_all_off()}"
+        if self.sequence.running:
+            self.sequence.end(SEQUENCE_ABORTED)
+        return f"{DARK},{self._lamps.light(DARK)}"
 
     def _set_level(self, led: int, percent: int) -> str:
-        _require(led < self._board.led_count and percent <= 100)
-        self._levels_percent[led] = percent
-        if led == self._selected:
-            self._board.set_led(led, percent)
+        self._require_led(led)
+        _require(0 <= percent <= 100)
+        self._require_free(DARK)
+        self._lamps.levels_percent[led] = percent
+        if led == self._lamps.selected:
+            self._lamps.light(led)
         return self._level(led)
 
     def _level(self, led: int) -> str:
-        _require(led < self._board.led_count)
-        return f"{led},{self._levels_percent[led]}"
+        self._require_led(led)
+        return f"{led},{self._lamps.levels_percent[led]}"
+
+    def _limits(self, led: int) -> str:
+        self._require_led(led)
+        return _fields([led, self._board.max_on_ms(led), self._board.max_duty_percent(led)])
 
     def _state(self) -> str:
-        levels = ",".join([str(percent) for percent in self._levels_percent])
-        return f"{self._selected},{levels},{self._board.micros()}"
+        levels = _fields(self._lamps.levels_percent)
+        return f"{self._lamps.selected},{levels},{self._board.micros()}"
 
-    # LEDs
+    def _start(self, triggers: bool, settle_us: int, wait_us: int, *order: int) -> str:
+        _require(0 <= settle_us < wait_us <= MAX_STEP_US)
+        for led in order:
+            if led != DARK:
+                self._require_led(led)
+            self._require_free(led)
+        self.sequence = Sequence(self._board, self._lamps, triggers, settle_us, wait_us, *order)
+        return str(self.sequence.started_us)
 
-    def _switch_all_off(self) -> int:
-        """Put all LEDs out; return the time at which the last one changed, in microseconds."""
-        changed_us = 0
-        for led in range(self._board.led_count):
-            changed_us = self._board.set_led(led, 0)
-        self._selected = -1
-        return changed_us
+    def _progress(self) -> str:
+        run = self.sequence
+        now_us = self._board.micros()
+        passed_us = (now_us if run.running else run.ended_us) - run.started_us
+        counts = _fields([int(run.running), len(run.steps), len(run.order), run.code])
+        return f"{counts},{run.started_us},{passed_us},{now_us}"
 
-    def _check_watchdog(self) -> None:
-        if self._board.micros() - self._fed_us >= self._watchdog_ms * 1000:
-            self._switch_all_off()
-            self._queue(WATCHDOG_TRIPPED)
+    def _step(self, index: int) -> str:
+        _require(0 <= index < len(self.sequence.steps))
+        step = self.sequence.steps[index]
+        times_us = [step.changed_us, step.triggered_us, step.begin_us, step.end_us]
+        since_us = [-1 if at_us < 0 else at_us - self.sequence.started_us for at_us in times_us]
+        return f"{step.led},{_fields(since_us)},{step.exposures}"
+
+    def _require_led(self, led: int) -> None:
+        _require(0 <= led < self._board.led_count)
+
+    def _require_free(self, led: int) -> None:
+        if self.sequence.running:
+            raise CommandError(SEQUENCE_RUNS)
+        if not self._lamps.has_rested(led):
+            raise CommandError(LED_RESTS)
+
+    def _darken(self, code: int) -> None:
+        if self.sequence.running:
+            self.sequence.end(code)
+        self._lamps.light(DARK)
+        self._queue(code)
 
 
-def _numbers(text: str, count: int) -> list[int]:
-    """Exactly `count` unsigned decimal integers from text such as "2,50"."""
+def _numbers(text: str, least: int, most: int) -> list[int]:
+    """Decimal integers from text such as "2,50"; of the negative ones only -1, for DARK."""
     words = [word.strip() for word in text.split(",")] if text else []
-    if len(words) > count:
+    if len(words) > most:
         raise CommandError(PARAMETER_NOT_ALLOWED)
-    if len(words) < count or "" in words:
+    if len(words) < least or "" in words:
         raise CommandError(MISSING_PARAMETER)
     for word in words:
-        if not word.isdigit():  # int() would let signs, blanks and underscores pass
+        if word != "-1" and not word.isdigit():  # int() takes signs, blanks and underscores
             raise CommandError(SYNTAX_ERROR)
     return [int(word) for word in words]
 
@@ -272,6 +438,10 @@ def _numbers(text: str, count: int) -> list[int]:
 def _require(in_range: bool) -> None:
     if not in_range:
         raise CommandError(OUT_OF_RANGE)
+
+
+def _fields(numbers: list[int]) -> str:
+    return ",".join([str(number) for number in numbers])
 
 
 def _describe(code: int) -> str:

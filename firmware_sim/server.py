@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from .clock import Clock, VirtualClock
-from .endpoints import Endpoint, PtyEndpoint, tcp_endpoint, unix_endpoint
+from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
 
-__all__ = ["Device", "Server", "serve_pty", "serve_tcp", "serve_unix"]
+__all__ = ["Device", "Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
 
 _TURN_MS = 5  # the longest time between two polls of the device
 _READ_BYTES = 256  # few lines at a time, so that stop() need not wait for many link delays
@@ -49,6 +49,11 @@ def serve_pty(controller: Device, link: str | Path | None = None) -> "Server":
     return Server(controller, PtyEndpoint(None if link is None else Path(link)))
 
 
+def serve_tty(controller: Device, path: str | Path, baud: int = 115_200) -> "Server":
+    """Serve on a serial device: this end of a null modem, or of a USB gadget's line."""
+    return Server(controller, TtyEndpoint(Path(path), baud))
+
+
 def serve_unix(controller: Device, path: str | Path) -> "Server":
     """Serve on a unix socket; the path must not exist yet."""
     return Server(controller, unix_endpoint(Path(path)))
@@ -82,7 +87,10 @@ class Server:
 
     @property
     def address(self) -> str:
-        """What a host opens: a terminal's path, a socket's path or `socket://127.0.0.1:PORT`."""
+        """What a host opens: a terminal's path, a socket's path or `socket://127.0.0.1:PORT`.
+
+        Of a serial device it is this end's path; the host opens the other.
+        """
         return self._endpoint.address
 
     def stop(self) -> None:

@@ -17,7 +17,7 @@ from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_com
 
 __all__ = ["ControllerIdentity", "LightController", "LightState", "Switch"]
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 _OPEN_TIMEOUT_S = 3.0
 _REPLY_TIMEOUT_S = 0.5
@@ -196,10 +196,11 @@ class LightController:
         vendor, model, serial_number, firmware_version, protocol = fields[:5]
         identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
         if identity.protocol_version != PROTOCOL_VERSION:
+            older = identity.protocol_version < PROTOCOL_VERSION
             raise LightControllerError(
                 f"{self.port}: the controller speaks protocol version "
                 f"{identity.protocol_version}, this program version {PROTOCOL_VERSION}; "
-                "update the older of the two"
+                + ("renew its firmware: ps4rig rig flash" if older else "update this program")
             )
         return identity
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from firmware_sim import Clock, SimulatedBoard
 
@@ -17,7 +19,7 @@ from .sensor import SensorModel
 
 __all__ = ["SimulatedCamera"]
 
-# From the end of an exposure to the frame in the driver's queue: readout and transfer.
+# From the end of the last row's exposure to the frame in the driver's queue.
 _TRANSFER_S = 0.004
 # A clock that slept until a frame was ready may stand a hair before it.
 _ROUNDING_S = 1e-6
@@ -32,13 +34,21 @@ class _Exposed:
     scene: SceneImages
 
 
+def _as_it_is(_sequence: int, start_s: float) -> float:
+    return start_s
+
+
 class SimulatedCamera:
-    """Free-running camera with a global shutter.
+    """Free-running camera with a global or a rolling shutter.
 
     Every frame period an exposure begins. If one of the driver's buffers is free the frame goes
     there, otherwise it is lost and only its sequence number is missed: a program that comes late
     finds the OLDEST frames first, as with V4L2. The light of a frame is the integral over its
-    exposure of what each LED really put out, so it may hold two LEDs, or the one before.
+    exposure of what each LED really put out, so it may hold two LEDs, or the one before. With a
+    rolling shutter each row has an exposure of its own, the last one `readout_s` after the first.
+
+    `reported_start_s` makes of a frame's sequence number and the true start of its exposure what
+    the rig is told of it.
     """
 
     def __init__(
@@ -52,6 +62,8 @@ class SimulatedCamera:
         exposure_s: float,
         seed: int,
         buffers: int = 4,
+        readout_s: float = 0.0,
+        reported_start_s: Callable[[int, float], float] = _as_it_is,
     ) -> None:
         self._board = board
         self._clock = clock
@@ -61,6 +73,8 @@ class SimulatedCamera:
         self._period_s = frame_period_s
         self._exposure_s = exposure_s
         self._buffers = buffers
+        self._readout_s = readout_s
+        self._reported_start_s = reported_start_s
         self._queue: deque[_Exposed] = deque()
         self._started_s = clock.now_s()
         self._next_sequence = 0
@@ -97,7 +111,7 @@ class SimulatedCamera:
         now_s = self._clock.now_s()
         self._fill_buffers(now_s)
         if not self._queue:
-            ready_s = self._start_s(self._next_sequence) + self._exposure_s + _TRANSFER_S
+            ready_s = self._start_s(self._next_sequence) + self._ready_after_s
             if ready_s - now_s > timeout_s:
                 self._clock.sleep_s(timeout_s)
                 raise CameraError(f"no frame from the camera in {timeout_s:g} s")
@@ -110,12 +124,16 @@ class SimulatedCamera:
         self._open = False
         self._queue.clear()
 
+    @property
+    def _ready_after_s(self) -> float:
+        return self._exposure_s + self._readout_s + _TRANSFER_S
+
     def _start_s(self, sequence: int) -> float:
         return self._started_s + sequence * self._period_s
 
     def _fill_buffers(self, now_s: float) -> None:
         """Bring the queue to where the driver's would be at `now_s`."""
-        since_s = now_s - self._started_s - self._exposure_s - _TRANSFER_S + _ROUNDING_S
+        since_s = now_s - self._started_s - self._ready_after_s + _ROUNDING_S
         finished = math.floor(since_s / self._period_s)
         while self._next_sequence <= finished and len(self._queue) < self._buffers:
             start_s = self._start_s(self._next_sequence)
@@ -125,17 +143,34 @@ class SimulatedCamera:
         self._next_sequence = max(self._next_sequence, finished + 1)
 
     def _developed(self, exposed: _Exposed) -> Frame:
-        end_s = exposed.start_s + self._exposure_s
         light_ms = exposed.scene.ambient * np.float32(1e3 * self._exposure_s)
         for led, image in enumerate(exposed.scene.lights):
-            lit_ms = 1e3 * self._board.output_integral_s(led, exposed.start_s, end_s)
-            if lit_ms > 0.0:
-                light_ms += image * np.float32(lit_ms)
+            lit_ms = self._lit_ms(led, exposed.start_s, len(image))
+            if lit_ms is not None:
+                light_ms += image * lit_ms
         rng = np.random.default_rng((self._seed, exposed.sequence))
+        start_s = self._reported_start_s(exposed.sequence, exposed.start_s)
         return Frame(
             pixels=self._sensor.expose(light_ms, rng),
             bit_depth=self._sensor.bit_depth,
-            exposure_start_s=exposed.start_s,
-            exposure_end_s=end_s,
+            exposure_start_s=start_s,
+            exposure_end_s=start_s + self._exposure_s,
             sequence=exposed.sequence,
         )
+
+    def _lit_ms(
+        self, led: int, start_s: float, rows: int
+    ) -> np.float32 | npt.NDArray[np.float32] | None:
+        """How long an LED shone on each row (rows, 1), or on all; None if not at all."""
+        window_s = self._exposure_s + self._readout_s
+        whole_s = self._board.output_integral_s(led, start_s, start_s + window_s)
+        if whole_s <= 0.0:
+            return None
+        if self._readout_s == 0.0:
+            return np.float32(1e3 * whole_s)
+        starts = np.linspace(start_s, start_s + self._readout_s, rows)
+        per_row = (
+            self._board.output_integral_s(led, row_s, row_s + self._exposure_s)
+            for row_s in starts.tolist()
+        )
+        return np.fromiter(per_row, np.float32, rows)[:, None] * np.float32(1e3)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from classify.errors import InputError
 from firmware_sim import (
@@ -20,6 +23,7 @@ from .camera import Camera
 from .config import Placement, RigConfig
 from .fault_plan import FaultPlan
 from .frame_faults import FaultyCamera
+from .frame_time import exposure_start_s, require_measured_mode
 from .material_folder import bundled_materials, load_material
 from .scene import SceneImages, render_frame
 from .sensor import SensorModel
@@ -28,6 +32,9 @@ from .surfaces import PeriodicSurface
 from .synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 
 __all__ = ["Simulation", "surface_names"]
+
+# Keeps the noise of time stamps apart from that of pixels.
+_JITTER_STREAM = 1
 
 
 def surface_names() -> tuple[str, ...]:
@@ -76,6 +83,8 @@ class Simulation:
             frame_period_s=1.0 / config.camera.frame_rate_hz,
             exposure_s=config.camera.exposure_ms / 1000.0,
             seed=self.placement.seed,
+            readout_s=config.simulation.readout_ms / 1000.0,
+            reported_start_s=_driver_stamps(config),
         )
         self.frames: Camera = self.camera
         if faults.frames:
@@ -123,6 +132,25 @@ class Simulation:
         if self._surface is None or self._surface[0] != key:
             self._surface = (key, _load(name, placement.seed, size_px))
         return self._surface[1]
+
+
+def _driver_stamps(config: RigConfig) -> Callable[[int, float], float]:
+    """What the rig makes of the simulated driver's time stamps."""
+    camera, simulation = config.camera, config.simulation
+    require_measured_mode(camera)
+    period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1000.0
+    lag_ms = simulation.stamp_lag_ms
+
+    def reported_start_s(sequence: int, start_s: float) -> float:
+        if lag_ms is None:
+            return exposure_start_s(start_s, True, camera, period_s, exposure_s)
+        stamp_s = start_s + lag_ms / 1000.0
+        if simulation.stamp_jitter_ms > 0.0:
+            rng = np.random.default_rng((simulation.placement.seed, sequence, _JITTER_STREAM))
+            stamp_s += rng.uniform(0.0, simulation.stamp_jitter_ms / 1000.0)
+        return exposure_start_s(stamp_s, False, camera, period_s, exposure_s)
+
+    return reported_start_s
 
 
 def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:

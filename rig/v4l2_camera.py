@@ -10,12 +10,13 @@ from .camera import CameraInfo, Frame, FrameFlag, Pixels
 from .camera_list import device_path
 from .config import CameraConfig
 from .errors import CameraError
+from .frame_time import exposure_start_s, require_measured_mode
 from .measurement_mode import check_measurement_mode, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 from .v4l2 import Capture, V4l2Device, VideoFormat
 from .v4l2_controls import list_controls, read_control
 
-__all__ = ["V4l2Camera", "exposure_start_s"]
+__all__ = ["V4l2Camera"]
 
 # Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
 _BUFFERS = 4
@@ -45,6 +46,7 @@ class V4l2Camera:
     def __init__(self, config: CameraConfig) -> None:
         if config.device is None:
             raise CameraError("camera.device is missing; give the camera's path")
+        require_measured_mode(config)
         self._config = config
         self._pixel_format = PIXEL_FORMATS[config.pixel_format]
         self._device = V4l2Device(device_path(config.device))
@@ -86,7 +88,13 @@ class V4l2Camera:
         A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
         """
         capture = self._device.next_capture(timeout_s)
-        start_s = exposure_start_s(capture, self._config, self._period_s, self._exposure_s)
+        start_s = exposure_start_s(
+            capture.timestamp_s,
+            capture.marks_exposure_start,
+            self._config,
+            self._period_s,
+            self._exposure_s,
+        )
         return Frame(
             pixels=self._blank() if capture.is_corrupt else self._decoded(capture),
             bit_depth=self._pixel_format.bit_depth,
@@ -124,19 +132,6 @@ class V4l2Camera:
         return np.zeros(shape, np.uint16)
 
 
-def exposure_start_s(
-    capture: Capture, config: CameraConfig, period_s: float, exposure_s: float
-) -> float:
-    """When the exposure of the first row began, at the earliest."""
-    stamp_s = capture.timestamp_s + config.timestamp_offset_ms / 1e3
-    # The driver of USB cameras claims the start of exposure and stamps the arrival of data, so
-    # the claim counts only where somebody has tried it.
-    if config.timestamp_marks == "driver" and capture.marks_exposure_start:
-        return stamp_s
-    readout_s = period_s if config.readout_ms is None else config.readout_ms / 1e3
-    return stamp_s - readout_s - exposure_s
-
-
 def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict[str, Any]:
     """What a set keeps of the camera's state: every control, and how pixels and times came."""
     record: dict[str, Any] = {
@@ -151,8 +146,10 @@ def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict
         "compressed": PIXEL_FORMATS[config.pixel_format].is_compressed,
         "quantization": form.quantization,
         "fixed_exposure": config.fixed_exposure,
-        "timestamp_marks": config.timestamp_marks,
+        "timestamp_marks": "driver" if config.believes_driver else "frame_end",
         "timestamp_offset_ms": config.timestamp_offset_ms,
+        "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
         "readout_ms": config.readout_ms,
+        "timing_measured_at": config.timing_measured_at,
     }
     return record

@@ -24,6 +24,7 @@ UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen"}
 UNSAFE_FLAGS = {"shell", "allow_pickle"}
 LONGEST_FILE = 400
+LONGER_FILES = {"firmware_sim/firmware.py": 450}  # one file, because it is copied to a board whole
 
 FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 
@@ -82,7 +83,8 @@ def test_a_file_runs_no_text_as_code(path: Path) -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_a_file_can_be_read_in_one_sitting(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST_FILE
+    longest = LONGER_FILES.get(name_of(path), LONGEST_FILE)
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= longest
 
 
 def test_every_room_is_there_and_every_arrow_is_used() -> None:

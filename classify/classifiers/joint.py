@@ -66,6 +66,9 @@ _LIMIT_QUANTILE = 0.99
 _LIMIT_MARGIN = 1.25
 _TYPICAL_LIMIT = 2.4
 _TYPICAL_PAIRS = 60
+# Quarters of a smaller training set show too little of a coarse texture to tell how far two patches
+# of it lie apart, and the limit goes out with the fourth root of what is missing at the side.
+_TELLING_PX = 256
 _MAX_LEFT_OUT = 200
 # Where a turn is less clear than this it may be off by a right angle.
 _DIRECTIONAL = 0.5
@@ -168,6 +171,7 @@ def _learn(observations: Sequence[Observation], _labels: Sequence[str]) -> Param
     reached = float(np.quantile(relative, _LIMIT_QUANTILE))
     believed = relative.size / (relative.size + _TYPICAL_PAIRS)
     limit = _LIMIT_MARGIN * (believed * reached + (1.0 - believed) * _TYPICAL_LIMIT)
+    limit *= max(_TELLING_PX**2 / float(learned["pixels"]), 1.0) ** 0.125
     return {**learned, "limit": np.array(limit)}
 
 

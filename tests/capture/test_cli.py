@@ -104,6 +104,8 @@ def test_the_rig_is_the_one_in_rig_toml_and_nothing_becomes_simulated(
     Path("rig.toml").write_text('name = "bench"\n')
     assert "lights.port is missing" in refused("capture", "a.ome.tif")
     Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n')
+    assert refused("capture", "a.ome.tif").startswith("rig.toml: camera: device is missing")
+    Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n[camera]\ndevice = 0\n')
     assert refused("capture", "a.ome.tif", status=3).startswith("/dev/ttyNONE: no such port")
     assert "for a simulated rig" in refused("capture", "--surface", "rock", "a.ome.tif")
     assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
@@ -116,7 +118,9 @@ def test_a_real_controller_with_a_simulated_camera_is_refused(
 ) -> None:
     clock = VirtualClock()
     with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
-        Path("rig.toml").write_text(f'[lights]\nport = "{server.address}"\n')
+        Path("rig.toml").write_text(
+            f'[lights]\nport = "{server.address}"\n[camera]\nkind = "simulated"\n'
+        )
         assert "cannot see the LEDs" in refused("capture", "a.ome.tif")
     assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
 

@@ -120,6 +120,19 @@ def test_a_class_that_scatters_more_has_a_limit_further_out(stationary) -> None:
         assert found.distances.min() <= library.limits[label]
 
 
+@pytest.mark.parametrize(("side_px", "further"), [(64, 2.0**0.5), (128, 2.0**0.25), (512, 1.0)])
+def test_limits_of_small_training_sets_lie_further_out(
+    stationary, side_px: int, further: float
+) -> None:
+    """Their quarters do not show how far two patches of a coarse texture lie apart."""
+    seen = [JOINT.training_observation(stationary(kind, seed=1), 64) for kind in KINDS]
+    limits = [
+        float(JOINT.learn([{**each, "pixels": pixels} for each in seen], KINDS)["limit"])
+        for pixels in (np.array(256.0**2), np.array(float(side_px) ** 2))
+    ]
+    assert limits[1] == pytest.approx(further * limits[0])
+
+
 def test_every_class_has_a_limit_and_room_for_its_own_quarters(library) -> None:
     assert set(library.limits) == set(KINDS)
     assert all(0.0 < limit < 100.0 for limit in library.limits.values())

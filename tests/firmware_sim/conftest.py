@@ -25,9 +25,9 @@ class Device:
         return [round(self.board.output(led, now_s), 9) for led in range(self.board.led_count)]
 
 
-def _new_device(**options: object) -> Device:
+def _new_device(max_on_ms: int = 120_000, **options: object) -> Device:
     clock = VirtualClock()
-    board = SimulatedBoard(clock)
+    board = SimulatedBoard(clock, max_on_ms=max_on_ms)
     controller = SimulatedController(board, clock, **options)
     clock.on_tick(controller.poll)
     return Device(clock, board, controller)

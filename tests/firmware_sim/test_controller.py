@@ -1,6 +1,6 @@
 """The device as a whole: boot, reset on opening, what a line costs."""
 
-BANNER = b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n"
+BANNER = b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 
 
 def test_a_powered_device_has_sent_its_banner(new_device):

@@ -9,13 +9,16 @@ from hypothesis import strategies as st
 COMMANDS = [
     *[b"*IDN?", b"*RST", b"SYST:ERR?", b"SYST:WDOG 250", b"SYST:WDOG?", b"LED:SEL 1", b"LED:OFF"],
     *[b"LED:LEV 1,40", b"LED:LEV? 2", b"LED:STAT?", b"#7 LED:SEL 2", b"#7 LED:SEL 2~E0", b""],
+    *[b"SEQ:ARM 2000,9000,-1,0,3", b"SEQ:TRIG 2000,9000,3", b"SEQ:STAT?", b"SEQ:STEP? 0"],
+    b"LED:LIM? 1",
 ]
 
 # the grammar of what may be accepted without a checksum, written apart from the parser
 ACCEPTABLE = re.compile(
     rb" *(#0*\d{1,5} +)?"
     rb"(\*IDN\?|\*RST|SYST:ERR\?|SYST:WDOG +\d+|SYST:WDOG\?|LED:SEL +0*[0-3]|LED:OFF"
-    rb"|LED:LEV +0*[0-3] *, *\d+|LED:LEV\? +0*[0-3]|LED:STAT\?) *\r?",
+    rb"|LED:LEV +0*[0-3] *, *\d+|LED:LEV\? +0*[0-3]|LED:STAT\?|LED:LIM\? +0*[0-3]"
+    rb"|SEQ:(ARM|TRIG) +\d+ *, *\d+( *, *(-1|0*[0-3])){1,16}|SEQ:STAT\?|SEQ:STEP\? +\d+) *\r?",
     re.IGNORECASE,
 )
 
@@ -43,7 +46,7 @@ def test_one_reply_per_line_however_it_is_cut(new_device, lines, cuts):
     banner, *replies = expected.split(b"\n")[:-1]
     assert banner.startswith(b"READY ")
     assert len(replies) == data.count(b"\n")
-    assert all(re.fullmatch(rb"(#\d+ )?(OK|ERR -\d+)[ -}]*(~[0-9A-F]{2})?", r) for r in replies)
+    assert all(re.fullmatch(rb"(#\d+ )?(OK|ERR -?\d+)[ -}]*(~[0-9A-F]{2})?", r) for r in replies)
 
 
 @given(lines=LINES)
@@ -57,6 +60,7 @@ def test_only_an_acceptable_line_changes_anything(new_device, lines):
             assert state(device) == before
         elif b"~" not in line:
             assert ACCEPTABLE.fullmatch(line)
+        device.exchange(b"LED:OFF\n")  # a sequence would go on by itself
 
 
 def state(device) -> tuple[bytes, bytes, list[float]]:

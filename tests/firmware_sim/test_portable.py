@@ -33,3 +33,10 @@ def test_it_runs_without_its_package():
     namespace: dict[str, object] = {}
     exec(compile(SOURCE, "firmware.py", "exec"), namespace)
     assert namespace["crc8"](b"123456789") == 0xF4
+
+
+def test_no_unpacking_within_a_list():
+    displays = [
+        n for n in ast.walk(ast.parse(SOURCE)) if isinstance(n, ast.List | ast.Tuple | ast.Set)
+    ]
+    assert not [n for n in displays if any(isinstance(item, ast.Starred) for item in n.elts)]

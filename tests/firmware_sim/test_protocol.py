@@ -11,17 +11,22 @@ TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_has_its_transcripts():
-    assert len(TRANSCRIPTS) == 2
+    assert len(TRANSCRIPTS) == 5
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
 def test_readme_transcript(new_device, transcript):
-    device = new_device()
+    device = new_device(turn_us=(100.0, 100.0))
     received = device.controller.take_output().decode()
     for line in transcript.splitlines():
         if line.startswith("> "):
             assert received == "", "the README leaves out a reply"
             received = device.exchange(line[2:].encode() + b"\n").decode()
+        elif line.startswith("+ "):
+            passed_us, _, strobe = line[2:].partition(" us")
+            device.clock.sleep_s(int(passed_us) / 1e6)
+            if strobe:
+                device.controller.strobe({", strobe on": True, ", strobe off": False}[strobe])
         else:
             assert line == "< " + received.removesuffix("\n")
             received = ""
@@ -31,7 +36,7 @@ def test_readme_transcript(new_device, transcript):
 @pytest.mark.parametrize(
     ("sent", "reply"),
     [
-        (b"*IDN?\n", b"OK PS4RIG,LED4,SIM-0001,1.0.0,1\n"),
+        (b"*IDN?\n", b"OK PS4RIG,LED4,SIM-0001,2.0.0,2\n"),
         (b"*RST\n", b"OK\n"),
         (b"SYST:ERR?\n", b'OK 0,"No error"\n'),
         (b"SYST:WDOG 100\n", b"OK 100\n"),
@@ -43,6 +48,10 @@ def test_readme_transcript(new_device, transcript):
         (b"LED:LEV 3,0\n", b"OK 3,0\n"),
         (b"LED:LEV 3,100\n", b"OK 3,100\n"),
         (b"LED:LEV? 3\n", b"OK 3,100\n"),
+        (b"LED:LIM? 3\n", b"OK 3,120000,50\n"),
+        (b"SEQ:ARM 0,100000,-1\n", b"OK 1000\n"),
+        (b"SEQ:TRIG 0,60000000" + b",-1" * 14 + b"\n", b"OK 1000\n"),
+        (b"SEQ:STAT?\n", b"OK 0,0,0,0,0,0,1000\n"),
         (b"LED:STAT?\n", b"OK -1,100,100,100,100,1000\n"),
         # what people type
         (b"led:sel 2\r\n", b"OK 2,1000\n"),
@@ -79,7 +88,8 @@ def test_accepted(device, sent, reply):
         (b"LED:SEL 1,2\n", b'-108,"Parameter not allowed"'),
         (b"LED:OFF 1\n", b'-108,"Parameter not allowed"'),
         (b"*IDN? ,\n", b'-108,"Parameter not allowed"'),
-        (b"LED:SEL -1\n", b'-102,"Syntax error"'),
+        (b"LED:SEL -1\n", b'-222,"Data out of range"'),
+        (b"LED:SEL -2\n", b'-102,"Syntax error"'),
         (b"LED:SEL +1\n", b'-102,"Syntax error"'),
         (b"LED:SEL 1.0\n", b'-102,"Syntax error"'),
         (b"LED:SEL 1e0\n", b'-102,"Syntax error"'),
@@ -90,6 +100,17 @@ def test_accepted(device, sent, reply):
         (b"LED:SEL " + b"9" * 56 + b"\n", b'-222,"Data out of range"'),
         (b"LED:LEV 4,50\n", b'-222,"Data out of range"'),
         (b"LED:LEV 1,101\n", b'-222,"Data out of range"'),
+        (b"LED:LEV 1,-1\n", b'-222,"Data out of range"'),
+        (b"LED:LIM? 4\n", b'-222,"Data out of range"'),
+        (b"SYST:WDOG -1\n", b'-222,"Data out of range"'),
+        (b"SEQ:ARM 0,1000\n", b'-109,"Missing parameter"'),
+        (b"SEQ:ARM 0,1000" + b",0" * 17 + b"\n", b'-108,"Parameter not allowed"'),
+        (b"SEQ:ARM 0,1000,4\n", b'-222,"Data out of range"'),
+        (b"SEQ:ARM -1,1000,0\n", b'-222,"Data out of range"'),
+        (b"SEQ:ARM 1000,1000,0\n", b'-222,"Data out of range"'),
+        (b"SEQ:TRIG 0,60000001,0\n", b'-222,"Data out of range"'),
+        (b"SEQ:STEP? 0\n", b'-222,"Data out of range"'),
+        (b"SEQ:STEP? -1\n", b'-222,"Data out of range"'),
         (b"LED:LEV? 4\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 0\n", b'-222,"Data out of range"'),
         (b"SYST:WDOG 99\n", b'-222,"Data out of range"'),

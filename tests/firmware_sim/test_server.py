@@ -18,10 +18,11 @@ from firmware_sim import (
     VirtualClock,
     serve_pty,
     serve_tcp,
+    serve_tty,
     serve_unix,
 )
 
-IDENTITY = b"PS4RIG,LED4,SIM-0001,1.0.0,1\n"
+IDENTITY = b"PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 BANNER = b"READY " + IDENTITY
 OK_IDENTITY = b"OK " + IDENTITY
 
@@ -68,6 +69,53 @@ def test_unix_socket(tmp_path):
         with pytest.raises(OSError, match="in use"):
             serve_unix(controller(), path)
     assert not path.exists()
+
+
+@contextmanager
+def null_modem() -> Iterator[tuple[int, str]]:
+    """A line whose one end is a file of the host's and whose other end is a serial device."""
+    host, device = os.openpty()
+    try:
+        yield host, os.ttyname(device)
+    finally:
+        os.close(device)
+        os.close(host)
+
+
+def test_serial_device():
+    with null_modem() as (host, path), serve_tty(controller(), path, 9600) as server:
+        assert server.address == path
+        os.write(host, b"*IDN?\n")
+        # not what was sent, echoed, and not with a carriage return
+        assert os.read(host, 100) == OK_IDENTITY
+        with pytest.raises(OSError, match="unavailable"):
+            serve_tty(controller(), path)
+
+
+def test_a_serial_device_that_is_unplugged_is_served_again_when_it_is_back(tmp_path):
+    link = tmp_path / "gadget"
+    with null_modem() as (_, path):
+        link.symlink_to(path)
+        server = serve_tty(controller(), link)
+    with server, null_modem() as (host, path):
+        time.sleep(0.03)  # without a device
+        link.unlink()
+        link.symlink_to(path)
+        time.sleep(0.03)
+        os.write(host, b"*IDN?\n")
+        assert os.read(host, 100) == OK_IDENTITY
+
+
+@pytest.mark.parametrize("path", ["missing", "file"])
+def test_no_serial_device(tmp_path, path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match=r"No such file|Inappropriate ioctl"):
+        serve_tty(controller(), tmp_path / path)
+
+
+def test_no_such_speed():
+    with pytest.raises(ValueError, match="12345 baud"), null_modem() as (_, path):
+        serve_tty(controller(), path, 12345)
 
 
 @contextmanager

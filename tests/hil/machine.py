@@ -8,7 +8,7 @@ import os
 import shlex
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .initramfs import write_initramfs
@@ -16,7 +16,7 @@ from .initramfs import write_initramfs
 __all__ = ["MachineError", "run_in_guest"]
 
 _TO_BOOT = ("virtio_pci", "9pnet_virtio", "9p")
-_INSTALL = "run tests/hil/install.sh, as root, on a Debian of this architecture"
+_INSTALL = "run tests/hil/install.sh on a Debian for amd64, or pytest --ignore tests/hil"
 _MAX_CONSOLE = 6000
 
 
@@ -33,10 +33,10 @@ def kernel_folder() -> Path:
 def run_in_guest(
     command: Sequence[str],
     *,
-    modules: Iterable[str],
-    module_options: str,
+    modules: Mapping[str, str],
     shared: Path,
     timeout_s: float,
+    devices: Sequence[str] = (),
 ) -> str:
     """Boot, load `modules`, run `command` with the environment's Python path, power off.
 
@@ -44,12 +44,14 @@ def run_in_guest(
     ----------
     command
         Run by root in the folder of the checkout. It finds `shared` as ``/mnt``, writable.
-    modules, module_options
-        Kernel modules; the options are those of the last.
+    modules
+        Kernel modules, loaded in this order after those that they need, with their options.
     shared
         An empty folder.
     timeout_s
         After this the guest is killed.
+    devices
+        More options of QEMU, for more devices.
 
     Returns
     -------
@@ -70,12 +72,16 @@ def run_in_guest(
     version = kernel.name.removeprefix("vmlinuz-")
     tree = next(path for path in folder.rglob(f"lib/modules/{version}") if path.is_dir())
     init = shared / "init.sh"
-    init.write_text(_init_script(command, module_options))
+    init.write_text(_init_script(command, modules))
     initramfs = shared / "initramfs.cpio"
     write_initramfs(initramfs, busybox, tree, (*_TO_BOOT, *modules), init.read_text())
     try:
         done = subprocess.run(
-            _qemu_command(qemu, kernel, initramfs, shared),
+            [
+                *_qemu_command(qemu, kernel, initramfs, shared),
+                *devices,
+                *shlex.split(os.environ.get("HIL_X", "")),
+            ],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -105,8 +111,11 @@ def _qemu_command(qemu: Path, kernel: Path, initramfs: Path, shared: Path) -> li
     return [
         str(qemu),
         # KVM is missing on many CI machines, and half there on some; emulation is everywhere.
-        *("-accel", "tcg,thread=multi", "-machine", "q35", "-cpu", "Nehalem"),
-        *("-smp", "2", "-m", "1024", "-no-reboot", "-nodefaults", "-display", "none"),
+        *("-accel", "tcg,thread=single", "-machine", "q35", "-cpu", "Nehalem", "-smp", "1"),
+        # The guest's clock counts its instructions, 2 ns each, while it works: on a host that is
+        # busy it is slow, but its times are in order.
+        *("-icount", "shift=1,sleep=on"),
+        *("-m", "1024", "-no-reboot", "-nodefaults", "-display", "none"),
         *("-serial", "stdio", "-kernel", str(kernel), "-initrd", str(initramfs)),
         *("-virtfs", f"local,path=/,mount_tag=host,readonly=on,{share}"),
         *("-virtfs", f"local,path={_for_qemu(shared)},mount_tag=shared,{share}"),
@@ -119,7 +128,7 @@ def _for_qemu(path: Path) -> str:
     return str(path).replace(",", ",,")
 
 
-def _init_script(command: Sequence[str], module_options: str) -> str:
+def _init_script(command: Sequence[str], modules: Mapping[str, str]) -> str:
     checkout = Path(__file__).parents[2]
     inner = " ".join(
         [
@@ -129,14 +138,18 @@ def _init_script(command: Sequence[str], module_options: str) -> str:
             shlex.join(command),
         ]
     )
+    options = "\n".join(
+        f"        *-{name}.ko) options={shlex.quote(text)} ;;" for name, text in modules.items()
+    )
     return f"""#!/bin/busybox sh
 b=/bin/busybox
 $b mount -t devtmpfs dev /dev
 $b mount -t proc proc /proc
-last=$($b ls /modules | $b tail -n 1)
 for module in $($b ls /modules); do
     options=
-    [ "$module" = "$last" ] && options={shlex.quote(module_options)}
+    case $module in
+{options}
+    esac
     $b insmod /modules/$module $options || echo "cannot load $module"
 done
 nine=trans=virtio,version=9p2000.L,msize=524288

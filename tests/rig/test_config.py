@@ -25,7 +25,7 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
         tilts_deg = [0, 60, 120, 180, 240, 300]
         slant_deg = 30
         [camera]
-        bits = 8
+        device = "/dev/video0"
         frame_rate_hz = 10
         [simulation.placement]
         surface = "sand"
@@ -71,6 +71,7 @@ def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) ->
             "lights.watchdog_ms = 100 would put the LEDs",
         ),
         (SIMULATED + "[simulation]\nclock = 'slow'\n", "simulation.clock"),
+        (SIMULATED + "[simulation]\nreadout_ms = 34\n", "readout_ms = 34 does not fit"),
         (SIMULATED + "[simulation]\nambient = inf\n", "simulation.ambient"),
         (SIMULATED + "[simulation.placement]\nseed = -1\n", "simulation.placement.seed"),
         (SIMULATED + "[simulation.placement]\nrotate_deg = inf\n", "placement.rotate_deg"),

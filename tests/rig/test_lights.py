@@ -275,7 +275,8 @@ def test_a_port_that_chatters_is_given_up(
 @pytest.mark.parametrize(
     ("identity", "message"),
     [
-        ("PS4RIG,LED4,SIM-0001,9.0.0,2", "speaks protocol version 2, this program version 1"),
+        ("PS4RIG,LED4,SIM-0001,1.0.0,1", "this program version 2; renew its firmware: ps4rig"),
+        ("PS4RIG,LED4,SIM-0001,9.0.0,3", "speaks protocol version 3.*; update this program"),
         ("ACME,LED4,1,1.0,1", "not a PS4RIG light controller .it is 'ACME"),
         ("PS4RIG,LED4,SIM-0001", "not a PS4RIG light controller"),
         ("PS4RIG,LED4,SIM-0001,1.0,one", "not a PS4RIG light controller"),
@@ -406,7 +407,7 @@ def test_an_intact_reply_of_another_form_is_an_error(damaged_line: Line, fields:
 
 def test_a_restart_in_an_exchange_is_noticed(damaged_line: Line) -> None:
     def restart(_command: str, _reply: bytes) -> Iterator[bytes]:
-        yield b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n"
+        yield b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 
     with (
         LightController(damaged_line(only("LED:SEL 1", restart))) as lights,

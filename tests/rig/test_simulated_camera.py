@@ -50,6 +50,7 @@ def setup(
     rate_hz: float = 30.0,
     exposure_ms: float = 20.0,
     seed: int = 1,
+    readout_ms: float = 0.0,
 ) -> Setup:
     clock = clock or VirtualClock()
     board = SimulatedBoard(clock)
@@ -62,6 +63,7 @@ def setup(
         frame_period_s=1.0 / rate_hz,
         exposure_s=exposure_ms / 1e3,
         seed=seed,
+        readout_s=readout_ms / 1e3,
     )
     return Setup(clock, board, sensor, camera)
 
@@ -156,6 +158,44 @@ def test_a_frame_across_a_switch_is_a_mixture_in_the_share_of_the_light() -> Non
     assert after_ms == pytest.approx(12.0, abs=0.3)
     expected_ms = AMBIENT * 20.0 + LIGHTS[0] * before_ms + LIGHTS[3] * after_ms
     assert rig.light_ms(frame) == pytest.approx(expected_ms, rel=2e-3)
+
+
+def test_with_a_rolling_shutter_each_row_has_its_own_share_of_the_light() -> None:
+    rig = setup(readout_ms=12.0)
+    rig.board.set_led(0, 100)
+    rig.camera.read(1.0)
+    rig.clock.sleep_s(1 / 30 - 0.016 - 0.02 + 0.010)  # 10 ms into the next exposure
+    rig.board.set_led(0, 0)
+    rig.board.set_led(3, 100)
+    frame = rig.camera.read(1.0)
+    shares = []
+    for row, pixels in enumerate(frame.pixels):
+        start_s = frame.exposure_start_s + row / (SHAPE[0] - 1) * 0.012
+        lit_ms = [1e3 * rig.board.output_integral_s(led, start_s, start_s + 0.02) for led in (0, 3)]
+        expected_ms = AMBIENT * 20.0 + LIGHTS[0] * lit_ms[0] + LIGHTS[3] * lit_ms[1]
+        shares.append(lit_ms[1] / 20.0)
+        signal = float(pixels.mean()) - rig.sensor.black_level_dn
+        light_ms = signal * rig.sensor.gain_e_per_dn / rig.sensor.white_e_per_ms
+        assert light_ms == pytest.approx(expected_ms, rel=0.02)
+    # The first row saw the new LED for half of its exposure, the last one, 12 ms later, for all.
+    assert shares[0] == pytest.approx(0.5, abs=0.03)
+    assert shares[-1] > 0.98
+
+
+def test_a_rolling_frame_is_handed_out_after_the_exposure_of_its_last_row() -> None:
+    rig = setup(readout_ms=12.0)
+    for _ in range(5):
+        frame = rig.camera.read(1.0)
+        assert rig.clock.now_s() >= frame.exposure_end_s + 0.012
+
+
+def test_steady_light_looks_the_same_through_both_shutters() -> None:
+    frames = []
+    for readout_ms in (0.0, 12.0):
+        rig = setup(readout_ms=readout_ms)
+        rig.board.set_led(2, 100)
+        frames += [[rig.camera.read(1.0) for _ in range(4)][-1]]
+    np.testing.assert_array_equal(frames[0].pixels, frames[1].pixels)
 
 
 def test_a_frame_taken_too_early_shows_the_old_light() -> None:

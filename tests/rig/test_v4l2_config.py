@@ -6,9 +6,9 @@ import pytest
 
 from rig import CameraError, ConfigError, LightControllerError, RigConfig, load_config, open_rig
 from rig.config import PIXEL_FORMAT_BITS, CameraConfig
+from rig.frame_time import exposure_start_s
 from rig.pixel_formats import PIXEL_FORMATS
-from rig.v4l2 import Capture
-from rig.v4l2_camera import V4l2Camera, exposure_start_s
+from rig.v4l2_camera import V4l2Camera
 
 REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
 CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'
@@ -35,14 +35,15 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
     camera = load(tmp_path, CAMERA + keys).camera
     assert camera.device == "/dev/v4l/by-id/cam"
     assert (camera.gain, camera.gamma, camera.readout_ms) == (3, 100, 8.0)
-    assert camera.timestamp_marks == "frame_end"
+    assert not camera.believes_driver
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         (REAL + 'kind = "v4l2"\n', r"device is missing; .*/dev/v4l/by-id"),
-        (REAL + 'device = "/dev/video0"\n', r"kind is 'simulated'; set kind = 'v4l2'"),
+        (REAL + 'kind = "simulated"\ndevice = "/dev/video0"\n', r"set kind = 'v4l2'"),
+        (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
         (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
         (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
         (CAMERA + "bits = 12\n", r"bits = 12, but pixel_format = 'GREY' has 8; leave bits out"),
@@ -58,6 +59,34 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        (REAL + "device = 0\n", "v4l2"),
+        ('[lights]\nport = "simulated"\n', "simulated"),
+    ],
+)
+def test_a_camera_above_real_lights_is_v4l2_unless_said_otherwise(
+    tmp_path: Path, text: str, kind: str
+) -> None:
+    assert load(tmp_path, text).camera.kind == kind
+    assert RigConfig().camera.kind == "simulated"
+
+
+def test_real_lights_without_a_camera_are_no_rig(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="device is missing"):
+        load(tmp_path, '[lights]\nport = "/dev/ttyACM0"\n')
+
+
+def test_a_timing_measured_in_another_mode_is_not_used(tmp_path: Path) -> None:
+    mode = "GREY 512x512, 30 Hz, 20 ms"
+    timing = f'timestamp_offset_ms = -2\nreadout_ms = 8\ntiming_measured_at = "{mode}"\n'
+    assert load(tmp_path, CAMERA + timing).camera.mode == mode
+    changed = load(tmp_path, CAMERA + timing + "exposure_ms = 10\n").camera
+    with pytest.raises(ConfigError, match=r"512x512, 30 Hz, 10 ms'; run ps4rig rig latency again"):
+        V4l2Camera(changed)
 
 
 def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
@@ -76,14 +105,14 @@ def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
         ({"timestamp_marks": "driver"}, True, 100.0),
         ({"timestamp_marks": "driver", "timestamp_offset_ms": -3.0}, True, 99.997),
         ({"readout_ms": 0.0, "timestamp_offset_ms": 1.0}, False, 99.981),
+        ({"readout_ms": 5.0, "timestamp_uncertainty_ms": 2.0}, False, 99.973),
     ],
 )
 def test_a_stamp_is_the_frames_end_unless_the_drivers_claim_was_asked_for(
     changes: dict[str, object], claims_start: bool, start_s: float
 ) -> None:
     config = CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
-    capture = Capture(bytearray(), False, 100.0, claims_start, 1)
-    assert exposure_start_s(capture, config, 0.04, 0.02) == pytest.approx(start_s)
+    assert exposure_start_s(100.0, claims_start, config, 0.04, 0.02) == pytest.approx(start_s)
 
 
 def camera_at(device: str) -> CameraConfig:

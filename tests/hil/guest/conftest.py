@@ -46,7 +46,7 @@ def rig(bench: Bench) -> Rig:
     return bench.rig
 
 
-@pytest.fixture(autouse=True, scope="module")
+@pytest.fixture(scope="module")
 def no_caption() -> None:
     device = V4l2Device(VIDEO)
     write_control(device, named(device, "osd_text_mode"), 2)

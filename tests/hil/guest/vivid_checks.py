@@ -45,6 +45,8 @@ from tests.hil.guest.vivid_bench import (
     without_loss,
 )
 
+pytestmark = pytest.mark.usefixtures("no_caption")
+
 
 def test_formats_and_sizes_are_listed_with_those_nobody_knows(device: V4l2Device) -> None:
     offered = {entry.fourcc: entry for entry in device.formats()}
@@ -306,7 +308,7 @@ def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Pat
     assert (metadata.camera.kind, metadata.camera.name) == ("v4l2", "vivid")
     assert metadata.camera.controls["gain_automatic"] == 0
     assert metadata.camera.controls["v4l2"]["fixed_exposure"]
-    assert sum(image.stale_frames for image in metadata.images) >= 4
+    assert sum(image.stale_frames for image in metadata.images) >= 2
 
 
 # Those below take devices away for good, so they come last.

@@ -1,0 +1,70 @@
+"""Checks that run in the guest, shown on the host one by one."""
+
+import ast
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+from .machine import MachineError, run_in_guest
+
+__all__ = ["GUEST", "Outcomes", "assert_passed", "names_in", "run_checks"]
+
+GUEST = Path(__file__).parent / "guest"
+_ROOT = Path(__file__).parents[2]
+_TIMEOUT_S = 600.0
+
+# What went wrong, by the name of the case, as in ``test_it[cdc_acm]``; an empty text is a pass.
+Outcomes = Mapping[str, str]
+
+
+def names_in(source: Path) -> list[str]:
+    """Names of all checks in a file, those that it imports too."""
+    names = []
+    for node in ast.parse(source.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef):
+            names.append(node.name)
+        elif isinstance(node, ast.ImportFrom):
+            names += [alias.name for alias in node.names]
+    return [name for name in names if name.startswith("test_")]
+
+
+def run_checks(
+    file: Path, shared: Path, *, modules: Mapping[str, str], devices: Sequence[str] = ()
+) -> Outcomes:
+    """Boot a guest, run a file of checks there, and return what came of each.
+
+    For the rest see `run_in_guest`. Without a machine, or without results, all checks fail.
+    """
+    pytest_there = ["-m", "pytest", "-p", "no:cacheprovider", "--color=no", "--tb=short"]
+    checks = str(file.relative_to(_ROOT))
+    cause, console = None, ""
+    try:
+        console = run_in_guest(
+            [sys.executable, *pytest_there, "--junitxml=/mnt/results.xml", checks],
+            modules=modules,
+            shared=shared,
+            timeout_s=_TIMEOUT_S,
+            devices=devices,
+        )
+    except MachineError as error:
+        cause = str(error)
+    results = shared / "results.xml"
+    if cause is None and not results.exists():
+        cause = f"the guest's tests did not run:\n{console}"
+    if cause is not None:
+        pytest.fail(cause, pytrace=False)
+    return {
+        case.attrib["name"]: "\n".join(f"{part.tag}: {part.text}" for part in case)
+        for case in ET.parse(results).iter("testcase")
+    }
+
+
+def assert_passed(outcomes: Outcomes, name: str) -> None:
+    """That a check ran, and passed in all its cases; `name` may be that of one case."""
+    cases = {case: text for case, text in outcomes.items() if name in (case, case.split("[")[0])}
+    assert cases, f"{name} did not run in the guest"
+    wrong = [f"{case}: {text}" for case, text in cases.items() if text]
+    assert not wrong, "\n".join(wrong)

@@ -1,0 +1,124 @@
+"""Serial lines in the guest, with the controller's firmware at their far ends."""
+
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from serial.tools.list_ports import comports
+
+from firmware_sim import Clock, RealClock, SimulatedBoard, SimulatedController, serve_tty
+from rig.lights import LightController
+
+T = TypeVar("T")
+
+# The other end of the null modem whose near end is the adapter of that serial number.
+MODEM_FAR_END = "/dev/ttyS1"
+MODEM = "MODEM-1"
+# An adapter at whose far end the host serves the firmware, as controller of the same number.
+HOST = "HOST-1"
+GADGET = "PICO-1"
+_CONFIGFS = Path("/sys/kernel/config")
+_PATIENCE_S = 20.0
+
+
+def port_of(serial_number: str) -> str:
+    """The port of the adapter with a serial number, once it is there."""
+
+    def found() -> str:
+        return next((port.device for port in comports() if port.serial_number == serial_number), "")
+
+    return wait_for(found)
+
+
+def wait_for(look: Callable[[], T]) -> T:
+    """What `look` returns once that is not nothing."""
+    deadline_s = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < deadline_s:
+        if seen := look():
+            return seen
+        time.sleep(0.02)
+    raise AssertionError(f"still nothing after {_PATIENCE_S:g} s")
+
+
+class Gadget:
+    """A USB device with one CDC serial line, plugged into this very machine.
+
+    The kernel calls the end of the device ``/dev/ttyGS0``, and ours ``/dev/ttyACM0``.
+    """
+
+    far_end = "/dev/ttyGS0"
+
+    def __init__(self, serial_number: str) -> None:
+        if not (_CONFIGFS / "usb_gadget").exists():
+            subprocess.run(["mount", "-t", "configfs", "none", _CONFIGFS], check=True)
+        self._folder = _CONFIGFS / "usb_gadget" / serial_number
+        texts, config = self._folder / "strings/0x409", self._folder / "configs/c.1"
+        for folder in (texts, config, self._folder / "functions/acm.0"):
+            folder.mkdir(parents=True)
+        # Those of a Raspberry Pi Pico with MicroPython.
+        (self._folder / "idVendor").write_text("0x2e8a")
+        (self._folder / "idProduct").write_text("0x0005")
+        (texts / "manufacturer").write_text("ps4rig")
+        (texts / "product").write_text("LED controller")
+        (texts / "serialnumber").write_text(serial_number)
+        (config / "acm.0").symlink_to(self._folder / "functions/acm.0")
+        self.plug()
+
+    def plug(self) -> None:
+        controller = next(Path("/sys/class/udc").iterdir()).name
+        (self._folder / "UDC").write_text(controller)
+
+    def unplug(self) -> None:
+        (self._folder / "UDC").write_text("\n")
+
+    @property
+    def is_plugged(self) -> bool:
+        return bool((self._folder / "UDC").read_text().strip())
+
+
+@dataclass(frozen=True)
+class Plug:
+    """The controller's end of a line; to stop it is to pull it out, which takes its power."""
+
+    pull: Callable[[], None]
+
+    def stop(self) -> None:
+        self.pull()
+
+
+@dataclass(frozen=True)
+class SerialController:
+    """The firmware at the far end of a real serial line, and what its LEDs really do."""
+
+    port: str
+    clock: Clock
+    board: SimulatedBoard
+    server: Plug
+
+    def open(self, **options: int) -> LightController:
+        return LightController(self.port, clock=self.clock, **options)
+
+    def lit(self) -> list[int]:
+        self.clock.sleep_s(0.02)
+        now_s = self.clock.now_s()
+        return [led for led in range(4) if self.board.output(led, now_s) > 1e-6]
+
+
+@contextmanager
+def controller_at(
+    far_end: str, port: str, unplug: Callable[[], None] = lambda: None
+) -> Iterator[SerialController]:
+    """The firmware served at one end of a line whose other end is `port`."""
+    clock = RealClock()
+    board = SimulatedBoard(clock)
+    with serve_tty(SimulatedController(board, clock, boot_ms=100.0), far_end) as server:
+
+        def pull() -> None:
+            unplug()
+            server.stop()
+
+        yield SerialController(port, clock, board, Plug(pull))

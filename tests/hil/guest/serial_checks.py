@@ -1,0 +1,128 @@
+"""The light controller over the kernel's serial drivers. Runs as root in the guest.
+
+``ftdi_sio`` drives an adapter whose line ends at the guest's second serial port, and another one
+whose line ends at the firmware on the host. ``cdc_acm`` drives a USB gadget.
+"""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from capture import SetRejected, capture_set
+from rig import HardwareError, LightControllerError, Rig, RigConfig
+from rig.lights import LightController
+from rig.scene import SceneImages
+from rig.sensor import SensorModel
+from rig.simulated_camera import SimulatedCamera
+from tests.contract.test_lights_contract import (  # noqa: F401
+    test_all_leds_are_out_once_it_is_open,
+    test_close_puts_the_leds_out_and_the_next_program_can_open_it,
+    test_confirm_tells_what_is_lit_from_what_should_be,
+    test_controller_times_only_grow,
+    test_it_says_who_it_is,
+    test_levels_are_kept_per_led,
+    test_one_led_at_a_time_in_any_order,
+    test_one_that_is_unplugged_is_an_error_and_dark,
+    test_silence_puts_the_leds_out,
+    test_the_light_is_new_once_it_is_acknowledged,
+    test_what_it_cannot_do_it_refuses_and_goes_on,
+)
+from tests.hil.guest.serial_bench import (
+    GADGET,
+    MODEM,
+    MODEM_FAR_END,
+    Gadget,
+    SerialController,
+    controller_at,
+    port_of,
+    wait_for,
+)
+
+PORTS = {"ftdi_sio": (MODEM, MODEM_FAR_END), "cdc_acm": (GADGET, Gadget.far_end)}
+
+
+@pytest.fixture(scope="module")
+def gadget() -> Gadget:
+    return Gadget(GADGET)
+
+
+@pytest.fixture(params=PORTS)
+def controller(request: pytest.FixtureRequest, gadget: Gadget) -> Iterator[SerialController]:
+    serial_number, far_end = PORTS[request.param]
+    port = port_of(serial_number)
+    if request.param == "ftdi_sio":
+        with controller_at(far_end, port) as served:
+            yield served
+        return
+    with controller_at(far_end, port, gadget.unplug) as served:
+        yield served
+    if not gadget.is_plugged:
+        gadget.plug()
+
+
+@pytest.fixture
+def gadget_controller(gadget: Gadget) -> Iterator[SerialController]:
+    with controller_at(gadget.far_end, port_of(GADGET)) as served:
+        yield served
+
+
+def rig_with(lights: LightController, seen: SerialController) -> Rig:
+    """A rig whose lights are real and whose camera sees what the board's LEDs do."""
+    config = RigConfig().with_changes(
+        camera={"width_px": 48, "height_px": 32, "frame_rate_hz": 10.0, "exposure_ms": 20.0},
+        lights={"settle_ms": 20.0},
+    )
+    camera = SimulatedCamera(
+        seen.board,
+        seen.clock,
+        _card(32, 48),
+        SensorModel(bit_depth=12),
+        frame_period_s=0.1,
+        exposure_s=0.02,
+        seed=1,
+    )
+    return Rig(config, seen.clock, lights, camera, None)
+
+
+def _card(rows: int, columns: int) -> SceneImages:
+    """A plain grey card; what is real here is the light on it."""
+    grey = np.full((rows, columns), 0.5, np.float32)
+    lights = np.stack([grey] * 4)
+    flat = np.zeros_like(grey)
+    return SceneImages(lights, 0.02 * grey, lights < 0, flat, flat, grey)
+
+
+def test_a_port_in_use_is_named(controller: SerialController) -> None:
+    with controller.open() as lights:
+        lights.select(1)
+        with pytest.raises(LightControllerError, match="in use by another program"):
+            controller.open()
+        lights.confirm(1)
+
+
+def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
+    gadget: Gadget, gadget_controller: SerialController
+) -> None:
+    seen = gadget_controller
+
+    def pull_at_the_second_light() -> None:
+        wait_for(lambda: seen.board.output(1, seen.clock.now_s()) > 0.5)
+        gadget.unplug()
+
+    lights = seen.open(watchdog_ms=1000)
+    hand = threading.Thread(target=pull_at_the_second_light)
+    hand.start()
+    with rig_with(lights, seen) as rig, pytest.raises((HardwareError, SetRejected), match="gone"):
+        capture_set(rig)
+    hand.join()
+    unplugged_s = time.monotonic()
+    wait_for(lambda: seen.lit() == [])
+    assert time.monotonic() - unplugged_s < 3.0
+    gadget.plug()
+    port_of(GADGET)
+    with rig_with(seen.open(), seen) as rig:
+        captured = capture_set(rig)
+    assert len(captured.images) == 4
