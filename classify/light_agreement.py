@@ -1,4 +1,4 @@
-"""Whether pictures agree: the four of a matt surface with one another, and two of the same scene."""
+"""Whether pictures agree: four of a matt surface with one another, two of the same scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .errors import InputError
 from .light_algebra import drop_one_constants
 from .lighting import Lighting
 from .noise import SensorNoise, noise_of_images
 
-__all__ = ["LightAgreement", "light_agreement", "picture_difference"]
+__all__ = ["LightAgreement", "light_agreement", "like_signed", "picture_difference"]
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -66,6 +67,21 @@ class LightAgreement:
     strengths: tuple[float, ...] | None
     strength_error: float
     seen: float
+
+
+def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The lights in two groups, those whose images add up in the comparison of all in one.
+
+    Of a ring these are the opposite lights. Lights that are not four are halved as they come.
+    """
+    lights = range(len(lighting))
+    try:
+        null = drop_one_constants(lighting, "like_signed")[1]
+    except InputError:
+        half = (len(lighting) + 1) // 2
+        return tuple(lights[:half]), tuple(lights[half:])
+    like = tuple(light for light in lights if null[light] * null[0] > 0.0)
+    return like, tuple(light for light in lights if light not in like)
 
 
 def light_agreement(
