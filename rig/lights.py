@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import secrets
+import threading
 import time
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,27 +12,18 @@ from typing import Self
 
 from firmware_sim import Clock, RealClock
 
+from .controller_link import REPLY_TIMEOUT_S, ControllerIdentity, ControllerLink
 from .errors import LightControllerError
-from .serial_line import SerialLine
-from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
+from .heartbeat import Heartbeat
+from .wire import Reply
 
 __all__ = ["ControllerIdentity", "LightController", "LightState", "Switch"]
 
-PROTOCOL_VERSION = 2
-VENDOR = "PS4RIG"
-_OPEN_TIMEOUT_S = 3.0
-_REPLY_TIMEOUT_S = 0.5
-
-
-@dataclass(frozen=True)
-class ControllerIdentity:
-    """What the controller says of itself."""
-
-    vendor: str
-    model: str
-    serial_number: str
-    firmware_version: str
-    protocol_version: int
+# What is plugged in again takes a second or two until its port is there.
+_RECOVER_TIMEOUT_S = 5.0
+_RECOVER_PAUSE_S = 0.1
+# A program that has not used the lights for so long has forgotten them, or hangs.
+ATTENDED_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +53,8 @@ class LightController:
 
     All LEDs are out when it is opened and when it is closed. A failed exchange raises
     `LightControllerError`; nothing is repeated silently, so a `Switch` that was returned happened.
+    After a failure the LEDs are left to the controller's watchdog until `recover` is called.
+    Thread-safe: one exchange at a time.
 
     Parameters
     ----------
@@ -68,28 +62,46 @@ class LightController:
         Device name or pyserial URL.
     clock
         The rig's clock, on which acknowledges are stamped.
+    whereabouts
+        Ports on which `recover` looks for the controller, in this order; `port` if left out.
     """
 
     def __init__(
-        self, port: str, *, clock: Clock | None = None, baud: int = 115_200, watchdog_ms: int = 5000
+        self,
+        port: str,
+        *,
+        clock: Clock | None = None,
+        baud: int = 115_200,
+        watchdog_ms: int = 5000,
+        whereabouts: Callable[[], Iterable[str]] | None = None,
     ) -> None:
         self._clock = clock if clock is not None else RealClock()
-        # Not from 1: late replies to the program before must not look like replies to this one.
-        self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
-        self._line = SerialLine(port, baud, _REPLY_TIMEOUT_S)
+        self._baud = baud
+        self._watchdog_ms = watchdog_ms
+        self._whereabouts = whereabouts if whereabouts is not None else lambda: (port,)
+        self._lock = threading.RLock()
+        self._heartbeat: Heartbeat | None = None
+        self._missed_beat: LightControllerError | None = None
+        self._levels_percent: dict[int, int] = {}
+        self._has_failed = False
+        self._attend()
+        self._link = ControllerLink(port, baud)
         try:
-            self.identity = self._identify()
-            self._exchange("*RST")
-            self._exchange(f"SYST:WDOG {watchdog_ms}")
+            self._prepare()
             self.led_count = len(self.state().levels_percent)
         except BaseException:
-            self._line.close()
+            self._link.close()
             raise
+
+    @property
+    def identity(self) -> ControllerIdentity:
+        """What the controller says of itself."""
+        return self._link.identity
 
     @property
     def port(self) -> str:
         """The port it was opened on."""
-        return self._line.port
+        return self._link.port
 
     def select(self, led: int) -> Switch:
         """Light LED `led` (0-based) and no other."""
@@ -109,6 +121,7 @@ class LightController:
         """Brightness of one LED when it is lit, 0 to 100 %."""
         if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
             raise LightControllerError(f"{self.port}: level {percent} % of LED {led} did not hold")
+        self._levels_percent[led] = percent
 
     def state(self) -> LightState:
         """Ask the controller what is lit; this also keeps its watchdog quiet."""
@@ -132,21 +145,75 @@ class LightController:
             )
         return state
 
+    def keep_alive(self) -> None:
+        """Send heartbeats from a thread from here on; for real time, see `tend`."""
+        if self._heartbeat is None:
+            self._heartbeat = Heartbeat(self.tend)
+
+    def tend(self) -> float:
+        """Keep the controller's watchdog quiet if half its time has passed without a command.
+
+        That is only done while the program lives: the thread that used the lights last must not
+        have ended, they were used within `ATTENDED_S`, and no exchange has failed. A heartbeat
+        that fails is raised by the next exchange.
+
+        Returns
+        -------
+        float
+            Seconds until it should be called again.
+        """
+        period_s = self._watchdog_ms / 2000.0
+        if not self._lock.acquire(blocking=False):
+            return period_s  # an exchange that is under way does the same
+        try:
+            due_s = self._fed_s + period_s - self._clock.now_s()
+            if due_s > 0.0:
+                return due_s
+            if self._is_attended() and not self._has_failed:
+                self._beat()
+            return period_s
+        finally:
+            self._lock.release()
+
+    def recover(self) -> None:
+        """After a failed exchange: find the same controller again, and put its LEDs out.
+
+        The port is opened anew, and what an old exchange left in it is thrown away. Levels that
+        were set are set again. Without a failure nothing is done.
+
+        Raises
+        ------
+        LightControllerError
+            If it is not found in time, or another controller is in its place.
+        """
+        with self._lock:
+            if not self._has_failed:
+                return
+            self._attend()
+            self._link.close()
+            self._reopen()
+            self._has_failed = False
+            self._missed_beat = None
+            self._prepare()
+            for led, percent in self._levels_percent.items():
+                self._exchange(f"LED:LEV {led},{percent}")
+
     def close(self) -> None:
         """Put the LEDs out if the controller still listens, and release the port."""
+        if self._heartbeat is not None:
+            self._heartbeat.stop(2.0 * REPLY_TIMEOUT_S)
+        self._missed_beat = None
         # Whatever goes wrong here, the watchdog puts the LEDs out.
         try:
             with suppress(LightControllerError):
                 try:
                     self.off()
                 except LightControllerError:
-                    # An interrupted write may have left half a line, and spoilt this one: end
-                    # it, take its reply, and say it again.
-                    self._line.write(b"\n")
-                    self._line.read_line(time.monotonic() + _REPLY_TIMEOUT_S)
+                    # An interrupted write may have left half a line, and spoilt this one.
+                    self._link.end_line()
                     self.off()
         finally:
-            self._line.close()
+            self._link.close()
 
     def __enter__(self) -> Self:
         return self
@@ -159,80 +226,74 @@ class LightController:
     ) -> None:
         self.close()
 
-    def _identify(self) -> ControllerIdentity:
-        """Wait out a reset that opening the port may have caused, then ask who is there."""
-        deadline_s = time.monotonic() + _OPEN_TIMEOUT_S
-        # Ends whatever half line a previous program left in the controller.
-        self._line.write(b"\n")
-        heard = b""
-        while (now_s := time.monotonic()) < deadline_s:
-            sequence = self._send("*IDN?")
-            try_until_s = min(deadline_s, now_s + _REPLY_TIMEOUT_S)
-            while (line := self._line.read_line(try_until_s)) is not None:
-                heard = line
-                if line.startswith(BANNER):
-                    break  # it has just started: what was sent before is lost, ask again
-                with suppress(Garbled):
-                    reply = decode_reply(line)
-                    if reply.sequence == sequence and reply.ok:
-                        return self._checked_identity(reply.text)
-        if heard:
-            said = heard[:40].decode("ascii", "replace")
-            raise LightControllerError(
-                f"{self.port}: no intact answer to *IDN? in {_OPEN_TIMEOUT_S:g} s; this is not a "
-                f"light controller, or the line is bad (it said {said!r})"
-            )
-        raise LightControllerError(
-            f"{self.port}: no answer in {_OPEN_TIMEOUT_S:g} s; is this the light controller, and "
-            "does it have power?"
-        )
+    def _prepare(self) -> None:
+        self._exchange("*RST")
+        self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
-    def _checked_identity(self, text: str) -> ControllerIdentity:
-        fields = text.split(",")
-        if len(fields) < 5 or fields[0] != VENDOR or not fields[4].isdigit():
-            raise LightControllerError(
-                f"{self.port}: what is there is not a {VENDOR} light controller (it is {text!r})"
-            )
-        vendor, model, serial_number, firmware_version, protocol = fields[:5]
-        identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
-        if identity.protocol_version != PROTOCOL_VERSION:
-            older = identity.protocol_version < PROTOCOL_VERSION
-            raise LightControllerError(
-                f"{self.port}: the controller speaks protocol version "
-                f"{identity.protocol_version}, this program version {PROTOCOL_VERSION}; "
-                + ("renew its firmware: ps4rig rig flash" if older else "update this program")
-            )
-        return identity
+    def _reopen(self) -> None:
+        deadline_s = time.monotonic() + _RECOVER_TIMEOUT_S
+        wanted = self.identity.serial_number
+        while True:
+            failure: LightControllerError | None = None
+            for port in self._whereabouts():
+                try:
+                    link = ControllerLink(port, self._baud, max(0.1, deadline_s - time.monotonic()))
+                except LightControllerError as error:
+                    failure = failure or error
+                    continue
+                if link.identity.serial_number == wanted:
+                    self._link = link
+                    return
+                link.close()
+                found = link.identity.serial_number
+                failure = LightControllerError(
+                    f"{port}: light controller {found} is there in place of "
+                    f"{wanted}; plug that in again, or open the rig anew to use this one"
+                )
+            if time.monotonic() >= deadline_s:
+                raise failure or LightControllerError(
+                    f"light controller {wanted} is not plugged in any more"
+                )
+            time.sleep(_RECOVER_PAUSE_S)
 
-    def _send(self, command: str) -> int:
-        self._sequence = self._sequence % MAX_SEQUENCE + 1
-        self._line.write(encode_command(self._sequence, command))
-        return self._sequence
+    def _attend(self) -> None:
+        """Somebody has used the lights, and so has fed the watchdog."""
+        self._fed_s = self._attended_s = self._clock.now_s()
+        self._attendant = threading.current_thread()
+
+    def _is_attended(self) -> bool:
+        return self._attendant.is_alive() and self._clock.now_s() - self._attended_s <= ATTENDED_S
+
+    def _beat(self) -> None:
+        self._fed_s = self._clock.now_s()
+        try:
+            reply = self._ask("SYST:WDOG?")
+            if self._numbers(reply, 1) != (self._watchdog_ms,):
+                raise LightControllerError(
+                    f"{self.port}: the watchdog time is not what was set; has it restarted?"
+                )
+        except LightControllerError as error:
+            self._missed_beat = error
+            self._has_failed = True
 
     def _exchange(self, command: str) -> Reply:
-        sequence = self._send(command)
-        deadline_s = time.monotonic() + _REPLY_TIMEOUT_S
-        while (line := self._line.read_line(deadline_s)) is not None:
-            if line.startswith(BANNER):
-                raise LightControllerError(
-                    f"{self.port}: the controller restarted before it answered {command!r}"
-                )
-            try:
-                reply = decode_reply(line)
-            except Garbled as error:
-                raise LightControllerError(
-                    f"{self.port}: garbled reply to {command!r}: {line[:40]!r}"
-                ) from error
-            if reply.sequence is not None and reply.sequence != sequence:
-                continue  # the late answer to an exchange that was given up
-            if not reply.ok:
-                raise LightControllerError(f"{self.port}: {command!r} was refused: {reply.text}")
-            if reply.sequence == sequence:
-                return reply
-        raise LightControllerError(
-            f"{self.port}: no answer to {command!r} in {_REPLY_TIMEOUT_S:g} s; "
-            "the controller hangs or has lost power"
-        )
+        """Ask, and refuse what is refused."""
+        with self._lock:
+            self._attend()
+            if self._missed_beat is not None:
+                missed, self._missed_beat = self._missed_beat, None
+                raise LightControllerError(f"while nobody switched: {missed}") from missed
+            reply = self._ask(command)
+        if not reply.ok:
+            raise LightControllerError(f"{self.port}: {command!r} was refused: {reply.text}")
+        return reply
+
+    def _ask(self, command: str) -> Reply:
+        try:
+            return self._link.ask(command)
+        except BaseException:
+            self._has_failed = True
+            raise
 
     def _numbers(self, reply: Reply, count: int) -> tuple[int, ...]:
         try:

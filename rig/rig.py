@@ -94,7 +94,11 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         port = config.lights.port if simulation is None else simulation.port
         clock = RealClock() if simulation is None else simulation.clock
         lights = LightController(
-            port, clock=clock, baud=config.lights.baud, watchdog_ms=config.lights.watchdog_ms
+            port,
+            clock=clock,
+            baud=config.lights.baud,
+            watchdog_ms=config.lights.watchdog_ms,
+            whereabouts=lambda: (port if simulation is None else simulation.port,),
         )
         try:
             if lights.led_count < len(config.lights.tilts_deg):
@@ -102,7 +106,12 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
                     f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
                     f"at {port} has {lights.led_count}"
                 )
-            return Rig(config, clock, lights, _open_camera(config, simulation), simulation)
+            opened = Rig(config, clock, lights, _open_camera(config, simulation), simulation)
+            if simulation is not None and config.simulation.clock == "virtual":
+                simulation.clock.attend(lights.tend)
+            else:
+                lights.keep_alive()
+            return opened
         except BaseException:
             lights.close()
             raise

@@ -24,6 +24,7 @@ from .config import Placement, RigConfig
 from .fault_plan import FaultPlan
 from .frame_faults import FaultyCamera
 from .frame_time import exposure_start_s, require_measured_mode
+from .heartbeat import TendedClock
 from .material_folder import bundled_materials, load_material
 from .scene import SceneImages, render_frame
 from .sensor import SensorModel
@@ -57,23 +58,25 @@ class Simulation:
         self._config = config
         self._surface: tuple[tuple[object, ...], PeriodicSurface] | None = None
         virtual = config.simulation.clock == "virtual"
-        self.clock: Clock = VirtualClock() if virtual else RealClock()
+        device_clock: Clock = VirtualClock() if virtual else RealClock()
+        self.clock = TendedClock(device_clock)
         self.placement = config.simulation.placement
         scene = self._rendered(self.placement)
         faults = config.simulation.faults or FaultPlan()
         rise_ms, fall_ms = config.simulation.led_rise_ms, config.simulation.led_fall_ms
         leds = [Led(rise_ms, fall_ms) for _ in config.lights.tilts_deg]
         self.board = SimulatedBoard(
-            self.clock,
+            device_clock,
             led_count=len(leds),
             leds=faulty_leds(leds, faults.leds, faults.seed, self.clock.now_s())
             if faults.leds
             else leds,
         )
-        controller = SimulatedController(self.board, self.clock)
-        self._server = serve_pty(
+        controller = SimulatedController(self.board, device_clock)
+        self._controller = (
             FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
         )
+        self._server = serve_pty(self._controller)
         self.port = self._server.address
         self.camera = SimulatedCamera(
             self.board,
@@ -105,8 +108,15 @@ class Simulation:
         """Pull the controller's cable: its LEDs go out, the port is gone."""
         self._server.stop()
 
+    def replug_lights(self) -> None:
+        """Plug it in again: it boots, and answers on another port than before."""
+        self._server.stop()
+        self._server = serve_pty(self._controller)
+        self.port = self._server.address
+
     def close(self) -> None:
         """Stop the firmware and the camera."""
+        self.clock.attend(None)
         self.camera.close()
         self._server.stop()
 

@@ -2,11 +2,14 @@
 
 import typer
 
+from . import latency
+
 __all__ = ["rig_app"]
 
 _HELP = "Look after the rig itself: find it, check it, switch it by hand."
 
 rig_app = typer.Typer(help=_HELP)
+rig_app.command()(latency.latency)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)

@@ -373,7 +373,12 @@ def test_a_frame_that_comes_twice_is_noticed(rig: Rig) -> None:
 
 @pytest.mark.usefixtures("dark_after")
 def test_a_watchdog_that_trips_in_mid_set_spoils_it(rig: Rig) -> None:
-    silence = under(rig, 1, lambda: rig.clock.sleep_s(5.5))
+    def hang() -> None:
+        assert rig.simulation is not None
+        rig.simulation.clock.attend(None)  # no heartbeat either
+        rig.clock.sleep_s(5.5)
+
+    silence = under(rig, 1, hang)
     with pytest.raises(LightControllerError, match=r"LED \d should be lit but no LED is.*watchdog"):
         capture_set(silence)
 

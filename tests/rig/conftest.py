@@ -53,9 +53,10 @@ class DamagedLine:
 
     def __init__(self, tamper: Tamper) -> None:
         self._tamper = tamper
-        clock = VirtualClock()
-        self._controller = SimulatedController(SimulatedBoard(clock), clock)
-        self._controller.take_output()
+        self.clock = VirtualClock()
+        self.board = SimulatedBoard(self.clock)
+        self.controller = SimulatedController(self.board, self.clock)
+        self.controller.take_output()
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
@@ -76,19 +77,25 @@ class DamagedLine:
                 continue
             *lines, received = (received + os.read(self._master, 256)).split(b"\n")
             for line in lines:
-                self._controller.feed(line + b"\n")
-                for piece in self._tamper(line.decode(), self._controller.take_output()):
+                self.controller.feed(line + b"\n")
+                for piece in self._tamper(line.decode(), self.controller.take_output()):
                     os.write(self._master, piece)
 
 
 @pytest.fixture
-def damaged_line() -> Iterator[Callable[[Tamper], str]]:
-    """Put `tamper` between the firmware and a port; returns the port."""
+def damaged_device() -> Iterator[Callable[[Tamper], DamagedLine]]:
+    """Put `tamper` between the firmware and a port."""
     with ExitStack() as stack:
 
-        def start(tamper: Tamper) -> str:
+        def start(tamper: Tamper) -> DamagedLine:
             line = DamagedLine(tamper)
             stack.callback(line.close)
-            return line.port
+            return line
 
         yield start
+
+
+@pytest.fixture
+def damaged_line(damaged_device: Callable[[Tamper], DamagedLine]) -> Callable[[Tamper], str]:
+    """Put `tamper` between the firmware and a port; returns the port."""
+    return lambda tamper: damaged_device(tamper).port

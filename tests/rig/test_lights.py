@@ -21,7 +21,7 @@ from firmware_sim import (
     serve_pty,
 )
 from rig import LightControllerError
-from rig import lights as lights_module
+from rig import controller_link as link_module
 from rig.lights import LightController, LightState
 
 Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
@@ -30,8 +30,8 @@ Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Deadlines short enough to be waited for, and longer than a busy machine stands still."""
-    monkeypatch.setattr(lights_module, "_OPEN_TIMEOUT_S", 0.4)
-    monkeypatch.setattr(lights_module, "_REPLY_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.4)
+    monkeypatch.setattr(link_module, "REPLY_TIMEOUT_S", 0.5)
 
 
 def sealed(text: str) -> bytes:
@@ -51,7 +51,7 @@ def test_identity_is_what_the_firmware_says(bench: Any) -> None:
         identity = lights.identity
         assert (identity.vendor, identity.model) == ("PS4RIG", "LED4")
         assert identity.serial_number == "SIM-0001"
-        assert identity.protocol_version == PROTOCOL_VERSION == lights_module.PROTOCOL_VERSION
+        assert identity.protocol_version == PROTOCOL_VERSION == link_module.PROTOCOL_VERSION
         assert lights.led_count == 4
 
 
@@ -152,7 +152,7 @@ def test_the_port_is_free_again_after_a_failed_opening(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(lights_module, "VENDOR", "SOMEBODY")
+        patched.setattr(link_module, "VENDOR", "SOMEBODY")
         with pytest.raises(LightControllerError, match="not a SOMEBODY light controller"):
             LightController(bench.port, clock=bench.clock)
     with LightController(bench.port, clock=bench.clock) as lights:
@@ -456,7 +456,7 @@ def test_half_a_line_that_another_program_left_does_no_harm() -> None:
 def test_a_write_interrupted_in_mid_line_does_not_keep_the_led_on(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.select(2)
-        lights._line.write(b"#9 LED:S")
+        lights._link._line.write(b"#9 LED:S")
     assert bench.lit() == [0.0] * 4
 
 
@@ -464,5 +464,5 @@ def test_late_replies_to_the_program_before_fit_no_sequence_number_of_this_one(b
     first = []
     for _ in range(6):
         with LightController(bench.port, clock=bench.clock) as lights:
-            first.append(lights._sequence)
+            first.append(lights._link._sequence)
     assert len(set(first)) > 3

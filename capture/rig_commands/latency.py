@@ -1,0 +1,86 @@
+"""``ps4rig rig latency``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.console import JsonOption, folding_table, out, print_json, progress, reported
+
+if TYPE_CHECKING:
+    from rig.latency import CameraLatency
+
+__all__ = ["latency"]
+
+_MOST_STEPS = 1000
+
+
+@reported
+def latency(
+    rig: Annotated[
+        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
+    ] = Path("rig.toml"),
+    led: Annotated[int, typer.Option(min=0, help="Which LED is switched.")] = 0,
+    steps: Annotated[
+        int, typer.Option(min=5, max=_MOST_STEPS, help="How many times it is switched on and off.")
+    ] = 40,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what was found and store nothing.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how late the camera is, and store it in rig.toml.
+
+    An LED is switched on and off at all phases of the camera's frames, and each change awaited in
+    the picture. That tells what the driver's time stamps mean, so that a frame can be believed as
+    soon as it may be. The camera must see something bright under the LED, and no other light that
+    changes. Run it again when exposure, frame rate, size or format were changed.
+    """
+    from rig import ConfigError, RigConfig, load_config, open_rig
+    from rig.latency import measure_latency, without_timing
+    from rig.toml_edit import store_values
+
+    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    if led >= len(config.lights.tilts_deg):
+        raise ConfigError(
+            f"--led {led}: lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs"
+        )
+    with open_rig(without_timing(config)) as opened:
+        found = measure_latency(
+            opened, led, steps, lambda numbers: progress(numbers, len(numbers), "switches")
+        )
+    changes: dict[str, Mapping[str, str | float]] = {"camera": found.camera}
+    if found.settle_ms > config.lights.settle_ms:
+        changes["lights"] = {"settle_ms": found.settle_ms}
+    stored = not dry_run and str(rig) != "sim"
+    if stored:
+        store_values(rig, changes)
+    if as_json:
+        print_json({**asdict(found), "changes": changes, "stored": str(rig) if stored else None})
+        return
+    _print_page(found, changes)
+    out.print(f"stored in {rig}" if stored else "nothing was stored", soft_wrap=True)
+
+
+def _print_page(found: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
+    fit = found.fit
+    table = folding_table("row", "whole in the picture after", "at most", "frames before it")
+    for name, row in (("first", found.first_row), ("last", found.last_row)):
+        frames = f"up to {row.most_frames}"
+        table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)
+    out.print(table)
+    out.print(
+        f"{fit.caught} of the frames caught one of {found.switches} switches. The LED rises in "
+        f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); "
+        f"{found.settle_ms:g} ms after a switch a thousandth is missing. Rows are read out "
+        f"{'upwards' if fit.bottom_up else 'downwards'} in {1e3 * fit.readout_s:.2f} +- "
+        f"{1e3 * fit.readout_error_s:.2f} ms.",
+        soft_wrap=True,
+    )
+    for section, values in changes.items():
+        for key, value in values.items():
+            out.print(f"{section}.{key} = {value}", soft_wrap=True)

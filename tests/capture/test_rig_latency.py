@@ -1,0 +1,78 @@
+"""`ps4rig rig latency`, as a command on a simulated rig."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig import load_config
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+BENCH = """\
+# ours
+[lights]
+port = "simulated"
+
+[camera]
+width_px = 32     # small
+height_px = 32
+exposure_ms = 20  # not longer
+
+[simulation]
+stamp_lag_ms = 24
+led_rise_ms = 4
+"""
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "rig.toml"
+    path.write_text(BENCH)
+    return path
+
+
+def test_it_is_stored_in_rig_toml_and_a_set_is_captured_with_it(
+    ps4rig: Command, bench: Path
+) -> None:
+    said = ps4rig("rig", "latency", "--steps", "12").output
+    assert "stored in rig.toml" in said
+    kept = [line for line in bench.read_text().splitlines() if line in BENCH.splitlines()]
+    assert kept == BENCH.splitlines()
+    config = load_config(bench)
+    # The frame's end is 4 ms before the stamp, and the rise of 4 ms takes 13 to a thousandth.
+    assert config.camera.timestamp_offset_ms == pytest.approx(-4.0, abs=1.0)
+    assert config.camera.timing_measured_at == config.camera.mode
+    assert 11.0 < config.lights.settle_ms < 16.0
+    assert ps4rig("capture", "a.ome.tif").exit_code == 0
+    # What was stored is measured anew, and not on top of itself.
+    again = json.loads(ps4rig("rig", "latency", "--steps", "12", "--json").output)
+    assert again["camera"]["timestamp_offset_ms"] == pytest.approx(
+        config.camera.timestamp_offset_ms, abs=0.1
+    )
+
+
+def test_a_dry_run_stores_nothing(ps4rig: Command, bench: Path) -> None:
+    found = json.loads(ps4rig("rig", "latency", "--steps", "12", "--dry-run", "--json").output)
+    assert found["stored"] is None
+    assert found["changes"]["camera"] == found["camera"]
+    assert found["changes"]["lights"]["settle_ms"] == found["settle_ms"]
+    assert bench.read_text() == BENCH
+
+
+def test_another_mode_of_the_camera_needs_another_measurement(
+    ps4rig: Command, refused: Refused, bench: Path
+) -> None:
+    ps4rig("rig", "latency", "--steps", "12")
+    bench.write_text(bench.read_text().replace("exposure_ms = 20", "exposure_ms = 12"))
+    assert "run ps4rig rig latency again" in refused("capture", "a.ome.tif")
+    assert ps4rig("rig", "latency", "--steps", "12").exit_code == 0
+    assert ps4rig("capture", "a.ome.tif").exit_code == 0
+
+
+def test_a_led_that_is_not_there_is_refused(refused: Refused, bench: Path) -> None:
+    assert bench.exists()
+    assert "--led 4: lights.tilts_deg names 4 LEDs" in refused("rig", "latency", "--led", "4")
