@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
+from classify.errors import InputError, Ps4rigError
 from classify.light_agreement import like_signed
 from classify.noise import SensorNoise
 from rig import CameraInfo, HardwareError, Rig
@@ -19,7 +19,7 @@ from rig import CameraInfo, HardwareError, Rig
 from .captured_set import CapturedSet
 from .errors import SetRejected
 from .fresh_frames import FrameBeat, light_name
-from .light_checks import Pictures, check_lights
+from .light_checks import Pictures, check_ambient, check_lights
 from .light_images import image_under
 from .quality import check_images
 from .set_file import pixels_sha256
@@ -71,19 +71,22 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     checked_label(label)
-    retries: list[str] = []
+    failures: list[Ps4rigError] = []
     while True:
         created = datetime.now(UTC)
         try:
             rig.lights.recover()
+        except HardwareError as error:
+            raise failures[0] if failures else error from None
+        try:
             taken = _taken(rig, average)
             rig.lights.off()
             break
         except (SetRejected, HardwareError) as error:
             _put_out(rig)
-            if len(retries) == MAX_RETRIES:
+            if len(failures) == MAX_RETRIES:
                 raise
-            retries.append(str(error))
+            failures.append(error)
         except BaseException:
             _put_out(rig)
             raise
@@ -104,7 +107,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         checks=taken.checks,
-        retries=tuple(retries),
+        retries=tuple(map(str, failures)),
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(taken.pictures.images, taken.pictures.ambient),
     )
@@ -147,13 +150,14 @@ def _taken(rig: Rig, average: int) -> _Taken:
         noise=_noise(info, average),
     )
     names = [light_name(rig, light) for light in lights]
+    ambient_change = check_ambient(pictures, rig.lighting)
     check_images(pictures.images, ambient, pictures.full_scale, names)
 
     def second_look() -> npt.NDArray[np.uint16]:
         again = look(reversed((*first, *second)))
         return np.stack([again[light][0] for light in lights])
 
-    checks = check_lights(pictures, rig.lighting, names, second_look)
+    checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
     records = (*(taken[light][1] for light in lights), ambient_record)
     return _Taken(pictures, records, checks)
 

@@ -33,6 +33,7 @@ class FrameBeat:
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._sequence: int | None = None
+        self._received = 0
         self._print = b""
         self._is_repeat = False
         self._accepted: deque[tuple[int, float, str]] = deque(maxlen=_BEAT_FRAMES)
@@ -47,13 +48,14 @@ class FrameBeat:
         same_number = self._sequence is not None and frame.sequence <= self._sequence
         alike = print_ != b"" and print_ == self._print and not self._is_repeat
         self._is_repeat = same_number or alike
+        self._received += not self._is_repeat
         self._sequence = max(frame.sequence, self._sequence or 0)
         self._print = print_
         return self._is_repeat
 
-    def accept(self, frame: Frame, acknowledged_s: float, name: str) -> None:
-        """Remember that a frame was taken for one whose exposure began after an acknowledge."""
-        self._accepted.append((frame.sequence, acknowledged_s, name))
+    def accept(self, acknowledged_s: float, name: str) -> None:
+        """Remember that this frame, the last one, was taken for newer than an acknowledge."""
+        self._accepted.append((self._received, acknowledged_s, name))
 
     def check(self, frame: Frame) -> None:
         """See by the time stamp of a later frame whether one that was accepted was that new.
@@ -66,14 +68,15 @@ class FrameBeat:
         SetRejected
             If an accepted frame was older than its light.
         """
-        for sequence, acknowledged_s, name in self._accepted:
-            frames = frame.sequence - sequence
+        for number, acknowledged_s, name in self._accepted:
+            # Those that were received: of numbers that were skipped nobody knows what they count.
+            frames = self._received - number
             began_s = frame.exposure_start_s - frames * self._period_s * (1.0 - _PERIOD_ERROR)
             if 0 < frames <= _BEAT_FRAMES and began_s < acknowledged_s:
                 raise SetRejected(
-                    f"set rejected: the time stamp of frame {sequence} was late, by the frames "
-                    f"after it: it began {1e3 * (acknowledged_s - began_s):.0f} ms or more before "
-                    f"{name}; look after the camera's driver and cable"
+                    f"set rejected: the time stamp of a frame under {name} was late: by those of "
+                    f"the frames after it, it began {1e3 * (acknowledged_s - began_s):.0f} ms or "
+                    "more before the light; look after the camera's cable and the computer's load"
                 )
 
 
@@ -128,7 +131,7 @@ class FreshFrames:
                 self.corrupt += 1
             else:
                 name = light_name(self._rig, self._light)
-                self._beat.accept(frame, self._acknowledged_s, name)
+                self._beat.accept(self._acknowledged_s, name)
                 return frame
         raise SetRejected(
             f"set rejected: no good frame under {light_name(self._rig, self._light)} in "

@@ -23,7 +23,7 @@ from classify.noise import SensorNoise, noise_of_images
 from .errors import SetRejected
 from .set_metadata import ChecksRecord
 
-__all__ = ["Pictures", "check_lights"]
+__all__ = ["Pictures", "check_ambient", "check_lights"]
 
 Images = npt.NDArray[np.uint16]
 
@@ -64,10 +64,32 @@ class Pictures:
     noise: SensorNoise | None
 
 
+def check_ambient(pictures: Pictures, lighting: Lighting) -> float:
+    """How much the two ambient images differ, as a share of the brightest light's image.
+
+    Raises
+    ------
+    SetRejected
+        If they do.
+    """
+    means = pictures.images.mean(axis=(1, 2))
+    signal = max(1.0, float(means.max()) - float(pictures.ambient.mean()))
+    noise = pictures.noise or _estimated_noise(pictures, lighting)
+    change = picture_difference(pictures.ambient, pictures.later_ambient, signal, noise)
+    if change > MAX_AMBIENT_CHANGE:
+        raise SetRejected(
+            f"set rejected: with all LEDs off the picture changed by {change:.0%} of an LED's "
+            "light while the set was taken: an LED stays on, a frame was black, torn or older than "
+            "its time stamp says, or other light came or went"
+        )
+    return change
+
+
 def check_lights(
     pictures: Pictures,
     lighting: Lighting,
     names: list[str],
+    ambient_change: float,
     second_look: Callable[[], Images],
 ) -> ChecksRecord:
     """Reject pictures of wrong light.
@@ -80,6 +102,8 @@ def check_lights(
         Its lights.
     names
         What people call them.
+    ambient_change
+        From `check_ambient`, for the record.
     second_look
         Takes all light images again, in the opposite order; called only where the first ones do
         not vouch for each other.
@@ -90,15 +114,6 @@ def check_lights(
         With the cause.
     """
     noise = pictures.noise or _estimated_noise(pictures, lighting)
-    signals = pictures.images.mean(axis=(1, 2)) - float(pictures.ambient.mean())
-    signal = float(signals.mean())
-    change = picture_difference(pictures.ambient, pictures.later_ambient, signal, noise)
-    if change > MAX_AMBIENT_CHANGE:
-        raise SetRejected(
-            f"set rejected: with all LEDs off the picture changed by {change:.0%} of an LED's "
-            "light while the set was taken: an LED stays on, the frame was black, its time stamp "
-            "is late, or other light came and went"
-        )
     _refuse_equal(pictures.images, names)
     agreement = _agreement(pictures, lighting)
     if agreement is not None:
@@ -106,9 +121,9 @@ def check_lights(
     undecided = _undecided(agreement)
     if undecided:
         _compare(pictures, second_look(), names, noise)
-        _check_shares(signals, names)
+        _check_shares(pictures, names)
     return ChecksRecord(
-        ambient_change=change,
+        ambient_change=ambient_change,
         contradiction=None if agreement is None else agreement.contradiction,
         light_strengths=None if agreement is None else agreement.strengths,
         light_strengths_error=None
@@ -202,12 +217,14 @@ def _compare(pictures: Pictures, again: Images, names: list[str], noise: SensorN
         change = max(change, abs(float(second.mean()) - dark - signal) / signal)
         if change > MAX_CHANGE_BETWEEN_LOOKS:
             raise SetRejected(
-                f"set rejected: under {name} two pictures differ by {change:.0%}: the LED flickers, "
-                "the exposure drifts, a frame was torn or showed another light, or the part moved"
+                f"set rejected: under {name} two pictures differ by {change:.0%}: the LED "
+                "flickers, the exposure drifts, a frame was torn or showed another light, or the "
+                "part moved"
             )
 
 
-def _check_shares(signals: npt.NDArray[np.float64], names: list[str]) -> None:
+def _check_shares(pictures: Pictures, names: list[str]) -> None:
+    signals = pictures.images.mean(axis=(1, 2)) - float(pictures.ambient.mean())
     median = float(np.median(signals))
     for name, signal in zip(names, signals, strict=True):
         if signal < MIN_SHARE_OF_MEDIAN * median:

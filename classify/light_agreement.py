@@ -52,8 +52,9 @@ class LightAgreement:
     Attributes
     ----------
     contradiction
-        How much the images contradict one another beyond noise, taken as strong as labelled: the
-        rms share of the brightness by which one of them would be wrong. 0 where noise explains all.
+        How much the images contradict one another beyond noise, with the `strengths` where they
+        are known: the rms share of the brightness by which one of them would be wrong. 0 where
+        noise explains all.
     strengths
         (4,) relative strengths of the lights, of median 1, that explain the images; None where
         no strengths do, or too few pixels are lit by all four.
@@ -132,21 +133,24 @@ def light_agreement(
     brightness = np.maximum(values.mean(axis=0), np.float32(1e-6))
     # Both as shares of the brightness: of one image that is wrong by a share, that share.
     scale = np.float32(1.0 / np.abs(null).mean()) / brightness
-    deviation = scale * (weights * values).sum(axis=0)
     noise_share = scale * np.sqrt((np.square(weights) * variance).sum(axis=0))
-    rows = lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW
     spread = np.hypot(noise_share, np.float32(_MATT))
-    contradiction = _beyond_noise(deviation, spread, lit)
-    terms = (scale * weights * values / spread).astype(np.float64)
-    noises = (np.square(scale * weights) * variance / np.square(spread)).astype(np.float64)
+    terms = scale * weights * values
+    noises = np.square(scale * weights / spread) * variance
+    normed = (terms / spread).astype(np.float64)
     fits = [
-        _fit(terms[part][:, lit[part[1:]]], noises[part][:, lit[part[1:]]]) for part in _parts(lit)
+        _fit(normed[part][:, lit[part[1:]]], noises[part][:, lit[part[1:]]]) for part in _parts(lit)
     ]
     whole = fits[0]
-    if whole is None or not all(fit is None or fit.is_like(whole) for fit in fits[1:]):
-        return LightAgreement(contradiction, None, math.inf, float(rows.mean()))
+    if not all(fit is None or (whole is not None and fit.is_like(whole)) for fit in fits):
+        whole = None
+    seen = float((lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean())
+    if whole is None:
+        return LightAgreement(_beyond_noise(terms.sum(axis=0), spread, lit), None, math.inf, seen)
+    evened_terms = terms / whole.strengths.astype(np.float32)[:, None, None]
+    contradiction = _beyond_noise(evened_terms.sum(axis=0), spread, lit)
     strengths = tuple(float(strength) for strength in whole.strengths)
-    return LightAgreement(contradiction, strengths, whole.error, float(rows.mean()))
+    return LightAgreement(contradiction, strengths, whole.error, seen)
 
 
 def picture_difference(

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from classify import Lighting
@@ -35,26 +36,38 @@ __all__ = [
 SIMULATED = "simulated"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
+Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class LightsConfig(Section):
     """The LED controller and where its LEDs stand.
 
-    `port` is a device (``/dev/ttyACM0``), a pyserial URL, or ``simulated``.
+    `port` is a device (``/dev/ttyACM0``), a pyserial URL, or ``simulated``. `intensities` are how
+    strong the LEDs are by make, relative to each other; all the same if left out.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
     baud: int = Field(default=115_200, ge=300, le=12_000_000)
     tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
+    intensities: tuple[Intensity, ...] = ()
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
 
     @property
     def lighting(self) -> Lighting:
-        """The light directions."""
-        return Lighting.from_angles(self.tilts_deg, self.slant_deg)
+        """Where the lights stand, and how strong they are."""
+        ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
+        return Lighting(ring.directions, np.array(self.intensities))
+
+    @model_validator(mode="after")
+    def _one_intensity_each(self) -> Self:
+        if len(self.intensities) not in (0, len(self.tilts_deg)):
+            raise ValueError(
+                f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
+            )
+        return self
 
 
 class Placement(Section):
