@@ -120,9 +120,20 @@ def capture(
             captured.save(path)
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
-                out.print(f"{path}: {len(captured.images)} lights{note}", soft_wrap=True)
+                span = _time_taken(captured)
+                out.print(f"{path}: {len(captured.images)} lights {span}{note}", soft_wrap=True)
     if json:
         print_json([{"set": str(path), "simulated": config.is_simulated} for path in paths])
+
+
+def _time_taken(captured: CapturedSet) -> str:
+    """From the first frame's exposure to the last one's, in words."""
+    frames = [frame for image in captured.metadata.images for frame in image.frames]
+    begun_s = min(frame.exposure_start_s for frame in frames)
+    taken_s = max(frame.exposure_end_s for frame in frames) - begun_s
+    sequences = [frame.sequence for frame in frames]
+    count = max(sequences) - min(sequences) + 1
+    return f"in {count} frames, {1e3 * taken_s:.0f} ms"
 
 
 def _captured(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
 
 from classify import Lighting
 from classify.lighting import RING_TILTS_DEG
@@ -34,6 +34,8 @@ __all__ = [
 
 # As `lights.port`: the firmware runs here, on a pty.
 SIMULATED = "simulated"
+# As `lights.port`: wherever the controller is plugged in.
+AUTO = "auto"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
@@ -43,17 +45,35 @@ Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 class LightsConfig(Section):
     """The LED controller and where its LEDs stand.
 
-    `port` is a device (``/dev/ttyACM0``), a pyserial URL, or ``simulated``. `intensities` are how
-    strong the LEDs are by make, relative to each other; all the same if left out.
+    `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
+    the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
+    they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
+    the same if left out.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
+    serial_number: str | None = Field(default=None, min_length=1, max_length=200)
+    usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
     baud: int = Field(default=115_200, ge=300, le=12_000_000)
     tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
     intensities: tuple[Intensity, ...] = ()
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
+
+    @field_validator("usb_id", mode="before")
+    @classmethod
+    def _usb_id_in_small_letters(cls, usb_id: Any) -> Any:
+        return usb_id.lower() if isinstance(usb_id, str) else usb_id
+
+    @model_validator(mode="after")
+    def _is_looked_for_one_way(self) -> Self:
+        if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
+            raise ValueError(
+                f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "
+                "leave them out, or set that"
+            )
+        return self
 
     @property
     def lighting(self) -> Lighting:

@@ -11,7 +11,8 @@ from classify import Lighting
 from firmware_sim import Clock, RealClock
 
 from .camera import Camera
-from .config import RigConfig, load_config
+from .config import AUTO, RigConfig, load_config
+from .discovery import find_controller, list_serial_ports, ports_to_try
 from .errors import ConfigError
 from .lights import LightController
 from .simulation import Simulation
@@ -91,14 +92,14 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         config = RigConfig() if rig == "sim" else load_config(Path(rig))
     simulation = Simulation(config) if config.is_simulated else None
     try:
-        port = config.lights.port if simulation is None else simulation.port
+        port = _port_of(config) if simulation is None else simulation.port
         clock = RealClock() if simulation is None else simulation.clock
         lights = LightController(
             port,
             clock=clock,
             baud=config.lights.baud,
             watchdog_ms=config.lights.watchdog_ms,
-            whereabouts=lambda: (port if simulation is None else simulation.port,),
+            whereabouts=lambda: _whereabouts(port, simulation),
         )
         try:
             if lights.led_count < len(config.lights.tilts_deg):
@@ -119,6 +120,20 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         if simulation is not None:
             simulation.close()
         raise
+
+
+def _port_of(config: RigConfig) -> str:
+    if config.lights.port != AUTO:
+        return config.lights.port
+    return find_controller(config.lights, list_serial_ports())
+
+
+def _whereabouts(port: str, simulation: Simulation | None) -> list[str]:
+    if simulation is not None:
+        return [simulation.port]
+    if "://" in port:
+        return [port]
+    return ports_to_try(port, list_serial_ports())
 
 
 def _open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:

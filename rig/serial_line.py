@@ -7,6 +7,7 @@ bytes are collected until a line end has come, whatever the port does in between
 from __future__ import annotations
 
 import errno
+import os
 import time
 from contextlib import suppress
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import serial
 
 from .errors import LightControllerError
+from .port_holders import port_holders
 
 __all__ = ["SerialLine"]
 
@@ -37,7 +39,7 @@ class SerialLine:
                 exclusive=True,
             )
         except (OSError, ValueError) as error:
-            raise LightControllerError(f"{port}: {_why_not_open(error)}") from error
+            raise LightControllerError(f"{port}: {_why_not_open(port, error)}") from error
         _refuse_other_openers(self._serial)
 
     def write(self, data: bytes) -> None:
@@ -89,14 +91,15 @@ class SerialLine:
         )
 
 
-def _why_not_open(error: OSError | ValueError) -> str:
+def _why_not_open(port: str, error: OSError | ValueError) -> str:
     code = getattr(error, "errno", None)
     if code == errno.ENOENT:
         return "no such port; is the light controller plugged in?"
     if code == errno.EACCES:
         return "no permission; add yourself to the group that owns it (dialout on Debian)"
     if code in (errno.EBUSY, errno.EAGAIN):
-        return "in use by another program; close that first"
+        holders = [holder for holder in port_holders(port) if holder.pid != os.getpid()]
+        return f"in use by {holders[0] if holders else 'another program'}; close that first"
     return f"cannot be opened as a serial port ({error})"
 
 

@@ -132,7 +132,7 @@ MATRIX: list[tuple[str, dict[str, Any], str, str]] = [
         "rejected",
         "older than its time stamp",
     ),
-    ("drift", frame("drift", rate_per_s=0.4), "rejected", "the exposure drifts"),
+    ("drift", frame("drift", rate_per_s=-0.9), "rejected", "the exposure drifts"),
     ("gone", frame("gone", when={"nth": 5}), "rejected", "the camera is gone"),
 ]
 

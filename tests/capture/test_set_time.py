@@ -1,0 +1,98 @@
+"""How long a set takes: at most two frame periods per image and one more."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet, capture_set
+from rig import RigConfig, open_rig
+from rig.latency import measure_latency, without_timing
+
+SETS = 8
+
+
+@dataclass(frozen=True)
+class Bench:
+    rate_hz: float
+    exposure_ms: float
+    lag_ms: float
+    jitter_ms: float = 0.0
+    readout_ms: float = 0.0
+    clock: str = "virtual"
+
+    @property
+    def config(self) -> RigConfig:
+        """With the timing that `rig latency` finds."""
+        config = RigConfig().with_changes(
+            camera={
+                "width_px": 32,
+                "height_px": 32,
+                "frame_rate_hz": self.rate_hz,
+                "exposure_ms": self.exposure_ms,
+            },
+            simulation={
+                "clock": self.clock,
+                "stamp_lag_ms": self.lag_ms,
+                "stamp_jitter_ms": self.jitter_ms,
+                "readout_ms": self.readout_ms,
+            },
+        )
+        with open_rig(without_timing(config)) as rig:
+            found = measure_latency(rig, steps=20)
+        return config.with_changes(camera=dict(found.camera))
+
+
+def frames_apart(captured: CapturedSet) -> np.ndarray:
+    """Frames from each image to the next; there is a second ambient one in the middle."""
+    sequences = np.sort([image.frames[0].sequence for image in captured.metadata.images])
+    first, second, both, last = np.diff(sequences)
+    return np.array([first, second, both / 2, both / 2, last])
+
+
+def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
+    """(sets, lights) frame periods per image, and (sets,) of whole sets; both are printed."""
+    config = bench.config
+    period_s = 1.0 / bench.rate_hz
+    apart, wholes = [], []
+    with open_rig(config) as rig:
+        for number in range(SETS):
+            # At all phases of the frames, with old ones in the queue.
+            rig.clock.sleep_s(0.3 + number / SETS * period_s)
+            begun_s = rig.clock.now_s()
+            apart.append(frames_apart(capture_set(rig)))
+            wholes.append((rig.clock.now_s() - begun_s) / period_s)
+    print(
+        f"\n{bench}: {np.mean(apart):.2f} frame periods per image, at most {np.max(apart)}; a set "
+        f"{np.mean(wholes):.2f} ({1e3 * np.mean(wholes) * period_s:.0f} ms), at most "
+        f"{max(wholes):.2f} ({1e3 * max(wholes) * period_s:.0f} ms)"
+    )
+    return np.array(apart), np.array(wholes)
+
+
+@pytest.mark.parametrize(
+    "bench",
+    [
+        Bench(30.0, 20.0, lag_ms=24.0),
+        Bench(30.0, 20.0, lag_ms=39.0, readout_ms=15.0),
+        Bench(30.0, 20.0, lag_ms=24.0, jitter_ms=2.0),
+        Bench(60.0, 10.0, lag_ms=14.0),
+        Bench(60.0, 10.0, lag_ms=20.0, readout_ms=6.0, jitter_ms=0.5),
+    ],
+    ids=str,
+)
+def test_a_measured_camera_takes_two_frames_per_image_at_most(bench: Bench) -> None:
+    apart, wholes = set_times(bench)
+    assert apart.max() <= 2
+    # All frames there are from the ambient one to the last, and around them: the wait until an
+    # exposure begins in known darkness, transfer, and six exchanges of 1 ms.
+    around_ms = bench.config.lights.settle_ms + bench.readout_ms + 4.0 + 6.0
+    assert wholes.max() <= 2 * apart.shape[1] + 1 + 1 + around_ms * bench.rate_hz / 1e3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bench", [Bench(30.0, 20.0, 24.0, 0.5), Bench(60.0, 10.0, 14.0, 0.5)])
+def test_on_the_real_clock(bench: Bench) -> None:
+    apart, _ = set_times(replace(bench, clock="real"))
+    # A machine that does other things as well stands still now and then.
+    assert np.median(apart) <= 2
