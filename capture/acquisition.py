@@ -19,8 +19,9 @@ from rig import CameraInfo, HardwareError, Rig
 from .captured_set import CapturedSet
 from .errors import SetRejected
 from .fresh_frames import FrameBeat, light_name
+from .hardware_set import images_in_sequence
 from .light_checks import Pictures, check_ambient, check_lights
-from .light_images import image_under
+from .light_images import LightImage, image_under
 from .quality import check_images
 from .set_file import pixels_sha256
 from .set_metadata import (
@@ -104,6 +105,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         placement=placement,
         rig_name=rig.config.name,
         settle_ms=rig.config.lights.settle_ms,
+        synchronisation=rig.config.lights.synchronisation,
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         checks=taken.checks,
@@ -123,43 +125,71 @@ class _Taken:
     checks: ChecksRecord
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """The ambient image, those of the lights in their order, and perhaps a later ambient image."""
+
+    ambient: LightImage
+    lights: tuple[LightImage, ...]
+    later_ambient: LightImage | None = None
+
+    @property
+    def images(self) -> npt.NDArray[np.uint16]:
+        return np.stack([image for image, _ in self.lights])
+
+
 def _taken(rig: Rig, average: int) -> _Taken:
-    """The pictures of one attempt.
+    """The pictures of one attempt."""
+    beat = FrameBeat(rig.camera.info.frame_period_s)
+    by_software = rig.config.sequence_plan is None
+    look = _looked(rig, average, beat) if by_software else _looked_in_sequence(rig, average)
+    later = None if look.later_ambient is None else look.later_ambient[0]
+    full_scale = (1 << rig.camera.info.bit_depth) - 1 if average == 1 else 65535
+    noise = _noise(rig.camera.info, average)
+    pictures = Pictures(look.images, look.ambient[0], later, full_scale, noise)
+    names = [light_name(rig, light) for light in range(len(rig.lighting))]
+    ambient_change = check_ambient(pictures, rig.lighting)
+    check_images(pictures.images, pictures.ambient, full_scale, names)
+
+    def second_look() -> npt.NDArray[np.uint16]:
+        if not by_software:
+            return _looked_in_sequence(rig, average).images
+        again = _under(rig, average, beat, reversed(_order(rig)))
+        return np.stack([again[light][0] for light in sorted(again)])
+
+    checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
+    records = (*(record for _, record in look.lights), look.ambient[1])
+    return _Taken(pictures, records, checks)
+
+
+def _looked(rig: Rig, average: int, beat: FrameBeat) -> _Look:
+    """One look, switched by software.
 
     Lights that count alike in the comparison of all are taken one after the other, with the second
     ambient image between the two groups: so light that is there for a while, in whatever
     consecutive pictures, either makes the lights disagree or the ambient images differ.
     """
-    info = rig.camera.info
-    beat = FrameBeat(info.frame_period_s)
-
-    def look(lights: Iterable[int]) -> dict[int, tuple[npt.NDArray[np.uint16], ImageRecord]]:
-        return {light: image_under(rig, light, average, beat) for light in lights}
-
-    lights = range(len(rig.lighting))
     first, second = like_signed(rig.lighting)
-    ambient, ambient_record = image_under(rig, None, average, beat)
-    taken = look(first)
-    later_ambient, _ = image_under(rig, None, average, beat)
-    taken |= look(second)
-    pictures = Pictures(
-        images=np.stack([taken[light][0] for light in lights]),
-        ambient=ambient,
-        later_ambient=later_ambient,
-        full_scale=(1 << info.bit_depth) - 1 if average == 1 else 65535,
-        noise=_noise(info, average),
-    )
-    names = [light_name(rig, light) for light in lights]
-    ambient_change = check_ambient(pictures, rig.lighting)
-    check_images(pictures.images, ambient, pictures.full_scale, names)
+    ambient = image_under(rig, None, average, beat)
+    taken = _under(rig, average, beat, first)
+    later_ambient = image_under(rig, None, average, beat)
+    taken |= _under(rig, average, beat, second)
+    return _Look(ambient, tuple(taken[light] for light in sorted(taken)), later_ambient)
 
-    def second_look() -> npt.NDArray[np.uint16]:
-        again = look(reversed((*first, *second)))
-        return np.stack([again[light][0] for light in lights])
 
-    checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
-    records = (*(taken[light][1] for light in lights), ambient_record)
-    return _Taken(pictures, records, checks)
+def _looked_in_sequence(rig: Rig, average: int) -> _Look:
+    """One look, switched by the controller at each frame, without a frame to spare."""
+    ambient, *lights = images_in_sequence(rig, average)
+    return _Look(ambient, tuple(lights))
+
+
+def _order(rig: Rig) -> list[int]:
+    first, second = like_signed(rig.lighting)
+    return [*first, *second]
+
+
+def _under(rig: Rig, average: int, beat: FrameBeat, lights: Iterable[int]) -> dict[int, LightImage]:
+    return {light: image_under(rig, light, average, beat) for light in lights}
 
 
 def _put_out(rig: Rig) -> None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 
-from rig import CameraError, CameraInfo, Frame, FrameFlag, Rig, Switch
+from rig import Frame, FrameFlag, Rig, Switch
 
 from .errors import SetRejected
+from .frame_mean import check_frame
 
 __all__ = ["FrameBeat", "FreshFrames", "light_name"]
 
@@ -116,7 +117,7 @@ class FreshFrames:
         while clock.now_s() < deadline_s:
             # Not only what remains: a camera that gives bad frames has not failed to give any.
             frame = self._rig.camera.read(patience_s)
-            _check_frame(frame, info, clock.now_s())
+            check_frame(frame, info, clock.now_s())
             if self._beat.is_repeat(frame):
                 self.repeated += 1
                 continue
@@ -149,19 +150,3 @@ def _fingerprint(frame: Frame) -> bytes:
     pixels = frame.pixels.reshape(-1)
     sample = pixels[:: max(1, pixels.size // _FINGERPRINT_PX)]
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
-
-
-def _check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
-    """Refuse a frame that the camera did not announce, or that cannot have been exposed yet."""
-    rows, columns = frame.pixels.shape
-    if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
-        raise CameraError(
-            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit, it had announced "
-            f"{info.width_px} x {info.height_px} of {info.bit_depth}"
-        )
-    if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
-        raise CameraError(
-            f"frame {frame.sequence} claims an exposure from {frame.exposure_start_s:.6f} to "
-            f"{frame.exposure_end_s:.6f} s and came at {now_s:.6f} s; the camera's time stamps "
-            "are not on the rig's clock"
-        )

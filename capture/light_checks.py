@@ -33,8 +33,8 @@ MAX_CONTRADICTION = 0.02
 MAX_CHANGE_BETWEEN_LOOKS = 0.02
 # Of one LED against the others.
 MAX_STRENGTH_DIFFERENCE = 0.04
-# Strengths are known when their standard error is this at most. If it is larger, only what is
-# beyond so many of it counts.
+# Strengths are known when their standard error is this at most. Only what is beyond so many of it
+# counts.
 KNOWN_STRENGTH = 0.01
 STANDARD_ERRORS = 4.0
 # The share of rows in which four lights must have been compared.
@@ -52,26 +52,30 @@ class Pictures:
     images
         (N, H, W).
     ambient, later_ambient
-        (H, W) with all lights out, before the lights and between them.
+        (H, W) with all lights out, before the lights and between them; the later one may be None.
     full_scale, noise
         Pixel value of saturation; noise of the images, None if it is not known.
     """
 
     images: Images
     ambient: Images
-    later_ambient: Images
+    later_ambient: Images | None
     full_scale: int
     noise: SensorNoise | None
 
 
-def check_ambient(pictures: Pictures, lighting: Lighting) -> float:
+def check_ambient(pictures: Pictures, lighting: Lighting) -> float | None:
     """How much the two ambient images differ, as a share of the brightest light's image.
+
+    None if there is only one.
 
     Raises
     ------
     SetRejected
         If they do.
     """
+    if pictures.later_ambient is None:
+        return None
     means = pictures.images.mean(axis=(1, 2))
     signal = max(1.0, float(means.max()) - float(pictures.ambient.mean()))
     noise = pictures.noise or _estimated_noise(pictures, lighting)
@@ -89,7 +93,7 @@ def check_lights(
     pictures: Pictures,
     lighting: Lighting,
     names: list[str],
-    ambient_change: float,
+    ambient_change: float | None,
     second_look: Callable[[], Images],
 ) -> ChecksRecord:
     """Reject pictures of wrong light.
@@ -165,9 +169,7 @@ def _refuse_equal(images: Images, names: list[str]) -> None:
 def _check_strengths(agreement: LightAgreement, pictures: Pictures, names: list[str]) -> None:
     if agreement.strengths is None:
         return
-    room = MAX_STRENGTH_DIFFERENCE
-    if agreement.strength_error > KNOWN_STRENGTH:
-        room += STANDARD_ERRORS * agreement.strength_error
+    room = max(MAX_STRENGTH_DIFFERENCE, STANDARD_ERRORS * agreement.strength_error)
     causes = [
         f"{name} gives {strength:.0%} of the others' light{_hint(pictures, light)}"
         for light, (name, strength) in enumerate(zip(names, agreement.strengths, strict=True))
@@ -240,7 +242,8 @@ def _checked_order(pictures: Pictures, lighting: Lighting) -> Literal["confirmed
     order = light_order(
         pictures.images, lighting, ambient=pictures.ambient, full_scale=pictures.full_scale
     )
-    if order.is_refuted:
+    # Which of the two ways round the ring stands is left to the smallest of its errors.
+    if order.is_refuted and order.opposite not in order.plausible:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
         raise SetRejected(
             "set rejected: the LEDs are not in the order of lights.tilts_deg; by their shading "

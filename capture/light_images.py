@@ -7,15 +7,16 @@ import numpy.typing as npt
 
 from rig import Rig
 
+from .frame_mean import FrameMean
 from .fresh_frames import FrameBeat, FreshFrames
-from .set_metadata import FrameRecord, ImageRecord
+from .set_metadata import ImageRecord
 
-__all__ = ["image_under"]
+__all__ = ["LightImage", "image_under"]
+
+LightImage = tuple[npt.NDArray[np.uint16], ImageRecord]
 
 
-def image_under(
-    rig: Rig, light: int | None, average: int, beat: FrameBeat
-) -> tuple[npt.NDArray[np.uint16], ImageRecord]:
+def image_under(rig: Rig, light: int | None, average: int, beat: FrameBeat) -> LightImage:
     """Switch to `light` (None: all off) and take the mean of `average` fresh frames.
 
     After each frame the controller is asked whether that light is still the one that is lit. The
@@ -30,34 +31,14 @@ def image_under(
     """
     switch = rig.lights.off() if light is None else rig.lights.select(light)
     fresh = FreshFrames(rig, light, switch, beat)
-    frames: list[FrameRecord] = []
-    info = rig.camera.info
-    total = np.zeros((info.height_px, info.width_px), dtype=np.uint32)
-    saturated = np.zeros(total.shape, dtype=np.bool_)
+    mean = FrameMean(rig.camera.info, average)
     for _ in range(average):
-        frame = fresh.take()
+        mean.add(fresh.take())
         # Asked after the exposure: a watchdog that tripped or a restart in it shows here.
         state = rig.lights.confirm(light)
-        frames.append(
-            FrameRecord(
-                sequence=frame.sequence,
-                exposure_start_s=frame.exposure_start_s,
-                exposure_end_s=frame.exposure_end_s,
-            )
-        )
-        if average == 1:
-            image = frame.pixels.astype(np.uint16)
-        else:
-            total += frame.pixels
-            saturated |= frame.pixels >= (1 << info.bit_depth) - 1
-    if average > 1:
-        scale = 65535.0 / (((1 << info.bit_depth) - 1) * average)
-        image = np.rint(total * scale).astype(np.uint16)
-        # A pixel that saturated once has no mean.
-        image[saturated] = 65535
     record = ImageRecord(
         light=light,
-        frames=tuple(frames),
+        frames=mean.records,
         led_acknowledged_s=switch.acknowledged_s,
         led_level_percent=None if light is None else state.levels_percent[light],
         controller_time_us=switch.controller_time_us,
@@ -66,4 +47,4 @@ def image_under(
         repeated_frames=fresh.repeated,
         lost_frames=fresh.lost,
     )
-    return image, record
+    return mean.image(), record

@@ -108,7 +108,8 @@ def capture(
     if size is not None:
         changes["camera"].update(width_px=size, height_px=size)
     simulated_only = (*placed.values(), rotate, slant, bits, size)
-    if not config.is_simulated and any(value is not None for value in simulated_only):
+    made_up = config.is_simulated and config.camera.kind == "simulated"
+    if not made_up and any(value is not None for value in simulated_only):
         raise ConfigError(f"{rig}: --surface, --rotate and the like are for a simulated rig")
     # All are checked before the first is captured.
     configs = [config.with_changes(**changes, simulation={"placement": part}) for part in turned]
@@ -142,7 +143,7 @@ def _captured(
     from .acquisition import capture_set
 
     for placement in placements:
-        if rig.simulation is not None and rig.simulation.placement != placement:
+        if rig.simulation is not None and rig.simulation.placement not in (None, placement):
             rig.simulation.place(placement)
         for _ in range(count):
             yield capture_set(rig, label, average=average)

@@ -68,6 +68,8 @@ class ImageRecord(_Record):
     `controller_time_us` say when the light was switched, on the rig's and the controller's clock;
     `led_level_percent` is how bright the LED was driven. `stale_frames` were older than the switch
     and thrown away, `repeated_frames` came twice, `lost_frames` are gaps in the sequence after it.
+    In a sequence of the controller's, `exposures_us` are the edges of the strobe for each frame and
+    `triggers_us` its triggers, on the controller's clock.
     """
 
     light: int | None
@@ -79,6 +81,8 @@ class ImageRecord(_Record):
     corrupt_frames: int = 0
     repeated_frames: int = 0
     lost_frames: int = 0
+    exposures_us: tuple[tuple[int, int], ...] = ()
+    triggers_us: tuple[int, ...] = ()
     source_file: str | None = None
 
 
@@ -115,7 +119,8 @@ class ChecksRecord(_Record):
     Attributes
     ----------
     ambient_change
-        Between two pictures with all lights out, as a share of an LED's light.
+        Between two pictures with all lights out, as a share of an LED's light; None where there
+        was only one.
     contradiction
         rms share by which the light images contradict one another beyond noise; None if there are
         not four of them.
@@ -130,7 +135,7 @@ class ChecksRecord(_Record):
         Why there was a second look: what the images alone could not vouch for.
     """
 
-    ambient_change: FiniteFloat
+    ambient_change: FiniteFloat | None
     contradiction: FiniteFloat | None
     light_strengths: tuple[FiniteFloat, ...] | None
     light_strengths_error: FiniteFloat | None
@@ -143,9 +148,9 @@ class SetMetadata(_Record):
     """What a set's file says about its pixels.
 
     `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
-    how far the part was turned, where that is known. `placement` is the simulated part. `checks`
-    is what the images say about their lights, `retries` are the causes for which the set was begun
-    again.
+    how far the part was turned, where that is known. `placement` is the simulated part.
+    `synchronisation` is who moved on from light to light, see `rig.toml`. `checks` is what the
+    images say about their lights, `retries` are the causes for which the set was begun again.
     """
 
     schema_version: Literal[1] = 1
@@ -160,6 +165,7 @@ class SetMetadata(_Record):
     placement: Placement | None = None
     rig_name: str | None = None
     settle_ms: FiniteFloat | None = None
+    synchronisation: Literal["software", "strobe", "trigger"] | None = None
     camera: CameraRecord | None = None
     controller: ControllerRecord | None = None
     checks: ChecksRecord | None = None

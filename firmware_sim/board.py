@@ -181,11 +181,11 @@ class SimulatedBoard:
             data, self._sent = self._sent, b""
             return data
 
-    def strobe(self, exposing: bool, at_us: int) -> None:
-        """An edge of the strobe line, at a time as `micros` tells it, waits for the firmware."""
+    def strobe(self, exposing: bool, at_s: float) -> None:
+        """An edge of the strobe line, which waits for the firmware to come to it."""
         with self._lock:
             if len(self._strobe_edges) < STROBE_BUFFER_EDGES:
-                self._strobe_edges.append((at_us, exposing))
+                self._strobe_edges.append((self._micros_at(at_s), exposing))
 
     def on_trigger(self, callback: Callable[[], object]) -> None:
         """Call `callback` at each beginning of a trigger pulse: the wire to a camera."""

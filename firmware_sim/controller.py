@@ -82,9 +82,9 @@ class SimulatedController:
             if not self._in_loop:
                 self._turn()
 
-    def strobe(self, exposing: bool) -> None:
-        """An edge on the wire of the camera's strobe, at this moment."""
-        self._board.strobe(exposing, self._board.micros())
+    def strobe(self, exposing: bool, at_s: float) -> None:
+        """An edge on the wire of the camera's strobe. It keeps its true time if it comes late."""
+        self._board.strobe(exposing, at_s)
 
     def take_output(self) -> bytes:
         """What the device has sent since the last call."""
@@ -110,6 +110,8 @@ class SimulatedController:
             if self._board.micros() < self._boot_us:
                 return False
             self._firmware = Firmware(self._board)
+        if self._firmware.stopped:
+            return False  # a board would be at its own prompt; this one waits for its reset
         self._firmware.poll()
         if self._firmware.sequence.running and not self._in_loop:
             self._in_loop = True

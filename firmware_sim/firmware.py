@@ -207,11 +207,13 @@ class Firmware:
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
+        self.stopped = False  # the host wants to put another program on the board
         # header: (least and most parameters, what executes it)
         self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
             "*IDN?": (0, 0, self._identity),
             "*RST": (0, 0, self._reset),
             "SYST:ERR?": (0, 0, self._oldest_error),
+            "SYST:PROG": (0, 0, self._stop),
             "SYST:WDOG": (1, 1, self._set_watchdog),
             "SYST:WDOG?": (0, 0, self._watchdog),
             "LED:SEL": (1, 1, self._select),
@@ -339,6 +341,11 @@ class Firmware:
         self._errors = []
         self.sequence = Sequence(self._board, self._lamps, False, 0, 0)  # no steps: LEDs out
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
+        return ""
+
+    def _stop(self) -> str:
+        self._off()
+        self.stopped = True
         return ""
 
     def _oldest_error(self) -> str:

@@ -3,6 +3,7 @@ from .camera_list import ListedCamera, list_cameras
 from .config import Placement, RigConfig, load_config
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .fault_plan import FaultPlan
+from .light_sequence import LightStep, RunningSequence, SequencePlan, SequenceReport
 from .lights import ControllerIdentity, LightController, Switch
 from .rig import Rig, open_rig
 from .simulation import Simulation, surface_names
@@ -23,10 +24,14 @@ __all__ = [
     "HardwareError",
     "LightController",
     "LightControllerError",
+    "LightStep",
     "ListedCamera",
     "Placement",
     "Rig",
     "RigConfig",
+    "RunningSequence",
+    "SequencePlan",
+    "SequenceReport",
     "Simulation",
     "Switch",
     "list_cameras",

@@ -39,10 +39,14 @@ class CameraConfig(Section):
     Attributes
     ----------
     kind
-        Left out it is v4l2 above a real light controller and simulated above a simulated one.
+        ``v4l2``, ``opencv`` (`OpencvCamera` says what it cannot do), ``simulated``, or ``replay``
+        of a captured set. Left out it is v4l2 above a real light controller and simulated above
+        a simulated one.
     device
         A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
         the same when cameras are plugged in another order.
+    set_file
+        The captured set of a replay, whose size and depth the frames have.
     pixel_format
         A key of `PIXEL_FORMAT_BITS`.
     allow_compressed
@@ -67,13 +71,14 @@ class CameraConfig(Section):
         they mean nothing, and the camera is not opened.
     """
 
-    kind: Literal["v4l2", "simulated"] = "simulated"
+    kind: Literal["v4l2", "opencv", "simulated", "replay"] = "simulated"
     width_px: int = Field(default=512, ge=16, le=8192)
     height_px: int = Field(default=512, ge=16, le=8192)
     bits: Literal[8, 10, 12, 16] = 12
     frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0)
     exposure_ms: float = Field(default=20.0, gt=0.0, le=10_000.0)
     device: str | None = Field(default=None, min_length=1, max_length=4096)
+    set_file: str | None = Field(default=None, min_length=1, max_length=4096)
     pixel_format: str = "GREY"
     allow_compressed: bool = False
     fixed_exposure: bool = False
@@ -89,7 +94,7 @@ class CameraConfig(Section):
     def believes_driver(self) -> bool:
         """Whether a driver that claims to stamp the start of exposure is taken at its word."""
         if self.timestamp_marks is None:
-            return self.kind == "simulated"
+            return self.kind in ("simulated", "replay")
         return self.timestamp_marks == "driver"
 
     @property
@@ -112,6 +117,8 @@ class CameraConfig(Section):
             name = values.get("pixel_format", "GREY")
             if isinstance(name, str) and name in PIXEL_FORMAT_BITS:
                 implied["bits"] = PIXEL_FORMAT_BITS[name]
+        elif kind == "opencv":
+            implied["bits"] = 8
         return implied | values
 
     @field_validator("device", mode="before")
@@ -139,14 +146,22 @@ class CameraConfig(Section):
 
     @model_validator(mode="after")
     def _is_one_camera(self) -> Self:
-        if self.kind == "simulated" and self.device is not None:
-            raise ValueError(
-                f"device = {self.device!r} is given, but kind is 'simulated'; set kind = 'v4l2'"
-            )
-        if self.kind == "v4l2" and self.device is None:
-            raise ValueError(
-                "device is missing; give the camera's, best its name in /dev/v4l/by-id"
-            )
+        for key, value, kinds in (
+            ("device", self.device, ("v4l2", "opencv")),
+            ("set_file", self.set_file, ("replay",)),
+        ):
+            if value is not None and self.kind not in kinds:
+                raise ValueError(
+                    f"{key} = {value!r} is given, but kind is {self.kind!r}; "
+                    f"set kind = {kinds[0]!r}"
+                )
+            if value is None and self.kind in kinds:
+                best = "the camera's, best its name in /dev/v4l/by-id"
+                raise ValueError(
+                    f"{key} is missing; give {best if key == 'device' else 'the set to replay'}"
+                )
+        if self.kind == "opencv" and self.bits != 8:
+            raise ValueError(f"bits = {self.bits}, but OpenCV gives 8; leave bits out")
         return self
 
     @model_validator(mode="after")

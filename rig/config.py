@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -21,6 +22,7 @@ from .camera_config import PIXEL_FORMAT_BITS, CameraConfig
 from .config_section import Section
 from .errors import ConfigError
 from .fault_plan import FaultPlan
+from .light_sequence import SequencePlan, plan_sequence
 
 __all__ = [
     "PIXEL_FORMAT_BITS",
@@ -32,6 +34,8 @@ __all__ = [
     "load_config",
 ]
 
+# An LED is steady when 1 % is missing: so many times its 10 to 90 % time after the switch.
+_STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
 # As `lights.port`: the firmware runs here, on a pty.
 SIMULATED = "simulated"
 # As `lights.port`: wherever the controller is plugged in.
@@ -48,7 +52,9 @@ class LightsConfig(Section):
     `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
     the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
     they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
-    the same if left out.
+    the same if left out. `synchronisation` is who moves on from light to light: the ``software``; the
+    controller at each edge of the camera's ``strobe``; or the controller by time, which then has to
+    ``trigger`` the camera.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
@@ -60,6 +66,7 @@ class LightsConfig(Section):
     intensities: tuple[Intensity, ...] = ()
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
+    synchronisation: Literal["software", "strobe", "trigger"] = "software"
 
     @field_validator("usb_id", mode="before")
     @classmethod
@@ -150,10 +157,10 @@ class RigConfig(Section):
 
     @model_validator(mode="after")
     def _camera_sees_the_lights(self) -> Self:
-        if self.camera.kind == "v4l2" and self.is_simulated:
+        if self.camera.kind in ("v4l2", "opencv") and self.is_simulated:
             raise ValueError(
-                "camera.kind = 'v4l2' cannot see simulated LEDs; give lights.port a real "
-                "controller's, or set camera.kind = 'simulated'"
+                f"camera.kind = {self.camera.kind!r} cannot see simulated LEDs; give lights.port a "
+                "real controller's, or set camera.kind = 'simulated'"
             )
         return self
 
@@ -189,6 +196,49 @@ class RigConfig(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _sequence_is_possible(self) -> Self:
+        plan = self.sequence_plan
+        if plan is not None and self.lights.watchdog_ms < 1e3 * plan.duration_s:
+            raise ValueError(
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would end a sequence of "
+                f"{1e3 * plan.duration_s:.0f} ms"
+            )
+        simulation = self.simulation
+        steady_ms = _STEADY_PER_10_90 * max(simulation.led_rise_ms, simulation.led_fall_ms)
+        if plan is not None and self.is_simulated and self.lights.settle_ms < steady_ms:
+            raise ValueError(
+                f"lights.settle_ms = {self.lights.settle_ms:g}, but these simulated LEDs take "
+                f"{steady_ms:.3g} ms until they are within 1 %"
+            )
+        return self
+
+    @property
+    def sequence_plan(self) -> SequencePlan | None:
+        """What the controller is asked to do for a set; None with ``software``.
+
+        Raises
+        ------
+        ValueError
+            If lights and camera leave no time to switch.
+        """
+        if self.lights.synchronisation == "software":
+            return None
+        simulated = self.camera.kind == "simulated"
+        readout_ms = self.simulation.readout_ms if simulated else self.camera.readout_ms
+        if readout_ms is None:
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} needs to know when the "
+                "last row is exposed; give camera.readout_ms, which is 0 for a global shutter"
+            )
+        return plan_sequence(
+            len(self.lights.tilts_deg),
+            triggers=self.lights.synchronisation == "trigger",
+            settle_s=self.lights.settle_ms / 1e3,
+            period_s=1.0 / self.camera.frame_rate_hz,
+            exposed_s=(self.camera.exposure_ms + readout_ms) / 1e3,
+        )
+
     @property
     def is_simulated(self) -> bool:
         """Whether its lights, and so all it shows, are simulated."""
@@ -218,6 +268,9 @@ def load_config(path: Path) -> RigConfig:
     """
     values = _read_toml(path, "no such rig configuration (or use --rig sim)")
     simulation = values.get("simulation", {})
+    camera = values.get("camera")
+    if isinstance(camera, dict) and isinstance(camera.get("set_file"), str):
+        camera["set_file"] = str(path.parent / camera["set_file"])
     if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
         simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
     lights = values.get("lights", {})

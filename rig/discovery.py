@@ -84,7 +84,7 @@ def list_serial_ports() -> list[SerialPort]:
             device=info.device,
             usb_id=None if info.vid is None else f"{info.vid:04x}:{info.pid:04x}",
             serial_number=info.serial_number or None,
-            description=info.description or "",
+            description="" if info.description in (None, "n/a") else info.description,
             by_id=names.get(Path(info.device).resolve()),
         )
         for info in comports()

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .camera import Frame, FrameFlag
 from .camera_config import CameraConfig
 from .config import RigConfig
-from .errors import CameraError
+from .errors import CameraError, ConfigError
 from .latency_fit import StepFit, Steps, fit_steps
 from .rig import Rig
 
@@ -99,7 +99,15 @@ class _Step:
 
 
 def without_timing(config: RigConfig) -> RigConfig:
-    """The configuration with nothing known of the camera's time stamps."""
+    """The configuration with nothing known of the camera's time stamps.
+
+    Raises
+    ------
+    ConfigError
+        If the camera has none.
+    """
+    if config.camera.kind == "opencv":
+        raise ConfigError("camera.kind = 'opencv' has no time stamps to measure; use 'v4l2'")
     return config.with_changes(
         camera={
             "timestamp_marks": "frame_end",

@@ -72,7 +72,8 @@ class StepFit:
     start_s
         From the reported to the true start of the exposure of the row that comes first.
     deviation_s
-        The most by which a frame's own value differed from it, and its standard error on top.
+        The most by which a frame's own value differed from it, and their standard deviation on
+        top, for frames that were not seen.
     readout_s, readout_error_s
         From the row that comes first to the one that comes last, with its standard error.
     bottom_up
@@ -138,12 +139,13 @@ def fit_steps(steps: Steps) -> StepFit:
     if len(left):
         start_s += float(np.median(left))
         left = left - np.median(left)
-    error_s = float(np.std(left)) / math.sqrt(max(len(left), 1))
+    # What one frame's stamp is off by all its bands are off by.
+    readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, found.jac, residual)
     return StepFit(
         start_s=start_s + min(readout_s, 0.0),
-        deviation_s=float(np.abs(left).max(initial=0.0)) + error_s,
+        deviation_s=float(np.abs(left).max(initial=0.0) + np.std(left)) if len(left) else 0.0,
         readout_s=abs(readout_s),
-        readout_error_s=_error_of(1, found.jac, residual),
+        readout_error_s=readout_error_s,
         bottom_up=readout_s < 0.0,
         rise_s=rise_s * _RISE_10_90,
         fall_s=fall_s * _RISE_10_90,

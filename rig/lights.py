@@ -11,13 +11,14 @@ from types import TracebackType
 from typing import Self
 
 from firmware_sim import Clock, RealClock
+from firmware_sim.firmware import WATCHDOG_MIN_MS
 
 from .controller_link import REPLY_TIMEOUT_S, ControllerIdentity, ControllerLink
 from .errors import LightControllerError
 from .heartbeat import Heartbeat
 from .wire import Reply
 
-__all__ = ["ControllerIdentity", "LightController", "LightState", "Switch"]
+__all__ = ["Answer", "ControllerIdentity", "LightController", "LightState", "Switch"]
 
 # What is plugged in again takes a second or two until its port is there.
 _RECOVER_TIMEOUT_S = 5.0
@@ -46,6 +47,15 @@ class LightState:
     led: int | None
     levels_percent: tuple[int, ...]
     controller_time_us: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The numbers of a reply, and when the question was sent and the reply was here."""
+
+    numbers: tuple[int, ...]
+    sent_s: float
+    received_s: float
 
 
 class LightController:
@@ -129,21 +139,43 @@ class LightController:
         led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
         return LightState(None if led == -1 else led, tuple(levels), time_us)
 
+    def ask(self, command: str, count: int) -> Answer:
+        """Send any command whose reply is `count` numbers; times are on the rig's clock."""
+        sent_s = self._clock.now_s()
+        numbers = self._numbers(self._exchange(command), count)
+        return Answer(numbers, sent_s, self._clock.now_s())
+
     def confirm(self, led: int | None) -> LightState:
         """Make sure that `led` (None: no LED) is still what is lit, and return the whole state.
 
         Raises
         ------
         LightControllerError
-            If not: the watchdog tripped, or somebody else switched.
+            If not, with the oldest entry of the controller's error queue: its watchdog tripped,
+            the LED has been on for as long as it may, or somebody else switched.
         """
         state = self.state()
         if state.led != led:
+            said = self._exchange("SYST:ERR?").text
             raise LightControllerError(
                 f"{self.port}: {_named(led)} should be lit but {_named(state.led)} is; "
-                "the controller's watchdog may have tripped"
+                f"its watchdog may have tripped (it says {said})"
             )
         return state
+
+    def trips_watchdog(self) -> bool:
+        """Whether the controller puts an LED out by itself when it is left alone.
+
+        It is told to wait for its shortest time, and again for its ordinary time afterwards.
+        """
+        with self._lock:  # no heartbeat meanwhile
+            self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")
+            self.select(0)
+            self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
+            tripped = self.state().led is None
+            self.off()
+            self._exchange(f"SYST:WDOG {self._watchdog_ms}")
+        return tripped
 
     def keep_alive(self) -> None:
         """Send heartbeats from a thread from here on; for real time, see `tend`."""

@@ -17,7 +17,7 @@ from .errors import ConfigError
 from .lights import LightController
 from .simulation import Simulation
 
-__all__ = ["Rig", "open_rig"]
+__all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,27 +92,15 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         config = RigConfig() if rig == "sim" else load_config(Path(rig))
     simulation = Simulation(config) if config.is_simulated else None
     try:
-        port = _port_of(config) if simulation is None else simulation.port
-        clock = RealClock() if simulation is None else simulation.clock
-        lights = LightController(
-            port,
-            clock=clock,
-            baud=config.lights.baud,
-            watchdog_ms=config.lights.watchdog_ms,
-            whereabouts=lambda: _whereabouts(port, simulation),
-        )
+        lights = open_lights(config, simulation)
         try:
             if lights.led_count < len(config.lights.tilts_deg):
                 raise ConfigError(
                     f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
-                    f"at {port} has {lights.led_count}"
+                    f"at {lights.port} has {lights.led_count}"
                 )
-            opened = Rig(config, clock, lights, _open_camera(config, simulation), simulation)
-            if simulation is not None and config.simulation.clock == "virtual":
-                simulation.clock.attend(lights.tend)
-            else:
-                lights.keep_alive()
-            return opened
+            clock = clock_of(simulation)
+            return Rig(config, clock, lights, open_camera(config, simulation), simulation)
         except BaseException:
             lights.close()
             raise
@@ -122,7 +110,30 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         raise
 
 
-def _port_of(config: RigConfig) -> str:
+def open_lights(config: RigConfig, simulation: Simulation | None) -> LightController:
+    """The light controller of a rig, with its heartbeat."""
+    port = port_of(config) if simulation is None else simulation.port
+    lights = LightController(
+        port,
+        clock=clock_of(simulation),
+        baud=config.lights.baud,
+        watchdog_ms=config.lights.watchdog_ms,
+        whereabouts=lambda: _whereabouts(port, simulation),
+    )
+    if simulation is not None and config.simulation.clock == "virtual":
+        simulation.clock.attend(lights.tend)
+    else:
+        lights.keep_alive()
+    return lights
+
+
+def clock_of(simulation: Simulation | None) -> Clock:
+    """The clock of frames and acknowledges."""
+    return RealClock() if simulation is None else simulation.clock
+
+
+def port_of(config: RigConfig) -> str:
+    """Where the light controller of a real rig is; see `find_controller`."""
     if config.lights.port != AUTO:
         return config.lights.port
     return find_controller(config.lights, list_serial_ports())
@@ -136,15 +147,20 @@ def _whereabouts(port: str, simulation: Simulation | None) -> list[str]:
     return ports_to_try(port, list_serial_ports())
 
 
-def _open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
+def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
+    """The camera of a rig."""
     if config.camera.kind == "v4l2":
         # Here, so that a simulated rig opens without loading it.
         from .v4l2_camera import V4l2Camera
 
         return V4l2Camera(config.camera)
+    if config.camera.kind == "opencv":
+        from .opencv_camera import OpencvCamera
+
+        return OpencvCamera(config.camera)
     if simulation is None:
         raise ConfigError(
-            f"camera.kind = 'simulated' cannot see the LEDs at {config.lights.port}; a simulated "
-            "camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
+            f"camera.kind = {config.camera.kind!r} cannot see the LEDs at {config.lights.port}; a "
+            "simulated camera needs lights.port = 'simulated', a real one camera.kind = 'v4l2'"
         )
     return simulation.frames

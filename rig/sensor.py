@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from .camera import Pixels
 
-__all__ = ["SensorModel"]
+__all__ = ["Sensor", "SensorModel"]
+
+
+class Sensor(Protocol):
+    """What makes pixel values of light; the noise model is None where it is not known."""
+
+    @property
+    def bit_depth(self) -> int: ...
+
+    @property
+    def gain_e_per_dn(self) -> float | None: ...
+
+    @property
+    def read_noise_dn(self) -> float | None: ...
+
+    @property
+    def black_level_dn(self) -> float | None: ...
+
+    def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator, /) -> Pixels:
+        """Pixel values for an exposure."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -27,8 +29,8 @@ from .frame_time import exposure_start_s, require_measured_mode
 from .heartbeat import TendedClock
 from .material_folder import bundled_materials, load_material
 from .scene import SceneImages, render_frame
-from .sensor import SensorModel
-from .simulated_camera import SimulatedCamera
+from .sensor import Sensor, SensorModel
+from .simulated_camera import CameraIdentity, LitScene, SimulatedCamera
 from .surfaces import PeriodicSurface
 from .synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 
@@ -46,12 +48,33 @@ def surface_names() -> tuple[str, ...]:
     return (*SYNTHETIC_NAMES, *bundled_materials())
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """What the camera looks at, and what it makes of it."""
+
+    scene: LitScene
+    sensor: Sensor
+    identity: CameraIdentity
+
+    @classmethod
+    def replayed(cls, config: RigConfig) -> Self:
+        # Here, so that other rigs open without loading tifffile.
+        from .recorded_set import read_recorded_set
+
+        recorded = read_recorded_set(Path(config.camera.set_file or ""))
+        recorded.require_lighting(config.lights.lighting)
+        name = f"replay of {recorded.origin['set_file']}"
+        identity = CameraIdentity("replay", name, {"replay": recorded.origin})
+        return cls(recorded, recorded.pixels(config.camera.exposure_ms), identity)
+
+
 class Simulation:
     """Everything of a simulated rig that is hardware in a real one.
 
     `port` is where the light controller's firmware answers, `camera` looks at the part that
-    `place` put there, `board` knows what the LEDs really do. `frames` is what a program reads of
-    the camera: its frames, with the faults that were asked for.
+    `place` put there or shows a captured set again (`placement` is None then), `board` knows what
+    the LEDs really do. `frames` is what a program reads of the camera: its frames, with the faults
+    that were asked for.
     """
 
     def __init__(self, config: RigConfig) -> None:
@@ -60,8 +83,15 @@ class Simulation:
         virtual = config.simulation.clock == "virtual"
         device_clock: Clock = VirtualClock() if virtual else RealClock()
         self.clock = TendedClock(device_clock)
-        self.placement = config.simulation.placement
-        scene = self._rendered(self.placement)
+        seen = _Seen.replayed(config) if config.camera.kind == "replay" else None
+        # Of a set that is replayed there is no part.
+        self.placement = config.simulation.placement if seen is None else None
+        if seen is None:
+            seen = _Seen(
+                self._rendered(config.simulation.placement),
+                SensorModel(bit_depth=config.camera.bits),
+                CameraIdentity(),
+            )
         faults = config.simulation.faults or FaultPlan()
         rise_ms, fall_ms = config.simulation.led_rise_ms, config.simulation.led_fall_ms
         leds = [Led(rise_ms, fall_ms) for _ in config.lights.tilts_deg]
@@ -81,14 +111,18 @@ class Simulation:
         self.camera = SimulatedCamera(
             self.board,
             self.clock,
-            scene,
-            SensorModel(bit_depth=config.camera.bits),
+            seen.scene,
+            seen.sensor,
             frame_period_s=1.0 / config.camera.frame_rate_hz,
             exposure_s=config.camera.exposure_ms / 1000.0,
-            seed=self.placement.seed,
+            seed=config.simulation.placement.seed,
             readout_s=config.simulation.readout_ms / 1000.0,
             reported_start_s=_driver_stamps(config),
+            identity=seen.identity,
+            strobe=controller.strobe,
+            triggered=config.lights.synchronisation == "trigger",
         )
+        self.board.on_trigger(self.camera.trigger)
         self.frames: Camera = self.camera
         if faults.frames:
             self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)
@@ -99,8 +133,13 @@ class Simulation:
         Raises
         ------
         InputError
-            If the surface is neither a name nor a readable material folder.
+            If the surface is neither a name nor a readable material folder, or a set is replayed.
         """
+        if self.placement is None:
+            raise InputError(
+                f"surface {placement.surface!r} cannot be laid below a camera that replays a set; "
+                "set camera.kind = 'simulated'"
+            )
         self.camera.look_at(self._rendered(placement), placement.seed)
         self.placement = placement
 

@@ -2,13 +2,15 @@
 
 import typer
 
-from . import latency
+from . import doctor, latency, lights
 
 __all__ = ["rig_app"]
 
 _HELP = "Look after the rig itself: find it, check it, switch it by hand."
 
 rig_app = typer.Typer(help=_HELP)
+rig_app.command()(doctor.doctor)
+rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
 
 

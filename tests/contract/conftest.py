@@ -2,9 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from capture import capture_set
 from firmware_sim import (
     Clock,
     RealClock,
@@ -55,11 +58,34 @@ def controller(request: pytest.FixtureRequest) -> Iterator[LightsUnderTest]:
         yield LightsUnderTest(clock, board, server)
 
 
-@pytest.fixture(params=["virtual", "real"])
-def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    config = RigConfig().with_changes(
-        camera={"width_px": 48, "height_px": 32, "frame_rate_hz": 100.0, "exposure_ms": 5.0},
-        simulation={"clock": request.param},
-    )
+CAMERA = {"width_px": 48, "height_px": 32, "frame_rate_hz": 100.0, "exposure_ms": 5.0}
+# Stamps late by what it takes from the start of exposure to the host, and has that measured.
+LATE = {"readout_ms": 3.0, "stamp_lag_ms": 12.0}
+MEASURED = {"readout_ms": 3.0, "timestamp_offset_ms": -4.0, "timestamp_uncertainty_ms": 0.2}
+CAMERAS: dict[str, dict[str, dict[str, Any]]] = {
+    "virtual": {},
+    "real": {"simulation": {"clock": "real"}},
+    "rolling, stamped late": {"simulation": LATE},
+    "rolling, stamped late, measured": {"simulation": LATE, "camera": MEASURED},
+    "replay": {"camera": {"kind": "replay"}},
+    "replay, real": {"camera": {"kind": "replay"}, "simulation": {"clock": "real"}},
+}
+
+
+@pytest.fixture(scope="session")
+def recorded_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recorded") / "rock.ome.tif"
+    with open_rig(RigConfig().with_changes(camera=CAMERA)) as opened:
+        capture_set(opened, "rock").save(path)
+    return path
+
+
+@pytest.fixture(params=CAMERAS)
+def rig(request: pytest.FixtureRequest, recorded_set: Path) -> Iterator[Rig]:
+    changes = CAMERAS[request.param]
+    camera = CAMERA | changes.get("camera", {})
+    if camera.get("kind") == "replay":
+        camera["set_file"] = str(recorded_set)
+    config = RigConfig().with_changes(camera=camera, simulation=changes.get("simulation", {}))
     with open_rig(config) as opened:
         yield opened

@@ -18,6 +18,9 @@ class Device:
         self.controller.feed(data)
         return self.controller.take_output()
 
+    def strobe(self, exposing: bool) -> None:
+        self.controller.strobe(exposing, self.clock.now_s())
+
     def lit(self) -> list[float]:
         """The output of each LED, once it has settled."""
         self.clock.sleep_s(0.05)

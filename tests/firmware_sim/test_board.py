@@ -146,14 +146,14 @@ def test_bad_options_are_refused(options):
 
 def test_strobe_edges_wait_in_order_and_are_bounded():
     board = SimulatedBoard(VirtualClock())
-    board.strobe(True, 100)
-    board.strobe(False, 200)
+    board.strobe(True, 100e-6)
+    board.strobe(False, 200e-6)
     assert board.strobe_edges() == [(100, True), (200, False)]
     assert board.strobe_edges() == []
     for edge in range(100):
-        board.strobe(edge % 2 == 0, edge)
+        board.strobe(edge % 2 == 0, edge / 1e6)
     assert [at_us for at_us, _ in board.strobe_edges()] == list(range(STROBE_BUFFER_EDGES))
-    board.strobe(True, 300)
+    board.strobe(True, 300e-6)
     board.reset()
     assert board.strobe_edges() == []
 

@@ -26,7 +26,7 @@ def test_readme_transcript(new_device, transcript):
             passed_us, _, strobe = line[2:].partition(" us")
             device.clock.sleep_s(int(passed_us) / 1e6)
             if strobe:
-                device.controller.strobe({", strobe on": True, ", strobe off": False}[strobe])
+                device.strobe({", strobe on": True, ", strobe off": False}[strobe])
         else:
             assert line == "< " + received.removesuffix("\n")
             received = ""
@@ -161,6 +161,18 @@ def test_rst_restores_everything(device):
     assert device.lit() == [0.0, 0.0, 0.0, 0.0]
     assert device.exchange(b"LED:STAT?\n").startswith(b"OK -1,100,100,100,100,")
     assert device.exchange(b"SYST:WDOG?\nSYST:ERR?\n") == b'OK 5000\nOK 0,"No error"\n'
+
+
+def test_a_stopped_program_is_dark_and_silent_until_the_next_reset(device):
+    device.exchange(b"SEQ:TRIG 1000,50000,1,2,3\n")
+    assert device.exchange(b"#9 SYST:PROG\n") == b"#9 OK\n"
+    assert device.lit() == [0.0, 0.0, 0.0, 0.0]
+    assert device.exchange(b"LED:SEL 1\n*IDN?\n") == b""
+    assert device.lit() == [0.0, 0.0, 0.0, 0.0]
+    device.controller.reset()
+    device.clock.sleep_s(1.0)
+    assert device.controller.take_output().startswith(b"READY ")
+    assert device.exchange(b"LED:SEL 1\n").startswith(b"OK 1,")
 
 
 def test_a_full_queue_says_that_errors_were_lost(device):

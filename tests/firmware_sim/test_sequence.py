@@ -19,7 +19,7 @@ class Run:
     def expose(self, pause_us: int, exposure_us: int = 10_000) -> None:
         for passed_us, exposing in ((pause_us, True), (exposure_us, False)):
             self.device.clock.sleep_s(passed_us / 1e6)
-            self.device.controller.strobe(exposing)
+            self.device.strobe(exposing)
 
     def ask(self, command: str) -> list[int]:
         reply = self.device.exchange(command.encode() + b"\n").decode()
@@ -68,11 +68,11 @@ def test_one_exposure_under_each_light_and_darkness_after(device):
 
 
 def test_an_exposure_under_way_when_armed_does_not_count(device):
-    device.controller.strobe(True)
+    device.strobe(True)
     device.clock.sleep_s(0.001)
     run = arm(device, 0, 1)
     device.clock.sleep_s(0.005)
-    device.controller.strobe(False)
+    device.strobe(False)
     run.expose(pause_us=5000)
     run.expose(pause_us=5000)
     assert [step[3:] for step in run.steps()] == [[10_000, 20_000, 1], [25_000, 35_000, 1]]
@@ -88,9 +88,9 @@ def test_an_exposure_that_begins_too_soon_does_not_count(device):
 
 
 def test_edges_from_before_the_start_are_past(device):
-    device.controller.strobe(True)
+    device.strobe(True)
     run = arm(device, 0)
-    device.board.strobe(False, run.start_us - 1)
+    device.board.strobe(False, (run.start_us - 1) / 1e6)
     device.clock.sleep_s(0.01)
     assert run.steps() == [[0, 0, -1, -1, -1, 0]]
 
@@ -137,7 +137,7 @@ def test_a_strobe_that_stops_puts_the_leds_out(device, edges):
     run = arm(device, 0, 1)
     for edge in range(edges):
         device.clock.sleep_s(0.005)
-        device.controller.strobe(edge % 2 == 0)
+        device.strobe(edge % 2 == 0)
     device.clock.sleep_s(0.090)
     assert run.running
     device.clock.sleep_s(0.012)

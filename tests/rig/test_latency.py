@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig import CameraError, Frame, Rig, RigConfig, open_rig
+from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
 from rig.latency import CameraLatency, measure_latency, without_timing
 from rig.latency_fit import lit_share
 
@@ -204,6 +204,14 @@ def test_other_light_that_changes_is_found_out() -> None:
     config = without_timing(RigConfig().with_changes(camera=SIZE, simulation={"faults": plan}))
     with open_rig(config) as rig, pytest.raises(CameraError, match="does not follow LED 0"):
         measure_latency(rig, steps=10)
+
+
+def test_a_camera_without_time_stamps_cannot_be_measured() -> None:
+    config = RigConfig.model_validate(
+        {"lights": {"port": "/dev/ttyACM0"}, "camera": {"kind": "opencv", "device": 0}}
+    )
+    with pytest.raises(ConfigError, match="no time stamps"):
+        without_timing(config)
 
 
 @given(left_ms=st.floats(-10.0, 60.0), exposure_ms=st.floats(1.0, 30.0), tau=st.floats(0.01, 5.0))

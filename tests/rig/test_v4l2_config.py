@@ -43,6 +43,10 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
     [
         (REAL + 'kind = "v4l2"\n', r"device is missing; .*/dev/v4l/by-id"),
         (REAL + 'kind = "simulated"\ndevice = "/dev/video0"\n', r"set kind = 'v4l2'"),
+        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .* is given.*set kind = 'replay'"),
+        (REAL + 'kind = "opencv"\n', r"device is missing"),
+        (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"OpenCV gives 8; leave bits out"),
+        (REAL + 'kind = "replay"\n', r"set_file is missing; give the set to replay"),
         (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
         (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
         (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
@@ -65,6 +69,7 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str
     ("text", "kind"),
     [
         (REAL + "device = 0\n", "v4l2"),
+        (REAL + 'device = 0\nkind = "opencv"\n', "opencv"),
         ('[lights]\nport = "simulated"\n', "simulated"),
     ],
 )

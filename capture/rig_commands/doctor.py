@@ -1,0 +1,52 @@
+"""``ps4rig rig doctor``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import JsonOption, folding_table, out, print_json, reported
+
+__all__ = ["doctor"]
+
+_FAULT_STATUS = 1
+_STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "dim"}
+
+
+@reported
+def doctor(
+    rig: Annotated[
+        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
+    ] = Path("rig.toml"),
+    as_json: JsonOption = False,
+) -> None:
+    """Look at the whole rig and say what is found, what is wrong and what to do.
+
+    Ports, permissions, controller, watchdog, camera, frames, and a picture under each LED: lay
+    something with relief below the camera. Ends with 1 if there is a fault.
+    """
+    from rich.text import Text
+
+    from rig.doctor import diagnose
+
+    checks = list(diagnose(rig))
+    counts = {
+        status: sum(check.status == status for check in checks)
+        for status in ("fault", "warning", "unknown")
+    }
+    if as_json:
+        print_json({"checks": [asdict(check) for check in checks], **counts})
+    else:
+        table = folding_table("what", "status", "seen")
+        for check in checks:
+            seen = Text(check.seen)
+            if check.advice:
+                seen.append("\n-> " + check.advice, style="bold")
+            table.add_row(check.name, Text(check.status, style=_STYLES[check.status]), seen)
+        out.print(table)
+        out.print(", ".join(f"{status}: {count}" for status, count in counts.items()))
+    if counts["fault"]:
+        raise typer.Exit(_FAULT_STATUS)

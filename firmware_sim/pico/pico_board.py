@@ -1,0 +1,151 @@
+"""The Raspberry Pi Pico under the firmware: what `firmware_sim.board.Board` asks for, on its pins.
+
+For MicroPython on RP2040 and RP2350. The wiring is in README.md; change both together.
+"""
+
+import sys
+from array import array
+from binascii import hexlify
+from select import POLLIN, POLLOUT, poll
+from time import ticks_diff, ticks_us  # type: ignore[attr-defined]
+
+from firmware import STROBE_BUFFER_EDGES
+from machine import PWM, Pin, Timer, disable_irq, enable_irq, unique_id
+
+LED_PINS = (2, 3, 4, 5)
+STROBE_PIN = 6
+TRIGGER_PIN = 7
+# What each LED bears; the reasons are in README.md.
+MAX_ON_MS = (120000, 120000, 120000, 120000)
+MAX_DUTY_PERCENT = (50, 50, 50, 50)
+
+PWM_HZ = 100000  # many periods in an exposure; at 100 % there is none, the LED is steadily on
+PULSE_MS = 1
+GLITCH_US = 20  # two edges closer than this are noise
+READ_BYTES = 64
+OUTPUT_BYTES = 1024
+USB_PACKET_BYTES = 64
+
+
+def darken() -> None:
+    """Drive all LED pins low, whatever they did before."""
+    for pin in LED_PINS:
+        Pin(pin, Pin.OUT, value=0)
+
+
+class Strobe:
+    """The camera's strobe line, low while it exposes: its edges with their times.
+
+    Edges are taken in a hard interrupt, where nothing may be allocated.
+    """
+
+    def __init__(self) -> None:
+        self._ticks = array("l", [0] * STROBE_BUFFER_EDGES)
+        self._levels = bytearray(STROBE_BUFFER_EDGES)
+        self._count = 0
+        self._pin = Pin(STROBE_PIN, Pin.IN, Pin.PULL_UP)
+        self._pin.irq(self._edge, Pin.IRQ_RISING | Pin.IRQ_FALLING, hard=True)
+
+    def take(self) -> list[tuple[int, bool]]:
+        """The edges since the last call, as (ticks_us, exposing), oldest first."""
+        count = self._count
+        # the last may turn out to be one side of a glitch; the interrupt leaves the others alone
+        if count and ticks_diff(ticks_us(), self._ticks[count - 1]) < GLITCH_US:
+            count -= 1
+        edges = [(self._ticks[i], self._levels[i] == 0) for i in range(count)]
+        if count:
+            interrupts = disable_irq()
+            self._count -= count
+            for i in range(self._count):
+                self._ticks[i] = self._ticks[i + count]
+                self._levels[i] = self._levels[i + count]
+            enable_irq(interrupts)
+        return edges
+
+    def _edge(self, pin: Pin) -> None:
+        now = ticks_us()
+        count = self._count
+        if count and ticks_diff(now, self._ticks[count - 1]) < GLITCH_US:
+            self._count = count - 1
+        elif count < STROBE_BUFFER_EDGES:
+            self._ticks[count] = now
+            self._levels[count] = pin.value()
+            self._count = count + 1
+
+
+class PicoBoard:
+    """LEDs, strobe, trigger, clock and USB serial line of one Pico; LEDs are off from here on."""
+
+    led_count = len(LED_PINS)
+
+    def __init__(self) -> None:
+        darken()
+        # the USB device's serial number, so that a port and an identity can be matched
+        self.serial_number = hexlify(unique_id()).decode()
+        self._leds = [PWM(Pin(pin), freq=PWM_HZ, duty_u16=0) for pin in LED_PINS]
+        self._trigger = Pin(TRIGGER_PIN, Pin.OUT, value=0)
+        self._pulse = Timer()
+        self._strobe = Strobe()
+        self._ticks = ticks_us()
+        self._micros = 0
+        self._arriving = poll()
+        self._arriving.register(sys.stdin, POLLIN)
+        self._leaving = poll()
+        self._leaving.register(sys.stdout, POLLOUT)
+        self._unsent = b""
+
+    def micros(self) -> int:
+        now = ticks_us()
+        self._micros += ticks_diff(now, self._ticks)
+        self._ticks = now
+        return self._micros
+
+    def read(self) -> bytes:
+        self.micros()  # once per turn at least, or a wrap would be missed
+        self._send()
+        data = b""
+        while self._arriving.poll(0) and len(data) < READ_BYTES:
+            data += sys.stdin.buffer.read(1)
+        return data
+
+    def write(self, data: bytes) -> None:
+        # a host that never reads loses whole lines, not memory and not halves of lines
+        if len(self._unsent) + len(data) <= OUTPUT_BYTES:
+            self._unsent += data
+        self._send()
+
+    def set_led(self, index: int, percent: int) -> int:
+        self._leds[index].duty_u16(65535 * percent // 100)
+        return self.micros()
+
+    def max_on_ms(self, index: int) -> int:
+        return MAX_ON_MS[index]
+
+    def max_duty_percent(self, index: int) -> int:
+        return MAX_DUTY_PERCENT[index]
+
+    def strobe_edges(self) -> list[tuple[int, bool]]:
+        edges = self._strobe.take()
+        if not edges:
+            return edges
+        now_us = self.micros()
+        return [(now_us + ticks_diff(at, self._ticks), exposing) for at, exposing in edges]
+
+    def trigger(self) -> int:
+        self._trigger.on()
+        began_us = self.micros()
+        self._pulse.init(mode=Timer.ONE_SHOT, period=PULSE_MS, callback=self._end_pulse)
+        return began_us
+
+    def _end_pulse(self, _: Timer) -> None:
+        self._trigger.off()
+
+    def _send(self) -> None:
+        # with no host MicroPython throws the bytes away; with one that stops reading it waits for
+        # room in the middle of a packet, twice for half a second, and then there is none
+        while self._unsent and self._leaving.poll(0):
+            packet = self._unsent[:USB_PACKET_BYTES]
+            sent = sys.stdout.buffer.write(packet)
+            self._unsent = self._unsent[sent:]
+            if sent < len(packet):
+                return

@@ -1,0 +1,38 @@
+"""`ps4rig rig doctor`, as a command."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Command = Callable[..., Any]
+
+
+def test_one_page_for_a_rig_that_is_well(ps4rig: Command) -> None:
+    page = ps4rig("rig", "doctor", "--rig", "sim")
+    assert page.exit_code == 0
+    for word in ("watchdog", "switch latency", "LED order", "fault: 0"):
+        assert word in page.output
+
+
+def test_a_fault_is_status_1_and_for_programs_there_is_json(
+    ps4rig: Command, tmp_path: Path
+) -> None:
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 160\nheight_px = 160\n"
+        "[[simulation.faults.leds]]\nkind = 'dead'\nled = 3\n"
+    )
+    done = ps4rig("rig", "doctor", "--rig", config, "--json")
+    assert done.exit_code == 1
+    found = json.loads(done.output)
+    assert found["fault"] >= 1
+    (led,) = (check for check in found["checks"] if check["name"] == "LED 3")
+    assert led["status"] == "fault"
+    assert "wiring" in led["advice"]
+
+
+def test_without_a_rig_it_says_what_is_missing(ps4rig: Command, tmp_path: Path) -> None:
+    done = ps4rig("rig", "doctor", "--rig", tmp_path / "rig.toml", "--json")
+    assert done.exit_code == 1
+    assert "no such rig configuration" in json.loads(done.output)["checks"][0]["seen"]

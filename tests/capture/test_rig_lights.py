@@ -1,0 +1,99 @@
+"""`ps4rig rig lights`, as a process of its own at a controller on a pty in real time."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firmware_sim import RealClock, Server, SimulatedBoard, SimulatedController, serve_pty
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+
+
+@dataclass(frozen=True)
+class Bench:
+    board: SimulatedBoard
+    server: Server
+    config: Path
+
+    def lit(self) -> list[float]:
+        now_s = time.monotonic()
+        return [round(self.board.output(led, now_s), 2) for led in range(self.board.led_count)]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    clock = RealClock()
+    board = SimulatedBoard(clock)
+    with serve_pty(SimulatedController(board, clock)) as server:
+        config = tmp_path / "rig.toml"
+        config.write_text(
+            f"[lights]\nport = '{server.address}'\nwatchdog_ms = 400\n"
+            "[camera]\nkind = 'v4l2'\ndevice = 'none'\npixel_format = 'GREY'\n"
+        )
+        yield Bench(board, server, config)
+
+
+@pytest.mark.slow
+def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..., Any]) -> None:
+    process = spawn("rig", "lights", 2, "--level", 40, "--rig", bench.config)
+    while bench.lit() != [0.0, 0.0, 0.4, 0.0]:
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.02)
+    time.sleep(0.7)  # longer than the watchdog waits
+    assert bench.lit() == [0.0, 0.0, 0.4, 0.0]
+    process.send_signal(signal.SIGINT)
+    stdout, stderr = process.communicate(timeout=20)
+    assert (process.returncode, stderr) == (0, "")
+    assert stdout.splitlines() == ["LED 2 is on at 40 %; Ctrl-C puts it out", "all LEDs are out"]
+    assert bench.lit() == [0.0] * 4
+
+
+@pytest.mark.slow
+def test_all_in_turn(bench: Bench, spawn: Callable[..., Any]) -> None:
+    process = spawn("rig", "lights", "cycle", "--rig", bench.config)
+    seen: list[int] = []
+    deadline_s = time.monotonic() + 30.0
+    while len(seen) < 5:
+        assert time.monotonic() < deadline_s
+        lit = bench.lit()
+        if sorted(lit) == [0.0, 0.0, 0.0, 1.0] and seen[-1:] != [lit.index(1.0)]:
+            seen.append(lit.index(1.0))
+        time.sleep(0.02)
+    assert seen == [0, 1, 2, 3, 0]
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert bench.lit() == [0.0] * 4
+
+
+@pytest.mark.slow
+def test_a_controller_that_goes_away_is_said_at_once(
+    bench: Bench, spawn: Callable[..., Any]
+) -> None:
+    process = spawn("rig", "lights", 1, "--rig", bench.config)
+    while bench.lit()[1] != 1.0:
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.02)
+    bench.server.stop()
+    _, stderr = process.communicate(timeout=20)
+    assert process.returncode == 3
+    assert "gone" in stderr
+    assert len(stderr.splitlines()) == 1
+
+
+def test_off_puts_all_out_and_ends(ps4rig: Command, bench: Bench) -> None:
+    done = ps4rig("rig", "lights", "off", "--rig", bench.config)
+    assert done.exit_code == 0
+    assert done.output == "all LEDs of SIM-0001 are out\n"
+
+
+def test_what_is_no_led_is_refused(refused: Refused, bench: Bench) -> None:
+    assert "LED 4: the controller has 4" in refused("rig", "lights", 4, "--rig", bench.config)
+    assert "neither a number" in refused("rig", "lights", "red", "--rig", bench.config)
+    assert bench.lit() == [0.0] * 4

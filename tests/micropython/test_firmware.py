@@ -1,0 +1,119 @@
+"""firmware.py gives the same bytes under MicroPython as under CPython."""
+
+import importlib.util
+import random
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import firmware_sim.firmware
+
+HERE = Path(__file__).parent
+ROOM = HERE.parents[1] / "firmware_sim"
+README = (ROOM / "README.md").read_text(encoding="utf-8")
+TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
+WRITTEN_DOWN = re.findall(r"^> (.*)", "\n".join(TRANSCRIPTS), re.MULTILINE)
+STROBE = {", strobe on": ["+"], ", strobe off": ["-"], "": []}
+NUMBERS = ["0", "1", "3", "4", "-1", "50", "100", "101", "1000", "50000", "60000001", "+1", "1.5"]
+PUNCTUATION = [" ", ",", "#7 ", "~", "\r", "?", "\xb2", "\0", "é"]
+
+
+@pytest.fixture(scope="module")
+def reference() -> ModuleType:
+    """bench.py under CPython."""
+    spec = importlib.util.spec_from_file_location("bench", HERE / "bench.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["firmware"] = firmware_sim.firmware
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        del sys.modules["firmware"]
+    return module
+
+
+def headers(reference: ModuleType) -> list[str]:
+    return sorted(reference.Device().firmware._commands)
+
+
+@pytest.mark.parametrize("transcript", TRANSCRIPTS)
+def test_readme_transcript(bench, transcript):
+    words, expected = [], ""
+    for line in transcript.splitlines():
+        kind, text = line[0], line[2:]
+        if kind == ">":
+            words.append((text + "\n").encode().hex())
+        elif kind == "+":
+            passed_us, _, strobe = text.partition(" us")
+            words += ["@" + passed_us, *STROBE[strobe]]
+        else:
+            expected += text + "\n"
+    assert bench.answers(" ".join(words)) == [expected.encode()]
+
+
+def made_up_requests(known: list[str], count: int, seed: int) -> list[str]:
+    """Requests of real commands, right and wrong, whole and cut, with time and a strobe between."""
+    chance = random.Random(seed)
+
+    def line() -> bytes:
+        numbers = ",".join(chance.choices(NUMBERS, k=chance.choice([0, 0, 1, 1, 2, 3, 6, 20])))
+        made_up = f"{chance.choice(known)} {numbers}"
+        text = (made_up if chance.random() < 0.5 else chance.choice(WRITTEN_DOWN)).encode()
+        if chance.random() < 0.3:
+            text = b"#%d %s" % (chance.randrange(70000), text)
+        if chance.random() < 0.3:
+            text += b"~%02X" % firmware_sim.firmware.crc8(text)
+        for _ in range(chance.choice([0, 0, 0, 0, 1, 2])):
+            place = chance.randrange(len(text) + 1)
+            text = text[:place] + chance.choice(PUNCTUATION).encode("latin-1") + text[place:]
+        return text + b"\n" * chance.choice([1, 1, 1, 0])
+
+    def word() -> str:
+        happening = chance.random()
+        if happening < 0.15:
+            return "@" + str(chance.randrange(300_000))
+        return chance.choice("+-") if happening < 0.3 else line().hex()
+
+    return [" ".join(word() for _ in range(chance.randrange(1, 12))) for _ in range(count)]
+
+
+def test_made_up_lines(bench, reference):
+    requests = made_up_requests(headers(reference), 300, seed=1)
+    expected = [reference.answer(request) for request in requests]
+    assert bench.answers(*requests) == expected
+    whole = b"".join(expected)
+    # what is compared is neither only errors nor only a few of them
+    assert whole.count(b"OK") > 200
+    assert len(set(re.findall(rb"ERR (-?\d+)", whole))) >= 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_many_made_up_lines(bench, reference, seed):
+    requests = made_up_requests(headers(reference), 2000, seed=100 + seed)
+    assert bench.answers(*requests) == [reference.answer(request) for request in requests]
+
+
+@settings(max_examples=20)
+@given(batch=st.lists(st.lists(st.binary(min_size=1, max_size=90), max_size=6), max_size=30))
+def test_any_bytes(bench, reference, batch):
+    requests = [" ".join(piece.hex() for piece in pieces) for pieces in batch]
+    assert bench.answers(*requests) == [reference.answer(request) for request in requests]
+
+
+@pytest.mark.slow
+def test_its_memory_does_not_grow(new_pico):
+    pico = new_pico(HERE / "bench.py", ROOM / "firmware.py")
+    thousand_lines = "for _ in range(70): device.exercise()\ngc.collect()"
+    held = []
+    with pico.prompt() as execute:
+        execute("import bench, gc\ndevice = bench.Device()")
+        for _ in range(24):
+            execute(thousand_lines)
+            held.append(int(execute("print(gc.mem_alloc())")))
+    # the first thousands settle what is kept once, such as names
+    assert held[3] == held[-1], held
