@@ -52,9 +52,9 @@ class LightsConfig(Section):
     `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
     the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
     they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
-    the same if left out. `synchronisation` is who moves on from light to light: the ``software``; the
-    controller at each edge of the camera's ``strobe``; or the controller by time, which then has to
-    ``trigger`` the camera.
+    the same if left out. `synchronisation` is who moves on from light to light: the ``software``;
+    the controller at each edge of the camera's ``strobe``; or the controller by time, which then
+    has to ``trigger`` the camera.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)

@@ -144,7 +144,7 @@ def test_a_set_on_virtual_time_takes_no_time(rig: Rig) -> None:
     capture_set(rig)
     started_s, simulated_s = time.monotonic(), rig.clock.now_s()
     capture_set(rig)
-    assert time.monotonic() - started_s < 0.15
+    assert time.monotonic() - started_s < 0.5
     assert rig.clock.now_s() - simulated_s > 4.9 / 30
 
 
@@ -154,7 +154,7 @@ def test_a_set_on_the_real_clock_takes_what_its_frames_take(small_config: RigCon
         captured = capture_set(rig)
         took_s = time.monotonic() - started_s
     # Each image waits for a whole frame after the switch: between one and two periods.
-    assert 5 / 30 < took_s < 5 * (2 / 30 + 0.015) + 0.15
+    assert 6 / 30 < took_s < 6 * (2 / 30 + 0.015) + 0.4
     for record in captured.metadata.images:
         assert record.led_acknowledged_s is not None
         assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
