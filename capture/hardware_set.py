@@ -90,14 +90,17 @@ def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint
 
 def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     """One sequence: the frame of each step, and what the controller says of it."""
+    if plan.triggers:
+        _wait_for_camera(rig, plan)
     deadline_s = rig.clock.now_s() + plan.duration_s + _SPARE_S
     sequence = RunningSequence(rig.lights, plan)
     frames = _Frames(rig, sequence.asked_s, deadline_s)
     while frames.count < plan.frames_per_step * len(plan.lights) or sequence.is_running():
         if plan.triggers and frames.count == len(plan.lights):
             rig.clock.sleep_s(_LOOK_S)  # the last step lasts for longer than its frame
-        else:
-            frames.take()
+        elif not frames.take():
+            sequence.is_running()
+            break  # the controller may know why
     report = sequence.report()
     exposures_s = _exposures_s(rig, plan, report)
     tolerance_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
@@ -108,8 +111,8 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             "the serial line or this computer is too slow"
         )
     tolerance_s += report.clock.uncertainty_s
-    while not frames.reach(exposures_s[-1] - tolerance_s):
-        frames.take()
+    while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
+        pass
     found = [
         frames.at(begun_s, tolerance_s, _name(light))
         for begun_s, light in zip(exposures_s, plan.lights, strict=True)
@@ -122,6 +125,13 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
                 f"planned are {plan.frames_per_step}"
             )
     return found, report
+
+
+def _wait_for_camera(rig: Rig, plan: SequencePlan) -> None:
+    """A sequence that was ended early may have left an exposure under way: no trigger in that."""
+    *_, code, started_us, passed_us, now_us = rig.lights.ask("SEQ:STAT?", 7).numbers
+    if code:
+        rig.clock.sleep_s(1e-6 * (started_us + passed_us + plan.wait_us - now_us))
 
 
 class _Frames:
@@ -138,30 +148,23 @@ class _Frames:
     def count(self) -> int:
         return len(self._frames)
 
-    def take(self) -> None:
-        """Read one more.
+    def take(self) -> bool:
+        """Read one more; return False if it did not come in time.
 
         Raises
         ------
         SetRejected
-            If one is missing or came twice, or no more came in time.
+            If one is missing or came twice.
         CameraError
             If the camera gave none at all.
         """
         camera, clock = self._rig.camera, self._rig.clock
-        patience_s = self._deadline_s - clock.now_s()
-        if patience_s <= 0.0:
-            raise SetRejected(
-                f"set rejected: the sequence did not end in time; {self.count} frames came"
-            )
         try:
-            frame = camera.read(patience_s)
-        except CameraError as error:
+            frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
+        except CameraError:
             if not self._frames:
                 raise
-            raise SetRejected(
-                f"set rejected: only {self.count} frames came in the sequence ({error})"
-            ) from error
+            return False
         check_frame(frame, camera.info, clock.now_s())
         if self._previous is not None:
             if frame.sequence <= self._previous:
@@ -171,6 +174,7 @@ class _Frames:
         self._previous = frame.sequence
         if frame.exposure_end_s >= self._since_s:
             self._frames.append(frame)
+        return True
 
     def reach(self, at_s: float) -> bool:
         """Whether the last one began after `at_s`."""
@@ -182,8 +186,9 @@ class _Frames:
         if len(near) != 1:
             nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self._frames), key=abs)
             raise SetRejected(
-                f"set rejected: {len(near)} frames fit to the exposure under {name}, the nearest "
-                f"began {nearest_ms:+.1f} ms from the strobe; run ps4rig rig latency"
+                f"set rejected: {len(near)} of {self.count} frames fit to the exposure under "
+                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if it always does, run "
+                "ps4rig rig latency"
             )
         if near[0].flags != FrameFlag.GOOD:
             raise SetRejected(f"set rejected: the frame under {name} is corrupt")

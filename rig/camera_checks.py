@@ -10,9 +10,11 @@ from .camera_config import CameraConfig
 from .camera_list import ListedCamera, device_path
 from .check import Check
 from .errors import CameraError
+from .measurement_mode import EXPOSURE_UNITS_PER_MS
 from .serial_checks import check_access
+from .v4l2_abi import CID_EXPOSURE_ABSOLUTE
 
-__all__ = ["check_cameras", "check_frames"]
+__all__ = ["check_cameras", "check_frames", "longest_exposure_ms"]
 
 _FRAMES = 30
 _READ_TIMEOUT_S = 2.0
@@ -91,3 +93,20 @@ def check_frames(camera: Camera, frames: int = _FRAMES) -> Iterator[Check]:
             seen,
             "give the camera a USB port of its own, a shorter cable, or a lower frame rate",
         )
+
+
+def longest_exposure_ms(
+    camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
+) -> float:
+    """What fits into a frame and the camera's own exposure control."""
+    longest_ms = 1e3 * camera.info.frame_period_s
+    if config.device is None:
+        return longest_ms
+    node = Path(device_path(config.device)).resolve()
+    limits = [
+        control.maximum / EXPOSURE_UNITS_PER_MS
+        for each in listed
+        for control, _ in each.controls
+        if each.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
+    ]
+    return min([longest_ms, *limits])

@@ -43,6 +43,7 @@ AUTO = "auto"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+TurnTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
@@ -118,7 +119,9 @@ class SimulationConfig(Section):
     `clock` is ``virtual`` (a set takes milliseconds) or ``real`` (it takes what frames take).
     `ambient` is the light that no LED makes, as a fraction of one LED at full level. `readout_ms`
     is from the first row's exposure to the last row's, 0 for a global shutter. `faults` are what
-    goes wrong, on purpose; a ``rig.toml`` has them or names their file.
+    goes wrong, on purpose; a ``rig.toml`` has them or names their file. `controller_turn_us` is the
+    least and the most time of one turn of the controller's main loop: so late may it be to switch
+    after the end of an exposure.
 
     The camera's driver stamps the start of exposure and is right. With a `stamp_lag_ms` it stamps
     each frame so much later than that, as drivers do that stamp the arrival of data, and up to
@@ -129,6 +132,7 @@ class SimulationConfig(Section):
     ambient: float = Field(default=0.02, ge=0.0, le=1.0)
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
+    controller_turn_us: tuple[TurnTime, TurnTime] = (50.0, 200.0)
     readout_ms: float = Field(default=0.0, ge=0.0, le=10_000.0)
     stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
     stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .config import AUTO, LightsConfig
@@ -11,7 +11,14 @@ from .controller_link import ControllerIdentity, ControllerLink
 from .errors import LightControllerError
 from .port_holders import port_holders
 
-__all__ = ["SerialPort", "find_controller", "list_serial_ports", "ports_to_try", "who_is_there"]
+__all__ = [
+    "SerialPort",
+    "find_controller",
+    "known_port",
+    "list_serial_ports",
+    "ports_to_try",
+    "who_is_there",
+]
 
 _BY_ID = Path("/dev/serial/by-id")
 # Vendors of microcontroller boards, and of the chips that give such boards a USB port. A modem or
@@ -161,13 +168,27 @@ def find_controller(
     raise LightControllerError(_nothing(lights, ports, silent))
 
 
-def ports_to_try(port: str, ports: Iterable[SerialPort]) -> list[str]:
-    """Where a controller may be that was at `port`: there, or wherever a board may be plugged in.
+def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
+    """What is listed of a port, by whatever name it goes; its name alone if it is not listed."""
+    path = Path(port).resolve()
+    same = (each for each in ports if Path(each.device).resolve() == path)
+    return replace(next(same, SerialPort(port)), device=port)
 
-    Ports that other programs have are left out.
+
+def ports_to_try(was: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
+    """Where a controller may be that was at the port `was`.
+
+    There, or on another port of the same USB id and serial number that no other program has.
     """
-    others = (each.device for each in ports if each.may_be_a_microcontroller)
-    return [port, *(each for each in others if each != port and not port_holders(each))]
+    others = [
+        port.device
+        for port in ports
+        if port.usb_id is not None
+        and (port.usb_id, port.serial_number) == (was.usb_id, was.serial_number)
+        and Path(port.device).resolve() != Path(was.device).resolve()
+        and not port_holders(port.device)
+    ]
+    return [was.device, *others]
 
 
 def _same(one: str | None, other: str) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from .camera import Camera
-from .camera_checks import check_cameras, check_frames
-from .camera_list import list_cameras
+from .camera_checks import check_cameras, check_frames, longest_exposure_ms
+from .camera_list import ListedCamera, list_cameras
 from .check import Check, answered
 from .config import RigConfig, load_config
 from .discovery import list_serial_ports
@@ -49,15 +49,18 @@ def diagnose(rig: str | Path) -> Generator[Check]:
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
     )
     yield check_modem_manager()
+    cameras = list_cameras()
     yield from answered(
-        "cameras", lambda: check_cameras(list_cameras(), None if config is None else config.camera)
+        "cameras", lambda: check_cameras(cameras, None if config is None else config.camera)
     )
     if config is not None:
         with ExitStack() as closing:
-            yield from _diagnose_open(config, closing)
+            yield from _diagnose_open(config, cameras, closing)
 
 
-def _diagnose_open(config: RigConfig, closing: ExitStack) -> Iterator[Check]:
+def _diagnose_open(
+    config: RigConfig, cameras: Sequence[ListedCamera], closing: ExitStack
+) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
         simulation = Simulation(config)
@@ -97,7 +100,7 @@ def _diagnose_open(config: RigConfig, closing: ExitStack) -> Iterator[Check]:
             take_pictures(rig),
             rig.lighting,
             1e3 * camera.info.exposure_s,
-            1e3 * camera.info.frame_period_s,
+            longest_exposure_ms(camera, cameras, config.camera),
         )
 
     looks: tuple[tuple[str, Look], ...] = (

@@ -211,9 +211,11 @@ class RunningSequence:
         return bool(answer.numbers[0])
 
     def report(self) -> SequenceReport:
-        """What was done; the sequence must be over."""
-        _, begun, _, code, started_us, passed_us, _ = self._status
-        cause = MESSAGES.get(code, f"error {code}") if code else None
+        """What was done, as it was when `is_running` was asked last."""
+        runs, begun, _, code, started_us, passed_us, _ = self._status
+        cause = "it still runs" if runs else None
+        if code:
+            cause = MESSAGES.get(code, f"error {code}")
         return SequenceReport(
             steps=tuple(self._step(index) for index in range(begun)),
             cause=cause,

@@ -117,27 +117,25 @@ class LightController:
         """Light LED `led` (0-based) and no other."""
         shown, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
         if shown != led:
-            raise LightControllerError(f"{self.port}: asked for LED {led}, it lit LED {shown}")
+            raise self._failed(f"asked for LED {led}, it lit LED {shown}")
         return Switch(led, time_us, self._clock.now_s())
 
     def off(self) -> Switch:
         """Put all LEDs out."""
         shown, time_us = self._numbers(self._exchange("LED:OFF"), 2)
         if shown != -1:
-            raise LightControllerError(f"{self.port}: asked for all off, LED {shown} is lit")
+            raise self._failed(f"asked for all off, LED {shown} is lit")
         return Switch(None, time_us, self._clock.now_s())
 
     def set_level(self, led: int, percent: int) -> None:
         """Brightness of one LED when it is lit, 0 to 100 %."""
         if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
-            raise LightControllerError(f"{self.port}: level {percent} % of LED {led} did not hold")
+            raise self._failed(f"level {percent} % of LED {led} did not hold")
         self._levels_percent[led] = percent
 
     def state(self) -> LightState:
         """Ask the controller what is lit; this also keeps its watchdog quiet."""
-        reply = self._exchange("LED:STAT?")
-        led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
-        return LightState(None if led == -1 else led, tuple(levels), time_us)
+        return self._state_in(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
         """Send any command whose reply is `count` numbers; times are on the rig's clock."""
@@ -157,8 +155,8 @@ class LightController:
         state = self.state()
         if state.led != led:
             said = self._exchange("SYST:ERR?").text
-            raise LightControllerError(
-                f"{self.port}: {_named(led)} should be lit but {_named(state.led)} is; "
+            raise self._failed(
+                f"{_named(led)} should be lit but {_named(state.led)} is; "
                 f"its watchdog may have tripped (it says {said})"
             )
         return state
@@ -173,6 +171,7 @@ class LightController:
             self.select(0)
             self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
             tripped = self.state().led is None
+            self._exchange("SYST:ERR?")  # takes note of it, so that nobody wonders later
             self.off()
             self._exchange(f"SYST:WDOG {self._watchdog_ms}")
         return tripped
@@ -259,6 +258,7 @@ class LightController:
         self.close()
 
     def _prepare(self) -> None:
+        self._latest_us = 0
         self._exchange("*RST")
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
@@ -299,14 +299,20 @@ class LightController:
     def _beat(self) -> None:
         self._fed_s = self._clock.now_s()
         try:
-            reply = self._ask("SYST:WDOG?")
-            if self._numbers(reply, 1) != (self._watchdog_ms,):
-                raise LightControllerError(
-                    f"{self.port}: the watchdog time is not what was set; has it restarted?"
-                )
+            self._state_in(self._ask("LED:STAT?"))
         except LightControllerError as error:
             self._missed_beat = error
-            self._has_failed = True
+
+    def _state_in(self, reply: Reply) -> LightState:
+        led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
+        if time_us < self._latest_us:
+            raise self._failed("the controller has restarted: its clock went back")
+        self._latest_us = time_us
+        return LightState(None if led == -1 else led, tuple(levels), time_us)
+
+    def _failed(self, cause: str) -> LightControllerError:
+        self._has_failed = True
+        return LightControllerError(f"{self.port}: {cause}")
 
     def _exchange(self, command: str) -> Reply:
         """Ask, and refuse what is refused."""
@@ -333,7 +339,7 @@ class LightController:
         except ValueError:
             numbers = ()
         if len(numbers) != count:
-            raise LightControllerError(f"{self.port}: unexpected reply {reply.text!r}")
+            raise self._failed(f"unexpected reply {reply.text!r}")
         return numbers
 
 

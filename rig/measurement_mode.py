@@ -13,7 +13,7 @@ from .v4l2_controls import Control, check_control, find_control, read_control, w
 __all__ = ["MeasurementMode", "Setting", "check_measurement_mode", "set_measurement_mode"]
 
 # ``EXPOSURE_ABSOLUTE`` counts 100 us.
-_EXPOSURE_UNITS_PER_MS = 10
+EXPOSURE_UNITS_PER_MS = 10
 # Off is 0, or the minimum where 0 is not allowed.
 _AUTOMATIC = (
     abi.CID_AUTOGAIN,
@@ -58,7 +58,7 @@ def set_measurement_mode(device: V4l2Device, config: CameraConfig) -> Measuremen
     settings = _exposure(device, config)
     exposure_s = config.exposure_ms / 1e3
     if settings:
-        exposure_s = settings[-1].value / (1e3 * _EXPOSURE_UNITS_PER_MS)
+        exposure_s = settings[-1].value / (1e3 * EXPOSURE_UNITS_PER_MS)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)
         if control is not None and control.is_readable:
@@ -102,12 +102,12 @@ def _exposure(device: V4l2Device, config: CameraConfig) -> list[Setting]:
     mode = find_control(device, abi.CID_EXPOSURE_AUTO)
     if mode is not None:
         settings.append(_set(device, mode, abi.EXPOSURE_MANUAL))
-    units = max(1, round(config.exposure_ms * _EXPOSURE_UNITS_PER_MS))
+    units = max(1, round(config.exposure_ms * EXPOSURE_UNITS_PER_MS))
     if not control.minimum <= units <= control.maximum:
         raise CameraError(
             f"{device.path}: camera.exposure_ms = {config.exposure_ms:g} is not possible; "
-            f"{control.slug} takes {control.minimum / _EXPOSURE_UNITS_PER_MS:g} to "
-            f"{control.maximum / _EXPOSURE_UNITS_PER_MS:g} ms"
+            f"{control.slug} takes {control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
+            f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms"
         )
     settings.append(_set_active(device, "exposure time", control.id, units))
     return settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -12,7 +13,7 @@ from firmware_sim import Clock, RealClock
 
 from .camera import Camera
 from .config import AUTO, RigConfig, load_config
-from .discovery import find_controller, list_serial_ports, ports_to_try
+from .discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from .errors import ConfigError
 from .lights import LightController
 from .simulation import Simulation
@@ -118,7 +119,7 @@ def open_lights(config: RigConfig, simulation: Simulation | None) -> LightContro
         clock=clock_of(simulation),
         baud=config.lights.baud,
         watchdog_ms=config.lights.watchdog_ms,
-        whereabouts=lambda: _whereabouts(port, simulation),
+        whereabouts=_whereabouts(port, simulation),
     )
     if simulation is not None and config.simulation.clock == "virtual":
         simulation.clock.attend(lights.tend)
@@ -139,12 +140,12 @@ def port_of(config: RigConfig) -> str:
     return find_controller(config.lights, list_serial_ports())
 
 
-def _whereabouts(port: str, simulation: Simulation | None) -> list[str]:
+def _whereabouts(port: str, simulation: Simulation | None) -> Callable[[], list[str]]:
+    """Where to look for the controller again that is at `port` now."""
     if simulation is not None:
-        return [simulation.port]
-    if "://" in port:
-        return [port]
-    return ports_to_try(port, list_serial_ports())
+        return lambda: [simulation.port]
+    was = known_port(port, list_serial_ports())
+    return lambda: ports_to_try(was, list_serial_ports())
 
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:

@@ -102,7 +102,9 @@ class Simulation:
             if faults.leds
             else leds,
         )
-        controller = SimulatedController(self.board, device_clock)
+        controller = SimulatedController(
+            self.board, device_clock, turn_us=config.simulation.controller_turn_us
+        )
         self._controller = (
             FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
         )

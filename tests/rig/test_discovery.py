@@ -18,6 +18,7 @@ from rig.controller_link import ControllerIdentity
 from rig.discovery import (
     SerialPort,
     find_controller,
+    known_port,
     list_serial_ports,
     ports_to_try,
     who_is_there,
@@ -180,7 +181,7 @@ def test_a_port_that_another_program_holds_is_not_written_to(
         who_is_there(port.device)
     with pytest.raises(BlockingIOError):
         os.read(master, 1)
-    assert ports_to_try("/dev/ttyACM9", [port]) == ["/dev/ttyACM9"]
+    assert ports_to_try(SerialPort("/dev/ttyACM9", PICO), [port]) == ["/dev/ttyACM9"]
 
 
 _LOCKS = """
@@ -227,9 +228,21 @@ def test_holders_without_proc(tmp_path: Path) -> None:
 
 
 def test_where_a_controller_is_looked_for_again(plug_in: Callable[..., SerialPort]) -> None:
-    here, there = plug_in("A-1"), plug_in("B-2")
-    modem = SerialPort("/dev/ttyMODEM", UNKNOWN)
-    assert ports_to_try(here.device, [here, modem, there]) == [here.device, there.device]
+    here, there, twin = plug_in("A-1"), plug_in("B-2"), plug_in("A-1", serial="E66")
+    was = SerialPort("/dev/ttyACM9", PICO, "E66")
+    assert ports_to_try(was, [here, there, twin]) == [was.device, twin.device]
+    assert ports_to_try(here, [here, there, twin]) == [here.device, there.device]
+    assert ports_to_try(SerialPort("/dev/mine"), [SerialPort("/dev/ttyS0")]) == ["/dev/mine"]
+
+
+def test_a_port_is_known_by_any_of_its_names(tmp_path: Path) -> None:
+    device, link = tmp_path / "ttyACM0", tmp_path / "by-id"
+    device.touch()
+    link.symlink_to(device)
+    listed = SerialPort(str(device), PICO, "E66")
+    assert known_port(str(link), [listed]) == SerialPort(str(link), PICO, "E66")
+    assert known_port("socket://127.0.0.1:7", [listed]) == SerialPort("socket://127.0.0.1:7")
+    assert ports_to_try(known_port(str(link), [listed]), [listed]) == [str(link)]
 
 
 def test_the_systems_own_list_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from rig import ListedCamera, RigConfig, open_rig
 from rig import controller_link as link_module
 from rig import doctor as doctor_module
 from rig import light_checks as light_checks_module
-from rig.camera_checks import check_cameras
+from rig.camera_checks import check_cameras, longest_exposure_ms
 from rig.camera_config import CameraConfig
 from rig.check import Check
 from rig.discovery import _VENDORS, SerialPort
@@ -30,6 +30,8 @@ from rig.serial_checks import (
 )
 from rig.switch_latency import measure_switch_latency
 from rig.v4l2 import OfferedFormat
+from rig.v4l2_abi import CID_EXPOSURE_ABSOLUTE
+from rig.v4l2_controls import Control
 
 SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'\n"
 
@@ -249,6 +251,18 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
     assert permission.status == "ok"
     *_, missing = check_cameras(listed, CameraConfig(kind="v4l2", device="/dev/video9"))
     assert (missing.name, missing.status) == ("camera.device", "fault")
+
+
+def test_the_longest_exposure_is_that_of_frame_and_camera(tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.touch()
+    exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
+    listed = [ListedCamera(node, (), controls=((exposure, 50),))]
+    config = CameraConfig(kind="v4l2", device=str(node))
+    with open_rig(RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})) as rig:
+        assert longest_exposure_ms(rig.camera, listed, config) == 20.0
+        assert longest_exposure_ms(rig.camera, [], config) == pytest.approx(33.33, abs=0.01)
+        assert longest_exposure_ms(rig.camera, listed, rig.config.camera) > 33.0
 
 
 @pytest.fixture(scope="module")

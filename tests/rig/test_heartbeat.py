@@ -107,6 +107,8 @@ def test_a_heartbeat_that_fails_is_raised_by_the_next_exchange_once() -> None:
 
 def test_a_controller_that_restarted_unseen_is_noticed(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
+        bench.clock.sleep_s(1.0)
+        lights.state()
         bench.controller.reset()
         bench.clock.sleep_s(0.5)
         bench.controller.take_output()  # the banner went to nobody

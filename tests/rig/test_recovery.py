@@ -83,6 +83,23 @@ def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
         assert rig.lights.state().led is None
 
 
+def test_a_controller_that_lost_its_settings_gets_them_again(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
+        lights.set_level(1, 30)
+        lights.select(1)
+        bench.clock.sleep_s(0.2)
+        bench.controller.reset()
+        bench.clock.sleep_s(0.4)
+        bench.controller.take_output()  # the banner went to nobody
+        with pytest.raises(LightControllerError, match="should be lit but no LED is"):
+            lights.confirm(1)
+        lights.recover()
+        assert lights.state().levels_percent == (100, 30, 100, 100)
+        lights.select(1)
+        bench.clock.sleep_s(0.9)
+        assert lights.state().led is None  # of 0.7 s again, not of 5
+
+
 @pytest.fixture
 def devices() -> Iterator[Callable[[str], str]]:
     """Plug in a controller of this serial number; returns its port."""

@@ -1,0 +1,351 @@
+"""Hardware-synchronised sets: the same images as by software, or no set at all.
+
+The truth is asked of the simulated board: how long each LED shone on each frame.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from capture import CapturedSet, SetRejected, capture_set
+from rig import (
+    CameraError,
+    CameraInfo,
+    ConfigError,
+    Frame,
+    FrameFlag,
+    LightControllerError,
+    Rig,
+    RigConfig,
+    open_rig,
+)
+
+SMALL = {"width_px": 16, "height_px": 16}
+# Of an exposure. Of a step of the lights at the wrong time far more is wrong.
+WRONG_LIGHT = 0.01
+
+
+def config(synchronisation: str = "strobe", **changes: dict[str, object]) -> RigConfig:
+    lights = {"synchronisation": synchronisation, **changes.pop("lights", {})}
+    camera = {**SMALL, **changes.pop("camera", {})}
+    return RigConfig().with_changes(lights=lights, camera=camera, **changes)
+
+
+@pytest.fixture(params=["strobe", "trigger"])
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    with open_rig(config(request.param)) as opened:
+        yield opened
+
+
+def wrong_light(rig: Rig, captured: CapturedSet) -> float:
+    """The largest share of an exposure with light that should not be, or without what should."""
+    assert rig.simulation is not None
+    worst = 0.0
+    for image in captured.metadata.images:
+        for frame in image.frames:
+            exposure_s = frame.exposure_end_s - frame.exposure_start_s
+            for led in range(4):
+                lit_s = rig.simulation.board.output_integral_s(
+                    led, frame.exposure_start_s, frame.exposure_end_s
+                )
+                wanted_s = exposure_s if led == image.light else 0.0
+                worst = max(worst, abs(lit_s - wanted_s) / exposure_s)
+    return worst
+
+
+@pytest.mark.parametrize("synchronisation", ["strobe", "trigger"])
+@pytest.mark.parametrize(("frame_rate_hz", "exposure_ms"), [(30, 20), (60, 8)])
+def test_the_images_are_those_of_a_set_by_software(synchronisation, frame_rate_hz, exposure_ms):
+    camera = {"frame_rate_hz": frame_rate_hz, "exposure_ms": exposure_ms}
+    camera |= {"width_px": 64, "height_px": 64}
+    sets = []
+    for mode in ("software", synchronisation):
+        with open_rig(config(mode, camera=camera)) as rig:
+            sets.append(capture_set(rig))
+    by_software, by_hardware = sets
+    assert by_software.ambient is not None
+    assert by_hardware.ambient is not None
+    before = np.stack([*by_software.images, by_software.ambient]).astype(float)
+    after = np.stack([*by_hardware.images, by_hardware.ambient]).astype(float)
+    noise_dn = np.sqrt(2.0 * (before / 2.44 + 4.0))  # of 10 000 electrons in 4096 levels
+    assert np.abs((after - before) / noise_dn).mean() < 1.5
+    assert np.abs((after - before).mean(axis=(1, 2))).max() < 1.0
+
+
+def test_every_image_is_five_periods_apart_from_nothing(rig: Rig) -> None:
+    captured = capture_set(rig, "rock")
+    assert wrong_light(rig, captured) < WRONG_LIGHT
+    metadata = captured.metadata
+    assert metadata.synchronisation == rig.config.lights.synchronisation
+    *lights, ambient = metadata.images
+    assert [image.light for image in (ambient, *lights)] == [None, 0, 1, 2, 3]
+    sequences = [image.frames[0].sequence for image in (ambient, *lights)]
+    assert sequences == list(range(sequences[0], sequences[0] + 5))
+    for image in metadata.images:
+        (frame,) = image.frames
+        ((begun_us, ended_us),) = image.exposures_us
+        assert begun_us / 1e6 == pytest.approx(frame.exposure_start_s, abs=2e-6)
+        assert ended_us / 1e6 == pytest.approx(frame.exposure_end_s, abs=2e-6)
+        assert len(image.triggers_us) == (metadata.synchronisation == "trigger")
+        assert image.led_level_percent == (None if image.light is None else 100)
+    assert rig.lights.state().led is None
+
+
+def test_it_takes_five_frame_periods_and_the_wait_for_the_first(rig: Rig) -> None:
+    start_s = rig.clock.now_s()
+    captured = capture_set(rig)
+    frames = [image.frames[0] for image in captured.metadata.images]
+    first_s = min(frame.exposure_start_s for frame in frames)
+    last_s = max(frame.exposure_end_s for frame in frames)
+    assert last_s - first_s < 5 / 30 - 0.010
+    assert rig.clock.now_s() - start_s < 6.2 / 30
+
+
+def test_the_mean_of_several_sequences(rig: Rig) -> None:
+    captured = capture_set(rig, average=4)
+    assert captured.metadata.full_scale == 65535
+    assert wrong_light(rig, captured) < WRONG_LIGHT
+    for image in captured.metadata.images:
+        assert len(image.frames) == len(image.exposures_us) == 4
+
+
+def test_the_record_comes_back_from_the_file(rig: Rig, tmp_path) -> None:
+    captured = capture_set(rig)
+    captured.save(tmp_path / "a.ome.tif")
+    assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
+
+
+def test_without_a_strobe_triggered_frames_are_known_by_their_times(monkeypatch):
+    with open_rig(config("trigger")) as rig:
+        assert rig.simulation is not None
+        monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
+        captured = capture_set(rig)
+        assert wrong_light(rig, captured) < WRONG_LIGHT
+        assert captured.metadata.images[0].exposures_us == ()
+
+
+# timing: what fits, what takes every other frame, what is refused
+
+
+@pytest.mark.slow
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    synchronisation=st.sampled_from(["strobe", "trigger"]),
+    period_ms=st.floats(6.0, 50.0),
+    exposed_share=st.floats(0.1, 0.99),
+    rise_ms=st.floats(0.05, 6.0),
+    settle_ms=st.floats(0.0, 15.0),
+    turn_us=st.tuples(st.floats(20.0, 200.0), st.floats(200.0, 20_000.0)),
+    readout_ms=st.sampled_from([0.0, 0.0, 3.0]),
+)
+def test_no_timing_lets_wrong_light_into_a_frame(
+    synchronisation, period_ms, exposed_share, rise_ms, settle_ms, turn_us, readout_ms
+):
+    """Slow LEDs, an exposure that fills the period, a slow controller: right or refused."""
+    try:
+        rig_config = config(
+            synchronisation,
+            lights={"settle_ms": settle_ms},
+            camera={"frame_rate_hz": 1e3 / period_ms, "exposure_ms": exposed_share * period_ms},
+            simulation={
+                "led_rise_ms": rise_ms,
+                "led_fall_ms": 0.6 * rise_ms,
+                "controller_turn_us": turn_us,
+                "readout_ms": min(readout_ms, period_ms),
+            },
+        )
+    except ConfigError:
+        return
+    with open_rig(rig_config) as rig:
+        try:
+            captured = capture_set(rig)
+        except SetRejected:
+            return
+        assert wrong_light(rig, captured) < WRONG_LIGHT
+
+
+@pytest.mark.parametrize(
+    ("changes", "frames_per_step"),
+    [
+        ({}, 1),
+        ({"camera": {"exposure_ms": 27.0}}, 1),  # 6.3 ms remain for 5 ms and the reaction
+        ({"camera": {"exposure_ms": 29.0}}, 2),
+        ({"camera": {"frame_rate_hz": 60, "exposure_ms": 15.0}}, 2),
+        ({"lights": {"settle_ms": 9.0}, "simulation": {"led_rise_ms": 4.0}}, 1),
+        ({"lights": {"settle_ms": 45.0}, "simulation": {"led_rise_ms": 20.0}}, 2),
+        ({"lights": {"settle_ms": 70.0}, "simulation": {"led_rise_ms": 30.0}}, 3),
+    ],
+)
+def test_a_light_that_needs_longer_takes_every_other_frame(changes, frames_per_step):
+    with open_rig(config(**changes)) as rig:
+        captured = capture_set(rig)
+        assert wrong_light(rig, captured) < WRONG_LIGHT
+        sequences = [image.frames[0].sequence for image in captured.metadata.images]
+        assert np.diff(sequences[:4]).tolist() == [frames_per_step] * 3
+
+
+def test_a_controller_slower_than_the_pause_is_rejected_not_believed():
+    slow = {"controller_turn_us": (30_000.0, 30_000.0)}
+    with open_rig(config(simulation=slow)) as rig, pytest.raises(SetRejected, match="was late"):
+        capture_set(rig)
+
+
+# disturbances
+
+
+class Tampered:
+    """A camera whose frames pass through somebody's hands."""
+
+    def __init__(self, rig: Rig, change: Callable[[Frame, int], Frame | None]) -> None:
+        self._camera = rig.camera
+        self._change = change
+        self._count = 0
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    def read(self, timeout_s: float) -> Frame:
+        while True:
+            changed = self._change(self._camera.read(timeout_s), self._count)
+            self._count += 1
+            if changed is not None:
+                return changed
+
+    def close(self) -> None:
+        self._camera.close()
+
+
+def lose(frame: Frame, count: int) -> Frame | None:
+    return None if count == 3 else frame
+
+
+def repeat(frame: Frame, count: int) -> Frame:
+    return replace(frame, sequence=frame.sequence - 1) if count == 3 else frame
+
+
+def spoil(frame: Frame, _count: int) -> Frame:
+    return replace(frame, flags=FrameFlag.CORRUPT)
+
+
+def stamp_late(frame: Frame, _count: int) -> Frame:
+    late_s = -0.012
+    return replace(
+        frame,
+        exposure_start_s=frame.exposure_start_s + late_s,
+        exposure_end_s=frame.exposure_end_s + late_s,
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lose, r"was lost|0 of 4 frames fit"),
+        (repeat, "came twice"),
+        (spoil, "is corrupt"),
+        (stamp_late, r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency"),
+    ],
+)
+def test_frames_that_are_not_as_they_should(rig: Rig, change, cause) -> None:
+    with pytest.raises(SetRejected, match=cause):
+        capture_set(replace(rig, camera=Tampered(rig, change)))
+    assert rig.lights.state().led is None
+    assert wrong_light(rig, capture_set(rig)) < WRONG_LIGHT
+
+
+def test_a_frame_period_early_is_seen_in_the_dark_that_follows(rig: Rig) -> None:
+    """Times that are a whole period off fit to the strobe; the images then do not fit."""
+    period_s = rig.camera.info.frame_period_s
+
+    def early(frame: Frame, _count: int) -> Frame:
+        return replace(
+            frame,
+            exposure_start_s=frame.exposure_start_s - period_s,
+            exposure_end_s=frame.exposure_end_s - period_s,
+        )
+
+    with pytest.raises((SetRejected, CameraError)):
+        capture_set(replace(rig, camera=Tampered(rig, early)))
+
+
+def test_a_strobe_that_is_not_connected_is_named(monkeypatch) -> None:
+    with open_rig(config()) as rig:
+        assert rig.simulation is not None
+        monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
+        with pytest.raises(SetRejected, match="Strobe missing"):
+            capture_set(rig)
+
+
+def test_a_restart_in_mid_sequence_is_an_error(rig: Rig) -> None:
+    rebooting = rig.config.with_changes(
+        simulation={"faults": {"lines": [{"kind": "reboot", "containing": "SEQ:STAT"}]}}
+    )
+    with open_rig(rebooting) as faulty, pytest.raises(LightControllerError):
+        capture_set(faulty)
+
+
+def test_the_watchdog_in_mid_sequence_is_named(rig: Rig) -> None:
+    rig.lights.ask("SYST:WDOG 100", 1)
+    with pytest.raises(SetRejected, match="Watchdog"):
+        capture_set(rig)
+
+
+@pytest.mark.slow
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    synchronisation=st.sampled_from(["strobe", "trigger"]),
+    spikes=st.lists(st.tuples(st.floats(0.0, 0.3), st.floats(1e-6, 0.03)), max_size=3),
+    missing=st.sets(st.integers(0, 14), max_size=3),
+    lost=st.sets(st.integers(0, 9), max_size=2),
+)
+def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing, lost):
+    """Spikes of any width at any time, edges that do not arrive, frames that are lost."""
+    assume(spikes or missing or lost)
+    with open_rig(config(synchronisation)) as rig:
+        assert rig.simulation is not None
+        board, clock = rig.simulation.board, rig.clock
+        wire, edges = board.strobe, iter(range(1000))
+
+        def lossy(exposing: bool, at_s: float) -> None:
+            if next(edges) not in missing:
+                wire(exposing, at_s)
+
+        board.strobe = lossy  # type: ignore[method-assign]
+        start_s = clock.now_s()
+        for begin_s, width_s in spikes:
+            for at_s, exposing in ((begin_s, True), (begin_s + width_s, False)):
+                clock.call_at(start_s + at_s, lambda at=start_s + at_s, on=exposing: wire(on, at))
+
+        def drop(frame: Frame, count: int) -> Frame | None:
+            return None if count in lost else frame
+
+        try:
+            captured = capture_set(replace(rig, camera=Tampered(rig, drop)))
+        except (SetRejected, CameraError):
+            return
+        assert wrong_light(rig, captured) < WRONG_LIGHT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frame_rate_hz", [30, 60])
+def test_in_real_time(rig: Rig, frame_rate_hz) -> None:
+    """A busy computer may be too late for a set, but never with the wrong light."""
+    real = rig.config.with_changes(
+        simulation={"clock": "real"}, camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": 8}
+    )
+    accepted = 0
+    with open_rig(real) as opened:
+        for _ in range(30):
+            try:
+                captured = capture_set(opened)
+            except SetRejected:
+                continue
+            assert wrong_light(opened, captured) < WRONG_LIGHT
+            accepted += 1
+            if accepted == 3:
+                break
+    assert accepted == 3
