@@ -228,8 +228,7 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
-        simulated = self.camera.kind == "simulated"
-        readout_ms = self.simulation.readout_ms if simulated else self.camera.readout_ms
+        readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
             raise ValueError(
                 f"lights.synchronisation = {self.lights.synchronisation!r} needs to know when the "

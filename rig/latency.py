@@ -115,7 +115,9 @@ def without_timing(config: RigConfig) -> RigConfig:
             "timestamp_uncertainty_ms": 0.0,
             "readout_ms": None,
             "timing_measured_at": None,
-        }
+        },
+        # It is we who switch, and the camera does not wait for it.
+        lights={"synchronisation": "software"},
     )
 
 

@@ -2,7 +2,7 @@
 
 import typer
 
-from . import doctor, latency, lights
+from . import doctor, latency, lights, preview
 
 __all__ = ["rig_app"]
 
@@ -12,6 +12,7 @@ rig_app = typer.Typer(help=_HELP)
 rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
+rig_app.command()(preview.preview)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)

@@ -185,6 +185,13 @@ def test_first_and_last_row_are_told_apart() -> None:
     assert found.first_row.most_frames <= 3
 
 
+def test_lights_that_a_controller_switches_by_itself_are_switched_by_us() -> None:
+    truth = Truth()
+    config = truth.config.with_changes(lights={"synchronisation": "trigger"})
+    with open_rig(without_timing(config)) as rig:
+        check_stored_values(truth, measure_latency(rig))
+
+
 def test_a_led_that_the_camera_does_not_see_is_no_measurement() -> None:
     config = without_timing(RigConfig().with_changes(camera=SIZE))
     with open_rig(config) as rig:

@@ -61,6 +61,13 @@ def test_what_is_shown_depends_on_the_led_that_is_on_and_on_when(oak: Path) -> N
     assert shown[1].exposure_start_s > switch.acknowledged_s
 
 
+@pytest.mark.parametrize("who", ["strobe", "trigger"])
+def test_it_is_replayed_to_a_controller_that_switches_by_itself(oak: Path, who: str) -> None:
+    with open_rig(replay(oak, lights={"synchronisation": who})) as rig:
+        again = capture_set(rig)
+    np.testing.assert_array_equal(again.images, CapturedSet.load(oak).images)
+
+
 def test_eight_bits_are_eight_bits(tmp_path: Path) -> None:
     path = tmp_path / "a.ome.tif"
     with open_rig(RigConfig().with_changes(camera={**CAMERA, "bits": 8})) as rig:

@@ -1,15 +1,24 @@
 """The test driver vivid, opened as a device, as a camera and as a rig."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Rig, RigConfig, open_rig
+from rig.camera_config import CameraConfig
 from rig.v4l2 import V4l2Device
 from rig.v4l2_camera import V4l2Camera
 from rig.v4l2_controls import write_control
-from tests.hil.guest.vivid_bench import SETTLE_MS, VIDEO, Bench, config, named
+from tests.hil.guest.vivid_bench import (
+    SETTLE_MS,
+    VIDEO,
+    Bench,
+    config,
+    named,
+    opencv_config,
+)
 
 
 @pytest.fixture
@@ -26,19 +35,27 @@ def device() -> Iterator[V4l2Device]:
     opened.close()
 
 
-@pytest.fixture
-def bench() -> Iterator[Bench]:
+@contextmanager
+def opened_bench(camera: CameraConfig) -> Iterator[Bench]:
     clock = RealClock()
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
-        whole = RigConfig.model_validate(
-            {
-                "lights": {"port": server.address, "settle_ms": SETTLE_MS},
-                "camera": config().model_dump(),
-            }
-        )
+        lights = {"port": server.address, "settle_ms": SETTLE_MS}
+        whole = RigConfig.model_validate({"lights": lights, "camera": camera.model_dump()})
         with open_rig(whole) as opened:
             yield Bench(opened, board)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with opened_bench(config()) as bench:
+        yield bench
+
+
+@pytest.fixture
+def opencv_bench() -> Iterator[Bench]:
+    with opened_bench(opencv_config()) as bench:
+        yield bench
 
 
 @pytest.fixture

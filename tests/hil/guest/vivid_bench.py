@@ -45,6 +45,19 @@ def config(pixel_format: str = "GREY", device: str = VIDEO, **changes: object) -
     return CameraConfig.model_validate(values | changes)
 
 
+def opencv_config(**changes: object) -> CameraConfig:
+    values = {
+        "kind": "opencv",
+        "device": VIDEO,
+        "width_px": 320,
+        "height_px": 180,
+        "frame_rate_hz": RATE_HZ,
+        "exposure_ms": 20.0,
+        "fixed_exposure": True,
+    }
+    return CameraConfig.model_validate(values | changes)
+
+
 def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:
     return [camera.read(timeout_s) for _ in range(count)]
 
@@ -85,9 +98,8 @@ def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
     By another amount for each LED, so that a picture tells which one it was taken under.
     """
     camera = bench.rig.camera
-    assert isinstance(camera, V4l2Camera)
-    # The camera's own file: others may not change its controls.
-    device = camera._device
+    # The camera's own file, while that keeps others from changing controls; OpenCV does not.
+    device = camera._device if isinstance(camera, V4l2Camera) else V4l2Device(VIDEO)
     brightness = named(device, "brightness")
     done = threading.Event()
 

@@ -12,6 +12,7 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from rig import CameraError, FrameFlag, list_cameras
+from rig.opencv_camera import OpencvCamera
 from rig.pixel_formats import PIXEL_FORMATS
 from rig.v4l2 import V4l2Device
 from rig.v4l2_camera import V4l2Camera
@@ -40,6 +41,7 @@ from tests.hil.guest.vivid_bench import (
     brightness_follows_the_leds,
     config,
     named,
+    opencv_config,
     press,
     read_some,
     without_loss,
@@ -309,6 +311,30 @@ def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Pat
     assert metadata.camera.controls["gain_automatic"] == 0
     assert metadata.camera.controls["v4l2"]["fixed_exposure"]
     assert sum(image.stale_frames for image in metadata.images) >= 2
+
+
+def test_a_set_through_opencv_has_no_stale_frame_in_it_either(opencv_bench: Bench) -> None:
+    with brightness_follows_the_leds(opencv_bench):
+        captured = capture_set(opencv_bench.rig, label="bars")
+    over_ambient = captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
+    # Its way from luma to grey goes through colours, and the bars are colourful.
+    assert over_ambient[0] > 0.5 * STEP
+    np.testing.assert_allclose(over_ambient / over_ambient[0], [1, 2, 3, 4], rtol=0.15)
+    camera = captured.metadata.camera
+    assert camera.kind == "opencv"
+    assert camera.controls["opencv"]["backend"] == "V4L2"
+
+
+def test_opencv_is_refused_a_camera_whose_exposure_it_cannot_set() -> None:
+    with pytest.raises(CameraError, match="auto_exposure was set to 1 through OpenCV and reads"):
+        OpencvCamera(opencv_config(fixed_exposure=False))
+    # And lets go of it.
+    V4l2Camera(config()).close()
+
+
+def test_opencv_is_refused_a_size_that_the_camera_does_not_have() -> None:
+    with pytest.raises(CameraError, match="322 x 180 px were asked for, OpenCV gives"):
+        OpencvCamera(opencv_config(width_px=322))
 
 
 # Those below take devices away for good, so they come last.

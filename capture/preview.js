@@ -1,0 +1,91 @@
+"use strict";
+
+const POLL_MS = 250;
+const TIMEOUT_MS = 3000;
+// The share of saturated pixels at which a set is rejected.
+const MUCH_SATURATED = 0.01;
+
+const figures = [];
+let state = null;
+let receivedMs = 0;
+let linkError = null;
+
+const byId = (id) => document.getElementById(id);
+
+// What was `age_s` when it was sent is older by what has passed since.
+const age = (light) => light.age_s + (performance.now() - receivedMs) / 1000;
+
+function figureOf(index) {
+  while (figures.length <= index) {
+    const figure = byId("light").content.cloneNode(true).firstElementChild;
+    byId("lights").append(figure);
+    figures.push({ figure, sequence: null });
+  }
+  return figures[index];
+}
+
+function drawHistogram(canvas, shares) {
+  const context = canvas.getContext("2d");
+  context.clearRect(0, 0, canvas.width, canvas.height);
+  // Square roots, so that few pixels are seen beside many.
+  const most = Math.sqrt(Math.max(...shares, 1e-9));
+  const width = canvas.width / shares.length;
+  shares.forEach((share, bin) => {
+    const height = (Math.sqrt(share) / most) * canvas.height;
+    context.fillStyle = bin === shares.length - 1 ? "#ff5252" : "#8ab4f8";
+    context.fillRect(bin * width, canvas.height - height, width - 0.5, height);
+  });
+}
+
+function show(light, index) {
+  const entry = figureOf(index);
+  const find = (selector) => entry.figure.querySelector(selector);
+  find(".name").textContent = light.name;
+  if (light.sequence === null || light.sequence === entry.sequence) return;
+  entry.sequence = light.sequence;
+  find("img").src = `light/${index}.png?${light.sequence}`;
+  find("img").alt = light.name;
+  drawHistogram(find("canvas"), light.histogram);
+  find(".mean").textContent = `${(100 * light.mean_share).toFixed(1)} %`;
+  find(".saturated").textContent = `${(100 * light.saturated_share).toFixed(2)} %`;
+  find(".saturated").classList.toggle("much", light.saturated_share > MUCH_SATURATED);
+  find(".focus").textContent = light.focus.toPrecision(3);
+}
+
+// Whatever happens to the link, this goes on: a picture that nobody renews grows old and goes.
+function refreshAges() {
+  const error = linkError ?? state?.error;
+  byId("error").hidden = !error;
+  if (error) byId("error").textContent = `${error} (trying again)`;
+  if (!state) return;
+  state.lights.forEach((light, index) => {
+    if (light.sequence === null) return;
+    const { figure } = figureOf(index);
+    const stale = age(light) > state.stale_after_s;
+    figure.classList.toggle("stale", stale);
+    figure.querySelector(".age").textContent = `${age(light).toFixed(1)} s old`;
+    figure.querySelector("img").hidden = stale;
+    figure.querySelector("p").hidden = !stale;
+    figure.querySelector("p").textContent = "no new picture: the last one is too old to be shown";
+  });
+}
+
+async function poll() {
+  try {
+    const answer = await fetch("state.json", { signal: AbortSignal.timeout(TIMEOUT_MS) });
+    if (!answer.ok) throw new Error(`status ${answer.status}`);
+    state = await answer.json();
+    receivedMs = performance.now();
+    linkError = null;
+    byId("camera").textContent = state.camera || "waiting for the rig";
+    byId("simulated").hidden = !state.simulated;
+    state.lights.forEach(show);
+  } catch (error) {
+    linkError = `No answer from ps4rig: the preview was ended, or the computer is busy`;
+  }
+  refreshAges();
+  setTimeout(poll, POLL_MS);
+}
+
+setInterval(refreshAges, 100);
+poll();

@@ -1,0 +1,43 @@
+"""``ps4rig rig preview``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import out, reported
+
+__all__ = ["preview"]
+
+_PORT = 8765
+
+
+@reported
+def preview(
+    rig: Annotated[
+        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
+    ] = Path("rig.toml"),
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Of the page; 0 takes any that is free.")
+    ] = _PORT,
+) -> None:
+    """Show what the camera sees under each LED, live, on a page of this machine.
+
+    With a histogram, saturated pixels in red, a focus score to turn the lens by, and the age of
+    every picture; one that is too old is blanked. What fails is shown by name, and tried again.
+    Ctrl-C ends it and puts the LEDs out.
+    """
+    import threading
+
+    from capture.preview_loop import Preview, run_preview
+    from capture.preview_server import serving
+    from rig import RigConfig, load_config
+
+    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    shown = Preview()
+    with serving(shown, port) as server:
+        out.print(f"{server.url} shows the rig; Ctrl-C ends it", soft_wrap=True)
+        out.file.flush()
+        run_preview(config, shown, threading.Event())

@@ -1,0 +1,308 @@
+"""`ps4rig rig preview`: what it shows, to whom, and what happens when the rig does not answer."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.preview_loop import Preview, run_preview
+from capture.preview_server import MAX_VIEWERS, serving
+from capture.preview_shots import Shot, shot_of
+from classify.errors import InputError
+from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
+from rig import Frame, RigConfig
+
+CHROMIUM = "/usr/bin/chromium"
+SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
+WAIT_S = 20.0
+
+
+def until(condition: Callable[[], Any]) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline_s, "it never happened"
+        time.sleep(0.02)
+
+
+def is_whole(preview: Preview) -> bool:
+    lights = preview.state()["lights"]
+    return bool(lights) and all(light["sequence"] is not None for light in lights)
+
+
+@contextmanager
+def running(preview: Preview, config: RigConfig) -> Iterator[threading.Event]:
+    stopping = threading.Event()
+    thread = threading.Thread(target=run_preview, args=(config, preview, stopping))
+    thread.start()
+    try:
+        yield stopping
+    finally:
+        stopping.set()
+        thread.join(WAIT_S)
+        assert not thread.is_alive()
+
+
+def get(url: str, host: str | None = None) -> tuple[int, bytes, Any]:
+    request = urllib.request.Request(url, headers={} if host is None else {"Host": host})
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            return answer.status, answer.read(), answer.headers
+    except urllib.error.HTTPError as error:
+        return error.code, error.read(), error.headers
+
+
+# a frame
+
+
+def frame_of(pixels: np.ndarray, bit_depth: int) -> Frame:
+    return Frame(pixels, bit_depth, 1.0, 1.02, 7)
+
+
+def picture_of(shot: Shot) -> np.ndarray:
+    picture = cv2.imdecode(np.frombuffer(shot.png, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    return picture
+
+
+@pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (12, np.uint16), (16, np.uint16)])
+def test_one_saturated_pixel_is_red_however_large_the_frame(bits: int, dtype: type) -> None:
+    pixels = np.full((1500, 2000), 2 ** (bits - 1), dtype)
+    pixels[701, 1203] = 2**bits - 1
+    shot = shot_of(frame_of(pixels, bits))
+    picture = picture_of(shot)
+    assert picture.shape == (600, 800, 3)
+    red = (picture == (40, 40, 255)).all(axis=2)
+    assert 1 <= red.sum() <= 16
+    assert np.abs(np.argwhere(red).mean(axis=0) - (701 / 2.5, 1203 / 2.5)).max() < 3
+    assert (picture[~red] == 128).all()
+    assert shot.saturated_share == pytest.approx(1 / 3e6)
+    assert len(shot.histogram) == 64
+    assert shot.histogram[32] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_focus_score_falls_as_the_picture_blurs_and_not_as_it_darkens() -> None:
+    rng = np.random.default_rng(1)
+    sharp = rng.integers(500, 3000, (200, 200)).astype(np.uint16)
+    scores = [
+        shot_of(frame_of(cv2.GaussianBlur(sharp, (0, 0), sigma), 12)).focus
+        for sigma in (0.3, 0.8, 2.0)
+    ]
+    assert scores == sorted(scores, reverse=True)
+    assert shot_of(frame_of(sharp // 2, 12)).focus == pytest.approx(
+        shot_of(frame_of(sharp, 12)).focus, rel=0.01
+    )
+
+
+# the rig's side
+
+
+def test_every_led_is_shown_again_and_again() -> None:
+    preview = Preview()
+    with running(preview, SMALL):
+        until(
+            lambda: all(
+                light["sequence"] for light in preview.state()["lights"] or [{"sequence": 0}]
+            )
+        )
+        first = preview.state()
+        until(lambda: preview.state()["lights"][0]["sequence"] > first["lights"][0]["sequence"])
+    assert first["simulated"]
+    assert first["error"] is None
+    assert [light["name"] for light in first["lights"]][1] == "LED 1, tilt 90°"
+    assert all(0.0 < light["age_s"] < WAIT_S for light in first["lights"])
+    pictures = [preview.picture(light) for light in range(4)]
+    assert len(set(pictures)) == 4
+    assert preview.picture(4) is None
+
+
+def test_what_fails_is_named_and_the_link_comes_back() -> None:
+    gone = {"frames": [{"kind": "gone", "when": {"from_s": 0.5}}]}
+    preview = Preview()
+    with running(preview, SMALL.with_changes(simulation={"faults": gone})):
+        until(lambda: preview.state()["error"])
+        state = preview.state()
+        assert "no frame" in state["error"] or "gone" in state["error"]
+        # The plan begins anew with the rig that is opened again.
+        until(lambda: preview.state()["error"] is None)
+
+
+def test_a_picture_that_nobody_renews_grows_old() -> None:
+    preview = Preview()
+    with running(preview, SMALL):
+        until(lambda: is_whole(preview))
+    before_s = preview.state()["lights"][0]["age_s"]
+    time.sleep(0.2)
+    assert preview.state()["lights"][0]["age_s"] >= before_s + 0.19
+
+
+# the server
+
+
+@pytest.fixture(scope="module")
+def shown() -> Preview:
+    preview = Preview()
+    with running(preview, SMALL):
+        until(lambda: is_whole(preview))
+    return preview
+
+
+def test_the_page_its_state_and_its_pictures_are_served(shown: Preview) -> None:
+    with serving(shown, 0) as server:
+        assert server.url.startswith("http://127.0.0.1:")
+        status, page, headers = get(server.url)
+        assert status == 200
+        assert b"preview.js" in page
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert json.loads(get(server.url + "state.json")[1])["lights"][2]["saturated_share"] == 0
+        assert get(server.url + "light/2.png?17")[1] == shown.picture(2)
+        assert get(server.url + "preview.js")[2]["Content-Type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "light/9.png",
+        "light/-1.png",
+        "light/٣.png",
+        "light/.png",
+        "../rig.toml",
+        "preview.html",
+        "x",
+    ],
+)
+def test_there_is_nothing_else(shown: Preview, path: str) -> None:
+    with serving(shown, 0) as server:
+        assert get(server.url + urllib.request.quote(path))[0] == 404
+
+
+def test_a_page_of_another_name_is_not_served(shown: Preview) -> None:
+    with serving(shown, 0) as server:
+        port = server.server_port
+        for host in (f"localhost:{port}", f"127.0.0.1:{port}"):
+            assert get(server.url, host)[0] == 200
+        for host in ("rebound.example", f"rebound.example:{port}", "127.0.0.1", ""):
+            assert get(server.url + "state.json", host)[0] == 421
+
+
+def test_many_viewers_are_served_and_those_that_say_nothing_take_no_more_than_their_share(
+    shown: Preview,
+) -> None:
+    with serving(shown, 0) as server:
+        silent = [
+            socket.create_connection(("127.0.0.1", server.server_port)) for _ in range(MAX_VIEWERS)
+        ]
+        until(lambda: not server._free.acquire(blocking=False) or server._free.release())
+        one_more = socket.create_connection(("127.0.0.1", server.server_port))
+        one_more.settimeout(5)
+        assert one_more.recv(1) == b""
+        for connection in (*silent, one_more):
+            connection.close()
+        until(lambda: get(server.url)[0] == 200)
+        results: list[int] = []
+        viewers = [
+            threading.Thread(target=lambda: results.append(get(server.url + "light/0.png")[0]))
+            for _ in range(12)
+        ]
+        for viewer in viewers:
+            viewer.start()
+        for viewer in viewers:
+            viewer.join()
+        assert results == [200] * 12
+
+
+def test_a_port_that_is_taken_is_named(shown: Preview) -> None:
+    with serving(shown, 0) as server:
+        again = serving(shown, server.server_port)
+        with pytest.raises(InputError, match="give another with --port"):
+            again.__enter__()
+
+
+# the command
+
+
+def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None:
+    for number in range(60):
+        picture = np.full((48, 64), 100 + number, np.uint8)
+        cv2.imwrite(str(tmp_path / f"frame{number:03d}.png"), picture)
+    clock = RealClock()
+    board = SimulatedBoard(clock)
+
+    def lit() -> list[int]:
+        return [led for led in range(4) if board.output(led, clock.now_s()) > 0.5]
+
+    with serve_pty(SimulatedController(board, clock)) as controller:
+        (tmp_path / "rig.toml").write_text(
+            f'[lights]\nport = "{controller.address}"\n[camera]\nkind = "opencv"\n'
+            f'device = "{tmp_path}/frame%03d.png"\nwidth_px = 64\nheight_px = 48\n'
+            "frame_rate_hz = 25\nfixed_exposure = true\n"
+        )
+        command = [sys.executable, "-m", "capture", "rig", "preview", "--port", "0"]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            url = process.stdout.readline().split()[0]
+            until(lit)
+            until(lambda: json.loads(get(url + "state.json")[1])["lights"])
+            process.send_signal(signal.SIGINT)
+            assert process.wait(WAIT_S) == 130
+        time.sleep(0.05)
+        assert lit() == []
+
+
+# in a browser
+
+
+def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    where = f"--user-data-dir={tmp_path / 'profile'}"
+    page = ["--virtual-time-budget=2500", *options, url]
+    done = subprocess.run(
+        [*command, where, *page], capture_output=True, text=True, timeout=120, check=True
+    )
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_the_page_shows_live_pictures_in_a_browser(tmp_path: Path) -> None:
+    preview = Preview(stale_after_s=60.0)
+    with running(preview, SMALL), serving(preview, 0) as server:
+        until(lambda: is_whole(preview))
+        dom = in_chromium(server.url, tmp_path, "--dump-dom")
+        screenshot = tmp_path / "page.png"
+        in_chromium(server.url, tmp_path, f"--screenshot={screenshot}", "--window-size=1400,700")
+    assert "LED 3, tilt 270°" in dom
+    assert dom.count("s old</span>") == 4
+    assert 'src="light/0.png?' in dom
+    assert "64 x 48 px, 12 bit" in dom
+    # Pictures are grey and bright; the page around them is dark.
+    page = cv2.imread(str(screenshot), cv2.IMREAD_GRAYSCALE)
+    assert page is not None
+    assert np.count_nonzero(page > 110) > 0.1 * page.size
+
+
+@pytest.mark.slow
+def test_a_picture_that_is_too_old_is_blanked_and_its_age_shown(
+    shown: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shown, "stale_after_s", 0.5)
+    time.sleep(1.0)
+    with serving(shown, 0) as server:
+        dom = in_chromium(server.url, tmp_path, "--dump-dom")
+    assert dom.count('class="stale"') == 4
+    assert dom.count("the last one is too old to be shown") == 4
+    ages_s = [float(part.split(">")[-1]) for part in dom.split(" s old</span>")[:-1]]
+    assert len(ages_s) == 4
+    assert min(ages_s) >= 1.0
+    assert dom.count("hidden=") >= 4
