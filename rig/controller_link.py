@@ -43,6 +43,9 @@ class ControllerLink:
         Bits per second; USB serial ports ignore it.
     timeout_s
         How long to wait for an answer, a restart of the board included.
+    any_protocol
+        Whether a controller with another version of the protocol will do, to have its firmware
+        renewed.
 
     Raises
     ------
@@ -50,7 +53,15 @@ class ControllerLink:
         If the port cannot be opened, or none answers there that this program can talk to.
     """
 
-    def __init__(self, port: str, baud: int, timeout_s: float | None = None) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        timeout_s: float | None = None,
+        *,
+        any_protocol: bool = False,
+    ) -> None:
+        self._any_protocol = any_protocol
         # Not from 1: late replies to the program before must not look like replies to this one.
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._line = SerialLine(port, baud, REPLY_TIMEOUT_S)
@@ -120,7 +131,7 @@ class ControllerLink:
             )
         vendor, model, serial_number, firmware_version, protocol = fields[:5]
         identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
-        if identity.protocol_version != PROTOCOL_VERSION:
+        if identity.protocol_version != PROTOCOL_VERSION and not self._any_protocol:
             older = identity.protocol_version < PROTOCOL_VERSION
             raise LightControllerError(
                 f"{self.port}: the controller speaks protocol version "

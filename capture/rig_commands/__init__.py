@@ -2,13 +2,14 @@
 
 import typer
 
-from . import doctor, latency, lights, preview
+from . import doctor, flash, latency, lights, preview
 
 __all__ = ["rig_app"]
 
 _HELP = "Look after the rig itself: find it, check it, switch it by hand."
 
 rig_app = typer.Typer(help=_HELP)
+rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)

@@ -14,7 +14,7 @@ const [modules, fakes, flash, records, happenings] = process.argv.slice(2);
 const micropython = "@micropython/micropython-webassembly-pyscript/micropython.mjs";
 const { loadMicroPython } = await import(path.resolve(modules, micropython));
 
-const CTRL_A = 1, CTRL_B = 2, CTRL_D = 4;
+const CTRL_A = 1, CTRL_B = 2, CTRL_D = 4, CTRL_E = 5;
 const HEAP_BYTES = 192 * 1024; // a Pico's; more is taken when it is full
 const OUTLET_BYTES = 256; // what a Pico's USB stack holds
 const TICKS_PERIOD_US = 2 ** 30;
@@ -148,6 +148,14 @@ async function boot(raw) {
             continue;
         }
         const byte = line.take();
+        // fast pasting would wait for its bytes inside of MicroPython, which this port cannot: the
+        // protocol's answer for that is R and 0
+        if (raw && byte === CTRL_E && line.ready()) {
+            line.take();
+            line.take();
+            send(Buffer.from([0x52, 0]));
+            continue;
+        }
         if (byte === CTRL_A || byte === CTRL_B) raw = byte === CTRL_A;
         const left = mp.replProcessChar(byte);
         if (byte === CTRL_D) {

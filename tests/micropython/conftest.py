@@ -82,10 +82,11 @@ class Pico:
     def __init__(self, flash: Path) -> None:
         self.flash = flash
         self.records: list[dict[str, object]] = []
-        self._master, self._slave = pty.openpty()
-        tty.setraw(self._slave)
+        self._master, slave = pty.openpty()
+        tty.setraw(slave)
         os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
+        self.port = os.ttyname(slave)
+        os.close(slave)
         records, self._records_end = os.pipe()
         self._events_end, self._events = os.pipe()
         os.set_blocking(self._events_end, False)
@@ -143,7 +144,7 @@ class Pico:
         self._process.kill()
         self._process.wait()
         self._reader.join()
-        for descriptor in (self._master, self._slave, self._events):
+        for descriptor in (self._master, self._events):
             os.close(descriptor)
 
     def _read(self, records: int) -> None:

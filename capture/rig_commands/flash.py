@@ -1,0 +1,79 @@
+"""``ps4rig rig flash``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.console import JsonOption, out, print_json, reported
+
+if TYPE_CHECKING:
+    from rig.flash import Flashed
+
+__all__ = ["flash"]
+
+
+@reported
+def flash(
+    to: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a board that shows as a drive.", metavar="DIR"),
+    ] = None,
+    port: Annotated[
+        str | None,
+        typer.Option(help="Serial port of the board.", show_default="found", metavar="PORT"),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be put where, and change nothing.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Put the firmware on a Raspberry Pi Pico that runs MicroPython.
+
+    The LEDs go out, the files are copied and read back, and the board starts with them. A board
+    that another program uses is left alone.
+    """
+    from classify.errors import InputError
+    from rig.flash import board_files, firmware_version
+
+    if to is not None and port is not None:
+        raise InputError("--to and --port: give one of them")
+    files = board_files()
+    flashed = _flash(to, port, dry_run)
+    new = firmware_version(files[0].data)
+    if as_json:
+        listed = [
+            {"name": file.name, "bytes": len(file.data), "sha256": file.sha256} for file in files
+        ]
+        print_json({**asdict(flashed), "new": new, "files": listed, "dry_run": dry_run})
+        return
+    for file in files:
+        out.print(f"{file.name}: {len(file.data)} bytes, SHA-256 {file.sha256[:16]}")
+    done = "would get" if dry_run else "has"
+    out.print(
+        f"{flashed.where} {done} firmware {new}; before: {flashed.before or 'none that ran'}",
+        soft_wrap=True,
+    )
+
+
+def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
+    from rig.config import AUTO, LightsConfig
+    from rig.discovery import find_controller, list_serial_ports
+    from rig.errors import LightControllerError
+    from rig.flash import board_files, find_drives, flash_folder, flash_port
+
+    if to is None and port is None:
+        try:
+            port = find_controller(LightsConfig(port=AUTO), list_serial_ports())
+        except LightControllerError:
+            drives = find_drives()
+            if len(drives) != 1:
+                raise
+            to = drives[0]
+    if port is not None:
+        return flash_port(port, board_files(), dry_run=dry_run)
+    assert to is not None
+    return flash_folder(to, board_files(), dry_run=dry_run)

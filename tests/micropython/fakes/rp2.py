@@ -1,0 +1,1 @@
+"""Only there on an RP2040 or RP2350."""
