@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,8 @@ _MIN_SAMPLES = 500
 _MAYBE_SHADOW = 0.2
 # A pixel that has less than this share of the frame's mean brightness shows little but noise.
 _MAYBE_NOISE = 0.1
+# How far from a half turn two lights may stand and be opposite.
+_ACROSS_DEG = 30.0
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class LightOrder:
         The orders that explain the images, best first. All 24 where the images do not tell.
     opposite
         The order with the lights turned by 180 degrees about the camera's axis, which explains
-        any images exactly as well: it takes what is raised for indented. None for lights among
-        which no such order is.
+        any images as well: it takes what is raised for indented. None if the lights are not two
+        pairs across that axis; then nothing is told.
     excess
         By how much the order as labelled explains the images worse than the best one does: the
         logarithm of the ratio of their contradictions, summed over scales. 0 if it is the best.
@@ -86,6 +88,10 @@ def light_order(
     and mostly both. Of an order that makes both left-overs smallest the likelihood is largest, for
     errors of the Laplace distribution and unknown size; that is computed for all 24 orders.
 
+    Only what would hold for a perfect ring decides: the first left-over tells which lights are
+    opposite each other, and an order is as likely as itself turned by 180 degrees. What a ring
+    that is not perfect makes of them beyond that is less than what it is known to.
+
     A level surface tells nothing. Slopes along one direction only do not tell orders from each
     other that give the same images. Exchanging both opposite pairs cannot be told from a surface
     that is indented where this one is raised.
@@ -95,7 +101,7 @@ def light_order(
     images
         (4, H, W) uint8, uint16 or float32, linear in light, in the order of `lighting`.
     lighting
-        Four lights, no three of them in one plane.
+        Four lights. Only of two pairs, each on both sides of the camera's axis, is the order told.
     ambient
         (H, W) image with all lights out, of the same dtype, subtracted from each image.
     full_scale
@@ -109,6 +115,9 @@ def light_order(
     if len(lighting) != 4:
         raise InputError(f"the order of {len(lighting)} lights cannot be told; it takes 4")
     stack = checked_stack(images, 4)
+    opposite = _opposite(lighting)
+    if opposite is None:
+        return LightOrder(_ORDERS, None, 0.0)
     values = stack.astype(np.float32)
     usable = np.ones(stack.shape[1:], np.float32)
     if full_scale is not None:
@@ -120,14 +129,17 @@ def light_order(
     orders = np.array(_ORDERS)
     # (24, 4, 4): x, y and z of the scaled normal and the contradiction, from the four images.
     weights = np.concatenate([pinv, null[None]])[:, orders].transpose(1, 0, 2).astype(np.float32)
-    misfit = np.zeros(len(_ORDERS))
+    contradiction, curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
     for scale in _scales(np.concatenate([values, usable[None]])):
-        misfit += _misfit(scale[:4], scale[4] == 1.0, weights)
+        of_scale = _left_over(scale[:4], scale[4] == 1.0, weights)
+        contradiction += _least_of_alike(of_scale[0], [_pairs(o, opposite) for o in _ORDERS])
+        curl += _least_of_alike(of_scale[1], [{o, _turned(o, opposite)} for o in _ORDERS])
+    misfit = contradiction + curl
     misfit -= misfit.min()
     ranked = sorted(range(len(_ORDERS)), key=lambda index: float(misfit[index]))
     return LightOrder(
         plausible=tuple(_ORDERS[index] for index in ranked if misfit[index] < _CLEARLY_WORSE),
-        opposite=_opposite(lighting),
+        opposite=opposite,
         excess=float(misfit[0]),
     )
 
@@ -145,8 +157,10 @@ def _scales(planes: FloatArray) -> Iterator[FloatArray]:
         planes = np.float32(0.25) * (across[:, ::2] + across[:, 1::2])
 
 
-def _misfit(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:
-    """(24,) log of mean contradiction plus log of mean curl under each order.
+def _left_over(
+    values: FloatArray, usable: BoolArray, weights: FloatArray
+) -> npt.NDArray[np.float64]:
+    """(2, 24) log of the mean contradiction and of the mean curl under each order.
 
     All 0 where there are too few pixels under all four lights.
     """
@@ -155,17 +169,17 @@ def _misfit(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.N
     lit &= brightest > _MAYBE_NOISE * brightest.mean()
     inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
     if np.count_nonzero(inner) < _MIN_SAMPLES:
-        return np.zeros(len(weights))
+        return np.zeros((2, len(weights)))
     # Shares of the light at a pixel: albedo is out, and what is left of order one.
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     flat = shares.reshape(4, -1).astype(np.float32)
-    misfit = np.empty(len(weights))
+    left_over = np.empty((2, len(weights)))
     for index, weight in enumerate(weights):
         b_x, b_y, b_z, contradiction = (weight @ flat).reshape(4, *lit.shape)
         p, q = -b_x / b_z, -b_y / b_z
         curl = (p[:-2, 1:-1] - p[2:, 1:-1]) - (q[1:-1, 2:] - q[1:-1, :-2])  # y is up, rows go down
-        misfit[index] = np.log(_spread(contradiction[lit])) + np.log(_spread(curl[inner]))
-    return misfit
+        left_over[:, index] = np.log(_spread(contradiction[lit])), np.log(_spread(curl[inner]))
+    return left_over
 
 
 def _spread(values: FloatArray) -> float:
@@ -174,7 +188,31 @@ def _spread(values: FloatArray) -> float:
 
 
 def _opposite(lighting: Lighting) -> Order | None:
-    """The order with each light replaced by the one that stands nearest across the axis."""
-    across = lighting.directions * (-1.0, -1.0, 1.0)
-    nearest = tuple(int(light) for light in (across @ lighting.directions.T).argmax(axis=1))
-    return nearest if nearest in _ORDERS and nearest != _AS_LABELLED else None
+    """The order with each light replaced by the one across the axis, if there are two pairs."""
+    try:
+        opposite = tuple(
+            lighting.light_nearest_tilt(float(tilt) + 180.0, _ACROSS_DEG)
+            for tilt in lighting.tilts_deg
+        )
+    except InputError:
+        return None
+    return opposite if opposite in _ORDERS else None
+
+
+def _turned(order: Order, opposite: Order) -> Order:
+    return tuple(opposite[light] for light in order)
+
+
+def _pairs(order: Order, opposite: Order) -> set[frozenset[int]]:
+    """Which images are of lights across from each other."""
+    return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}
+
+
+def _least_of_alike(
+    values: npt.NDArray[np.float64], kinds: Sequence[object]
+) -> npt.NDArray[np.float64]:
+    """Each value replaced by the least of its kind."""
+    return np.array([
+        min(value for value, other in zip(values, kinds, strict=True) if other == kind)
+        for kind in kinds
+    ])  # fmt: skip
