@@ -1,47 +1,55 @@
-"""`capture_set`: switch, wait, take only frames that began after the light was there."""
+"""`capture_set`: pictures under each light in turn, checked, and taken again where that helps."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 
 import numpy as np
 import numpy.typing as npt
 
-from classify.errors import InputError
-from rig import CameraInfo, Frame, FrameFlag, HardwareError, Rig, Switch
+from classify.errors import InputError, Ps4rigError
+from classify.light_agreement import like_signed
+from classify.noise import SensorNoise
+from rig import CameraInfo, HardwareError, Rig
 
 from .captured_set import CapturedSet
 from .errors import SetRejected
-from .frame_mean import FrameMean, check_frame
+from .fresh_frames import FrameBeat, light_name
 from .hardware_set import images_in_sequence
+from .light_checks import Pictures, check_ambient, check_lights
+from .light_images import LightImage, image_under
 from .quality import check_images
 from .set_file import pixels_sha256
 from .set_metadata import (
     CameraRecord,
+    ChecksRecord,
     ControllerRecord,
     ImageRecord,
     LightingRecord,
     SetMetadata,
     checked_label,
+    image_noise,
 )
 
-__all__ = ["MAX_AVERAGE", "capture_set"]
+__all__ = ["MAX_AVERAGE", "MAX_RETRIES", "capture_set"]
 
 MAX_AVERAGE = 1024
-# Beyond what the frame rate and the driver's queue explain.
-_SPARE_S = 0.5
+# How often a set is begun again before its last failure counts.
+MAX_RETRIES = 2
 
 
 def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> CapturedSet:
-    """One set: the ambient image, then one image under each LED in order.
+    """One set: an ambient image, and one image under each LED.
 
     A frame counts only if its exposure began after the controller's acknowledge plus the settle
-    time; what the camera's driver still had in its queue is thrown away. After each image the
-    controller is asked whether that LED was still the one lit. The LEDs are put out at the end,
-    and when anything is raised.
+    time; what the camera's driver still had in its queue is thrown away. After each frame the
+    controller is asked whether that LED is still the one lit. Then the pictures are checked, see
+    `light_checks`. What fails is begun again, with the link to the controller made anew, and fails
+    for good the third time. The LEDs are put out at the end, and when anything is raised.
 
     Parameters
     ----------
@@ -57,41 +65,42 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     InputError
         If the label is not printable, or average out of range.
     SetRejected
-        If an image is saturated or dark, or no fresh frame came; with every cause named.
+        If an image is saturated or dark, shows wrong light, or no fresh frame came; with its cause.
     HardwareError
         If the controller or the camera fails.
     """
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     checked_label(label)
-    rig.lights.recover()
-    created = datetime.now(UTC)
-    try:
-        if rig.config.sequence_plan is None:
-            order = (None, *range(len(rig.lighting)))
-            (ambient, ambient_record), *taken = (_image_under(rig, n, average) for n in order)
-        else:
-            (ambient, ambient_record), *taken = images_in_sequence(rig, average)
-        rig.lights.off()
-    except BaseException:
-        # The cause is what the caller must see; if this fails too, the watchdog is there.
-        with suppress(HardwareError):
+    failures: list[Ps4rigError] = []
+    while True:
+        created = datetime.now(UTC)
+        try:
+            rig.lights.recover()
+        except HardwareError as error:
+            raise failures[0] if failures else error from None
+        try:
+            taken = _taken(rig, average)
             rig.lights.off()
-        raise
-    images = np.stack([image for image, _ in taken])
+            break
+        except (SetRejected, HardwareError) as error:
+            _put_out(rig)
+            if len(failures) == MAX_RETRIES:
+                raise
+            failures.append(error)
+        except BaseException:
+            _put_out(rig)
+            raise
     info = rig.camera.info
-    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
-    names = [_light_name(rig, light) for light in range(len(rig.lighting))]
-    check_images(images, ambient, full_scale, names)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
         created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         simulated=rig.simulation is not None,
         bit_depth=info.bit_depth,
-        full_scale=full_scale,
+        full_scale=taken.pictures.full_scale,
         lighting=LightingRecord.of(rig.lighting),
-        images=(*(record for _, record in taken), ambient_record),
+        images=taken.records,
         orientation_deg=None if placement is None else placement.rotate_deg,
         placement=placement,
         rig_name=rig.config.name,
@@ -99,97 +108,99 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         synchronisation=rig.config.lights.synchronisation,
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
+        checks=taken.checks,
+        retries=tuple(map(str, failures)),
         software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(images, ambient),
+        pixels_sha256=pixels_sha256(taken.pictures.images, taken.pictures.ambient),
     )
-    return CapturedSet(images, ambient, metadata)
+    return CapturedSet(taken.pictures.images, taken.pictures.ambient, metadata)
 
 
-def _image_under(
-    rig: Rig, light: int | None, average: int
-) -> tuple[npt.NDArray[np.uint16], ImageRecord]:
-    """Switch to `light` (None: all off) and take the mean of `average` fresh frames."""
-    switch = rig.lights.off() if light is None else rig.lights.select(light)
-    fresh = _FreshFrames(rig, light, switch)
-    mean = FrameMean(rig.camera.info, average)
-    for _ in range(average):
-        mean.add(fresh.take())
-        # Asked after the exposure: a watchdog that tripped or a restart in it shows here.
-        state = rig.lights.confirm(light)
-    record = ImageRecord(
-        light=light,
-        frames=mean.records,
-        led_acknowledged_s=switch.acknowledged_s,
-        led_level_percent=None if light is None else state.levels_percent[light],
-        controller_time_us=switch.controller_time_us,
-        stale_frames=fresh.stale,
-        corrupt_frames=fresh.corrupt,
-        lost_frames=fresh.lost,
-    )
-    return mean.image(), record
+@dataclass(frozen=True, eq=False)
+class _Taken:
+    """Pictures that passed, their records in the same order and the ambient image's, and why."""
+
+    pictures: Pictures
+    records: tuple[ImageRecord, ...]
+    checks: ChecksRecord
 
 
-class _FreshFrames:
-    """Frames whose exposure began under the light of one switch, and a count of all others."""
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """The ambient image, those of the lights in their order, and perhaps a later ambient image."""
 
-    def __init__(self, rig: Rig, light: int | None, switch: Switch) -> None:
-        self._rig = rig
-        self._light = light
-        self._not_before_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1000.0
-        self._previous: int | None = None
-        # Gaps before the first frame under this light have nothing to do with this image.
-        self._under_light = False
-        self.stale = 0
-        self.corrupt = 0
-        self.lost = 0
+    ambient: LightImage
+    lights: tuple[LightImage, ...]
+    later_ambient: LightImage | None = None
 
-    def take(self) -> Frame:
-        """The next good frame.
-
-        Raises
-        ------
-        SetRejected
-            If none comes in the time that the queue and the frame rate account for.
-        CameraError
-            If the camera gives no frame at all in that time.
-        """
-        info = self._rig.camera.info
-        clock = self._rig.clock
-        frames_s = (info.queue_length + 2) * info.frame_period_s + info.exposure_s
-        settle_s = self._rig.config.lights.settle_ms / 1000.0
-        patience_s = frames_s + settle_s + _SPARE_S
-        deadline_s = clock.now_s() + patience_s
-        while clock.now_s() < deadline_s:
-            # Not only what remains: a camera that gives bad frames has not failed to give any.
-            frame = self._rig.camera.read(patience_s)
-            check_frame(frame, info, clock.now_s())
-            if self._previous is not None:
-                if frame.sequence <= self._previous:
-                    raise SetRejected(
-                        f"set rejected: frame {frame.sequence} came twice under {self._name()}"
-                    )
-                if self._under_light:
-                    self.lost += frame.sequence - self._previous - 1
-            self._previous = frame.sequence
-            self._under_light = frame.exposure_start_s >= self._not_before_s
-            if not self._under_light:
-                self.stale += 1
-            elif frame.flags != FrameFlag.GOOD:
-                self.corrupt += 1
-            else:
-                return frame
-        raise SetRejected(
-            f"set rejected: no good frame under {self._name()} in "
-            f"{patience_s:.1f} s ({self.stale} from before the switch, "
-            f"{self.corrupt} corrupt, {self.lost} lost)"
-        )
-
-    def _name(self) -> str:
-        return "ambient light" if self._light is None else _light_name(self._rig, self._light)
+    @property
+    def images(self) -> npt.NDArray[np.uint16]:
+        return np.stack([image for image, _ in self.lights])
 
 
-def _light_name(rig: Rig, light: int) -> str:
-    return f"LED {light} (tilt {rig.lighting.tilts_deg[light]:g})"
+def _taken(rig: Rig, average: int) -> _Taken:
+    """The pictures of one attempt."""
+    beat = FrameBeat(rig.camera.info.frame_period_s)
+    by_software = rig.config.sequence_plan is None
+    look = _looked(rig, average, beat) if by_software else _looked_in_sequence(rig, average)
+    later = None if look.later_ambient is None else look.later_ambient[0]
+    full_scale = (1 << rig.camera.info.bit_depth) - 1 if average == 1 else 65535
+    noise = _noise(rig.camera.info, average)
+    pictures = Pictures(look.images, look.ambient[0], later, full_scale, noise)
+    names = [light_name(rig, light) for light in range(len(rig.lighting))]
+    ambient_change = check_ambient(pictures, rig.lighting)
+    check_images(pictures.images, pictures.ambient, full_scale, names)
+
+    def second_look() -> npt.NDArray[np.uint16]:
+        if not by_software:
+            return _looked_in_sequence(rig, average).images
+        again = _under(rig, average, beat, reversed(_order(rig)))
+        return np.stack([again[light][0] for light in sorted(again)])
+
+    checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
+    records = (*(record for _, record in look.lights), look.ambient[1])
+    return _Taken(pictures, records, checks)
+
+
+def _looked(rig: Rig, average: int, beat: FrameBeat) -> _Look:
+    """One look, switched by software.
+
+    Lights that count alike in the comparison of all are taken one after the other, with the second
+    ambient image between the two groups: so light that is there for a while, in whatever
+    consecutive pictures, either makes the lights disagree or the ambient images differ.
+    """
+    first, second = like_signed(rig.lighting)
+    ambient = image_under(rig, None, average, beat)
+    taken = _under(rig, average, beat, first)
+    later_ambient = image_under(rig, None, average, beat)
+    taken |= _under(rig, average, beat, second)
+    return _Look(ambient, tuple(taken[light] for light in sorted(taken)), later_ambient)
+
+
+def _looked_in_sequence(rig: Rig, average: int) -> _Look:
+    """One look, switched by the controller at each frame, without a frame to spare."""
+    ambient, *lights = images_in_sequence(rig, average)
+    return _Look(ambient, tuple(lights))
+
+
+def _order(rig: Rig) -> list[int]:
+    first, second = like_signed(rig.lighting)
+    return [*first, *second]
+
+
+def _under(rig: Rig, average: int, beat: FrameBeat, lights: Iterable[int]) -> dict[int, LightImage]:
+    return {light: image_under(rig, light, average, beat) for light in lights}
+
+
+def _put_out(rig: Rig) -> None:
+    # The cause is what the caller must see; if this fails too, the watchdog is there.
+    with suppress(HardwareError):
+        rig.lights.off()
+
+
+def _noise(info: CameraInfo, average: int) -> SensorNoise | None:
+    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
+    return image_noise(_camera_record(info), info.bit_depth, full_scale, average)
 
 
 def _camera_record(info: CameraInfo) -> CameraRecord:

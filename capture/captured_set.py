@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric
 from classify.errors import InputError
 
 from . import set_file
-from .set_metadata import SetMetadata
+from .set_metadata import SetMetadata, image_noise
 
 __all__ = ["CapturedSet"]
 
@@ -77,23 +76,12 @@ class CapturedSet:
 
     @property
     def noise(self) -> SensorNoise | None:
-        """Noise of the images, from the camera's gain, read noise and black level; else None.
-
-        These count in the camera's own pixel values. The images are stretched by s from there,
-        and the mean of n frames: the gain becomes gain n / s and the read noise s / sqrt(n) times
-        what it is, with the rounding of each frame now part of it.
-        """
+        """Noise of the images, from the camera's gain, read noise and black level; else None."""
         camera = self.metadata.camera
-        if camera is None or camera.gain_e_per_dn is None or camera.read_noise_dn is None:
+        if camera is None:
             return None
-        stretch = self.metadata.full_scale / ((1 << self.metadata.bit_depth) - 1)
         frames = max((len(image.frames) for image in self.metadata.images), default=1) or 1
-        rounding = 1.0 / 12.0 if frames > 1 else 0.0
-        return SensorNoise(
-            gain_e_per_dn=camera.gain_e_per_dn * frames / stretch,
-            read_noise_dn=stretch * math.sqrt((camera.read_noise_dn**2 + rounding) / frames),
-            black_level_dn=stretch * (camera.black_level_dn or 0.0),
-        )
+        return image_noise(camera, self.metadata.bit_depth, self.metadata.full_scale, frames)
 
     def save(self, path: str | Path) -> None:
         """Write one ``.ome.tif``; whole or not at all."""

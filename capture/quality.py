@@ -51,7 +51,7 @@ def check_images(
         elif signal < MIN_SHARE_OF_FULL_SCALE * full_scale:
             causes.append(
                 f"{name}: dark, {signal:.1f} of {full_scale} above ambient; "
-                "is the LED dead, or the exposure too short?"
+                "is the LED dead or always on, or the exposure too short?"
             )
         elif signal < MIN_SHARE_OF_BRIGHTEST * brightest:
             causes.append(

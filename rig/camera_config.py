@@ -160,8 +160,25 @@ class CameraConfig(Section):
                 raise ValueError(
                     f"{key} is missing; give {best if key == 'device' else 'the set to replay'}"
                 )
-        if self.kind == "opencv" and self.bits != 8:
+        return self
+
+    @model_validator(mode="after")
+    def _opencv_can_do_it(self) -> Self:
+        if self.kind != "opencv":
+            return self
+        if self.bits != 8:
             raise ValueError(f"bits = {self.bits}, but OpenCV gives 8; leave bits out")
+        for key in (
+            "timestamp_marks",
+            "timestamp_offset_ms",
+            "timestamp_uncertainty_ms",
+            "timing_measured_at",
+        ):
+            if getattr(self, key):
+                raise ValueError(
+                    f"{key} = {getattr(self, key)!r}, but OpenCV gives no time stamps; take it "
+                    "away, or set kind = 'v4l2'"
+                )
         return self
 
     @model_validator(mode="after")

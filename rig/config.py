@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
 
 from classify import Lighting
@@ -41,6 +42,7 @@ SIMULATED = "simulated"
 AUTO = "auto"
 _MAX_TOML_BYTES = 1 << 20
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
+Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 TurnTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
@@ -50,9 +52,10 @@ class LightsConfig(Section):
 
     `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
     the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
-    they are given. `synchronisation` is who moves on from light to light: the ``software``; the
-    controller at each edge of the camera's ``strobe``; or the controller by time, which then has to
-    ``trigger`` the camera.
+    they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
+    the same if left out. `synchronisation` is who moves on from light to light: the ``software``;
+    the controller at each edge of the camera's ``strobe``; or the controller by time, which then
+    has to ``trigger`` the camera.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
@@ -61,6 +64,7 @@ class LightsConfig(Section):
     baud: int = Field(default=115_200, ge=300, le=12_000_000)
     tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
+    intensities: tuple[Intensity, ...] = ()
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
     synchronisation: Literal["software", "strobe", "trigger"] = "software"
@@ -81,8 +85,17 @@ class LightsConfig(Section):
 
     @property
     def lighting(self) -> Lighting:
-        """The light directions."""
-        return Lighting.from_angles(self.tilts_deg, self.slant_deg)
+        """Where the lights stand, and how strong they are."""
+        ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
+        return Lighting(ring.directions, np.array(self.intensities))
+
+    @model_validator(mode="after")
+    def _one_intensity_each(self) -> Self:
+        if len(self.intensities) not in (0, len(self.tilts_deg)):
+            raise ValueError(
+                f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
+            )
+        return self
 
 
 class Placement(Section):
@@ -215,6 +228,11 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
+        if self.camera.kind == "opencv":
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
+                "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+            )
         readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
             raise ValueError(

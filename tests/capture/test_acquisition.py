@@ -1,5 +1,6 @@
 """`capture_set` on the simulated rig: what is in a set, and when there is none."""
 
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -92,9 +93,9 @@ def test_a_set_says_where_it_comes_from(rig: Rig) -> None:
 def test_images_are_in_the_order_of_the_lights_and_the_ambient_one_is_last(rig: Rig) -> None:
     records = capture_set(rig).metadata.images
     assert [record.light for record in records] == [0, 1, 2, 3, None]
-    # The ambient image was taken first, then one light after the other.
-    starts = [record.frames[0].exposure_start_s for record in records]
-    assert [*sorted(starts)[1:], min(starts)] == starts
+    # The ambient image was taken first, then opposite lights one after the other.
+    starts = {record.light: record.frames[0].exposure_start_s for record in records}
+    assert sorted(starts, key=lambda light: starts[light]) == [None, 0, 2, 1, 3]
 
 
 @pytest.mark.parametrize("average", [1, 3])
@@ -143,7 +144,7 @@ def test_a_set_on_virtual_time_takes_no_time(rig: Rig) -> None:
     capture_set(rig)
     started_s, simulated_s = time.monotonic(), rig.clock.now_s()
     capture_set(rig)
-    assert time.monotonic() - started_s < 0.15
+    assert time.monotonic() - started_s < 0.5
     assert rig.clock.now_s() - simulated_s > 4.9 / 30
 
 
@@ -153,7 +154,7 @@ def test_a_set_on_the_real_clock_takes_what_its_frames_take(small_config: RigCon
         captured = capture_set(rig)
         took_s = time.monotonic() - started_s
     # Each image waits for a whole frame after the switch: between one and two periods.
-    assert 5 / 30 < took_s < 5 * (2 / 30 + 0.015) + 0.15
+    assert 6 / 30 < took_s < 6 * (2 / 30 + 0.015) + 0.4
     for record in captured.metadata.images:
         assert record.led_acknowledged_s is not None
         assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
@@ -290,7 +291,7 @@ def test_frames_that_go_bad_in_mid_set_name_the_light(rig: Rig) -> None:
         count += 1
         return replace(frame, flags=FrameFlag.CORRUPT) if count > 4 else frame
 
-    with pytest.raises(SetRejected, match=r"no good frame under LED \d \(tilt \d+\)"):
+    with pytest.raises(SetRejected, match=r"no good frame under .* corrupt"):
         capture_set(with_frames(rig, bad_from_the_fifth_on))
 
 
@@ -352,9 +353,9 @@ def test_time_stamps_off_the_rigs_clock_are_refused(
 
 
 def test_the_level_of_each_led_is_recorded(rig: Rig) -> None:
-    rig.lights.set_level(1, 60)
+    rig.lights.set_level(1, 97)
     records = capture_set(rig).metadata.images
-    assert [record.led_level_percent for record in records] == [100, 60, 100, 100, None]
+    assert [record.led_level_percent for record in records] == [100, 97, 100, 100, None]
 
 
 def test_frames_lost_before_the_switch_are_not_counted(rig: Rig) -> None:
@@ -367,29 +368,27 @@ def test_a_frame_that_comes_twice_is_noticed(rig: Rig) -> None:
     def stuck(frame: Frame) -> Frame:
         return replace(frame, sequence=7)
 
-    with pytest.raises(SetRejected, match="frame 7 came twice"):
+    with pytest.raises(SetRejected, match=r"no good frame under .*, [1-9]\d* repeated"):
         capture_set(with_frames(rig, stuck), average=2)
 
 
 @pytest.mark.usefixtures("dark_after")
-def test_a_watchdog_that_trips_in_mid_set_spoils_it(rig: Rig) -> None:
+def test_a_set_is_begun_again_when_the_watchdog_trips_in_it(rig: Rig) -> None:
     def hang() -> None:
         assert rig.simulation is not None
         rig.simulation.clock.attend(None)  # no heartbeat either
         rig.clock.sleep_s(5.5)
 
-    silence = under(rig, 1, hang)
-    with pytest.raises(LightControllerError, match=r"LED \d should be lit but no LED is.*watchdog"):
-        capture_set(silence)
+    (cause,) = capture_set(under(rig, 1, hang)).metadata.retries
+    assert re.search(r"LED \d should be lit but no LED is.*watchdog", cause)
 
 
 @pytest.mark.usefixtures("dark_after")
-def test_a_controller_that_restarts_in_mid_set_spoils_it(rig: Rig) -> None:
+def test_a_set_is_begun_again_when_the_controller_restarts_in_it(rig: Rig) -> None:
     assert rig.simulation is not None
     controller: Any = rig.simulation._server._controller
-    restarted = under(rig, 1, controller.reset)
-    with pytest.raises(LightControllerError):
-        capture_set(restarted)
+    (cause,) = capture_set(under(rig, 1, controller.reset)).metadata.retries
+    assert str(rig.lights.port) in cause
 
 
 @pytest.mark.usefixtures("dark_after")
@@ -411,8 +410,8 @@ def test_lights_unplugged_between_led_2_and_3_are_an_error(rig: Rig) -> None:
 
 @pytest.mark.usefixtures("dark_after")
 @pytest.mark.parametrize("led", [None, 0, 1, 3])
-@pytest.mark.parametrize("error", [CameraError("no frame"), RuntimeError("driver"), MemoryError()])
-def test_any_error_of_the_camera_in_mid_set_puts_the_leds_out(
+@pytest.mark.parametrize("error", [RuntimeError("driver"), MemoryError()])
+def test_any_error_of_a_program_in_mid_set_puts_the_leds_out(
     rig: Rig, led: int | None, error: Exception
 ) -> None:
     def fail() -> None:
@@ -420,6 +419,30 @@ def test_any_error_of_the_camera_in_mid_set_puts_the_leds_out(
 
     with pytest.raises(type(error)):
         capture_set(under(rig, led, fail))
+
+
+@pytest.mark.usefixtures("dark_after")
+@pytest.mark.parametrize("led", [None, 0, 3])
+def test_a_set_is_begun_again_after_one_error_of_the_camera(rig: Rig, led: int | None) -> None:
+    def fail() -> None:
+        raise CameraError("no frame")
+
+    assert capture_set(under(rig, led, fail)).metadata.retries == ("no frame",)
+
+
+@pytest.mark.usefixtures("dark_after")
+def test_the_third_error_of_the_camera_counts(rig: Rig) -> None:
+    count = 0
+
+    def fail(frame: Frame) -> Frame:
+        nonlocal count
+        count += 1
+        if count % 5 == 0:
+            raise CameraError(f"frame {count} is gone")
+        return frame
+
+    with pytest.raises(CameraError, match="frame 15 is gone"):
+        capture_set(with_frames(rig, fail))
 
 
 @pytest.mark.usefixtures("dark_after")

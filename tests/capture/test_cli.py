@@ -46,7 +46,7 @@ def test_a_simulated_capture_says_that_it_is_simulated(ps4rig: Command, tmp_path
     result = ps4rig("capture", "--rig", "sim", "--size", 64, "--label", "oak", out)
     assert result.exit_code == 0
     # Ambient light and four LEDs, one frame each: 4 periods and an exposure.
-    assert result.stdout.startswith(f"{out}: 4 lights in 5 frames, 15")
+    assert result.stdout.startswith(f"{out}: 4 lights in 6 frames, 18")
     assert result.stdout.endswith(" ms (simulated)\n")
     assert result.stderr == ""
     assert CapturedSet.load(out).metadata.simulated

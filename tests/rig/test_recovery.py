@@ -45,7 +45,7 @@ def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
 def test_unplugged_and_plugged_in_again_elsewhere() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
-        rig.lights.set_level(2, 40)
+        rig.lights.set_level(2, 98)
         capture_set(rig)
         rig.simulation.unplug_lights()
         with pytest.raises(LightControllerError, match="gone"):
@@ -53,7 +53,7 @@ def test_unplugged_and_plugged_in_again_elsewhere() -> None:
         rig.simulation.replug_lights()
         capture_set(rig)
         assert rig.lights.port == rig.simulation.port
-        assert rig.lights.state().levels_percent == (100, 100, 40, 100)
+        assert rig.lights.state().levels_percent == (100, 100, 98, 100)
         assert rig.lights.state().led is None
 
 

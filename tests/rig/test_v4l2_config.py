@@ -46,6 +46,10 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
         (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .* is given.*set kind = 'replay'"),
         (REAL + 'kind = "opencv"\n', r"device is missing"),
         (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"OpenCV gives 8; leave bits out"),
+        (
+            REAL + 'kind = "opencv"\ndevice = 0\ntimestamp_offset_ms = 3\n',
+            r"timestamp_offset_ms = 3\.0, but OpenCV gives no time stamps",
+        ),
         (REAL + 'kind = "replay"\n', r"set_file is missing; give the set to replay"),
         (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
         (CAMERA + 'pixel_format = "NV12"\n', r"camera\.pixel_format.*'NV12' is unknown.*GREY, Y10"),
