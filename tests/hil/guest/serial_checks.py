@@ -139,10 +139,8 @@ def test_it_is_found_by_what_usb_says_of_it(gadget_controller: SerialController)
     assert (listed.usb_id, listed.serial_number) == ("2e8a:0005", GADGET)
     assert listed.may_be_a_microcontroller
     for keys in ({"serial_number": GADGET}, {"usb_id": "2E8A:0005"}):
-        config = RigConfig().with_changes(
-            lights={"port": "auto", **keys}, camera={"kind": "v4l2", "device": "none"}
-        )
-        assert find_controller(config.lights, ports) == gadget_controller.port
+        lights = LightsConfig.model_validate({"port": "auto", **keys})
+        assert find_controller(lights, ports) == gadget_controller.port
 
 
 def test_the_one_that_answers_is_found_among_boards(gadget_controller: SerialController) -> None:
