@@ -2,7 +2,7 @@
 
 import typer
 
-from . import doctor, flash, latency, lights, preview
+from . import doctor, flash, latency, lights, preview, simulate
 
 __all__ = ["rig_app"]
 
@@ -14,6 +14,7 @@ rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
 rig_app.command()(preview.preview)
+rig_app.command()(simulate.simulate)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)
