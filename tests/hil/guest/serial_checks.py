@@ -37,8 +37,11 @@ from tests.contract.test_lights_contract import (  # noqa: F401
 )
 from tests.hil.guest.serial_bench import (
     GADGET,
+    HOST,
     MODEM,
     MODEM_FAR_END,
+    PLUG,
+    PULL,
     Gadget,
     SerialController,
     controller_at,
@@ -117,18 +120,17 @@ def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
         wait_for(lambda: seen.board.output(1, seen.clock.now_s()) > 0.5)
         gadget.unplug()
 
-    lights = seen.open(watchdog_ms=1000)
     hand = threading.Thread(target=pull_at_the_second_light)
     hand.start()
-    with rig_with(lights, seen) as rig, pytest.raises((HardwareError, SetRejected), match="gone"):
-        capture_set(rig)
-    hand.join()
-    unplugged_s = time.monotonic()
-    wait_for(lambda: seen.lit() == [])
-    assert time.monotonic() - unplugged_s < 3.0
-    gadget.plug()
-    port_of(GADGET)
-    with rig_with(seen.open(), seen) as rig:
+    with rig_with(seen.open(watchdog_ms=1000), seen) as rig:
+        with pytest.raises((HardwareError, SetRejected), match="gone"):
+            capture_set(rig)
+        hand.join()
+        unplugged_s = time.monotonic()
+        wait_for(lambda: seen.lit() == [])
+        assert time.monotonic() - unplugged_s < 3.0
+        gadget.plug()
+        port_of(GADGET)
         captured = capture_set(rig)
     assert len(captured.images) == 4
 
@@ -145,7 +147,11 @@ def test_it_is_found_by_what_usb_says_of_it(gadget_controller: SerialController)
 
 def test_the_one_that_answers_is_found_among_boards(gadget_controller: SerialController) -> None:
     # The adapter's vendor makes chips for boards, and nobody answers behind it.
-    boards = [port for port in list_serial_ports() if port.may_be_a_microcontroller]
+    boards = [
+        port
+        for port in list_serial_ports()
+        if port.may_be_a_microcontroller and port.serial_number != HOST
+    ]
     assert len(boards) > 1
     assert find_controller(LightsConfig(port="auto"), boards) == gadget_controller.port
 
@@ -188,3 +194,24 @@ def test_the_program_that_holds_a_port_is_named(gadget_controller: SerialControl
         holder.communicate(b"\n")
     with gadget_controller.open() as lights:
         assert lights.select(0).led == 0
+
+
+def test_firmware_on_the_host_answers_over_ftdi_sio_and_comes_back() -> None:
+    with LightController(port_of(HOST)) as lights:
+        assert lights.identity.serial_number == HOST
+        for led in range(4):
+            lights.select(led)
+            lights.confirm(led)
+        PULL.touch()
+        with pytest.raises(LightControllerError, match="gone"):
+            _confirm_for(10.0, lights)
+    PLUG.touch()
+    with LightController(port_of(HOST)) as lights:
+        # Without power it has forgotten, and its LEDs were out.
+        assert lights.state().led is None
+
+
+def _confirm_for(time_s: float, lights: LightController) -> None:
+    deadline_s = time.monotonic() + time_s
+    while time.monotonic() < deadline_s:
+        lights.confirm(3)
