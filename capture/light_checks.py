@@ -125,7 +125,8 @@ def check_lights(
     undecided = _undecided(agreement)
     if undecided:
         _compare(pictures, second_look(), names, noise)
-        _check_shares(pictures, names)
+        if agreement is None or agreement.strengths is None:
+            _check_shares(pictures, lighting, names)
     return ChecksRecord(
         ambient_change=ambient_change,
         contradiction=None if agreement is None else agreement.contradiction,
@@ -225,8 +226,9 @@ def _compare(pictures: Pictures, again: Images, names: list[str], noise: SensorN
             )
 
 
-def _check_shares(pictures: Pictures, names: list[str]) -> None:
+def _check_shares(pictures: Pictures, lighting: Lighting, names: list[str]) -> None:
     signals = pictures.images.mean(axis=(1, 2)) - float(pictures.ambient.mean())
+    signals /= lighting.intensities
     median = float(np.median(signals))
     for name, signal in zip(names, signals, strict=True):
         if signal < MIN_SHARE_OF_MEDIAN * median:
