@@ -143,7 +143,7 @@ class Sequence:
         self._lamps = lamps
         self._triggers = triggers
         self._settle_us = settle_us
-        self._wait_us = wait_us  # for an edge at most; with triggers, from step to step
+        self._wait_us = wait_us  # for an edge at most; with triggers, between two at least
         self.order = order
         self.steps: list[Step] = []
         self.code = NO_ERROR  # why it ended early
@@ -166,7 +166,7 @@ class Sequence:
         if step.triggered_us < 0:
             if now_us - step.changed_us >= self._settle_us:
                 step.triggered_us = self._board.trigger()
-        elif now_us - self.started_us >= len(self.steps) * self._wait_us:
+        elif now_us - step.triggered_us >= self._wait_us - self._settle_us:
             self._next()
         return True
 

@@ -228,6 +228,11 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
+        if self.camera.kind == "opencv":
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
+                "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+            )
         readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
             raise ValueError(

@@ -23,7 +23,7 @@ import firmware_sim
 from classify.errors import InputError
 
 from .controller_link import ControllerIdentity, ControllerLink
-from .discovery import list_serial_ports
+from .discovery import SerialPort, list_serial_ports
 from .errors import LightControllerError
 from .port_holders import port_holders
 
@@ -31,6 +31,7 @@ __all__ = [
     "BoardFile",
     "Flashed",
     "board_files",
+    "find_board",
     "find_drives",
     "firmware_version",
     "flash_folder",
@@ -38,6 +39,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+_PICO_WITH_MICROPYTHON = "2e8a:0005"
 _UNFINISHED = ".new"
 _STEP_TIMEOUT_S = 60.0
 # From the order to reset: the USB port goes and comes back.
@@ -148,6 +150,31 @@ def flash_port(
     _on_board(port, "reset")
     time.sleep(_RESET_S)
     return Flashed(port, before, _started(port, baud).firmware_version)
+
+
+def find_board(ports: Sequence[SerialPort]) -> str:
+    """The port of the one Raspberry Pi Pico with MicroPython among `ports`.
+
+    Nothing else is taken for one: what runs at a port is interrupted before it is flashed.
+
+    Raises
+    ------
+    LightControllerError
+        If there is none, or more than one.
+    """
+    boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
+    if len(boards) == 1:
+        return boards[0].device
+    if boards:
+        named = ", ".join(str(port) for port in boards)
+        raise LightControllerError(
+            f"{len(boards)} boards are plugged in: {named}; give one as --port"
+        )
+    found = ", ".join(str(port) for port in ports) or "there are no serial ports"
+    raise LightControllerError(
+        f"no Raspberry Pi Pico with MicroPython was found ({found}); is it plugged in, and has it "
+        "got MicroPython? Another board's port can be given as --port"
+    )
 
 
 def find_drives() -> list[Path]:

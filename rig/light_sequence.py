@@ -45,7 +45,7 @@ class SequencePlan:
     settle_us
         Least time from a light's change to the exposure that counts.
     wait_us
-        With triggers, from step to step; else how long an edge may be missing.
+        With triggers, from one to the next; else how long an edge may be missing.
     frames_per_step
         1, or more if a light has no time to settle between one exposure and the next.
     exposed_s
@@ -98,8 +98,8 @@ def plan_sequence(
         raise ValueError(f"a sequence has {MAX_STEPS} steps, too few for {light_count} lights")
     busy_s = settle_s + REACTION_S + exposed_s
     if triggers:
-        interval_s = max(period_s, busy_s) + REACTION_S
-        wait_s, frames, duration_s = interval_s, 1, len(lights) * interval_s
+        wait_s, frames = max(period_s, busy_s), 1
+        duration_s = len(lights) * (wait_s + REACTION_S)
     else:
         if exposed_s + REACTION_S > period_s:
             raise ValueError(

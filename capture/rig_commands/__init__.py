@@ -2,7 +2,7 @@
 
 import typer
 
-from . import doctor, flash, latency, lights, preview
+from . import doctor, flash, latency, lights, preview, timing
 
 __all__ = ["rig_app"]
 
@@ -13,6 +13,7 @@ rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
+rig_app.command()(timing.timing)
 rig_app.command()(preview.preview)
 
 

@@ -60,14 +60,13 @@ def flash(
 
 
 def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
-    from rig.config import AUTO, LightsConfig
-    from rig.discovery import find_controller, list_serial_ports
+    from rig.discovery import list_serial_ports
     from rig.errors import LightControllerError
-    from rig.flash import board_files, find_drives, flash_folder, flash_port
+    from rig.flash import board_files, find_board, find_drives, flash_folder, flash_port
 
     if to is None and port is None:
         try:
-            port = find_controller(LightsConfig(port=AUTO), list_serial_ports())
+            port = find_board(list_serial_ports())
         except LightControllerError:
             drives = find_drives()
             if len(drives) != 1:

@@ -16,7 +16,7 @@ from pico_board import PicoBoard, darken
 
 SERVICE_PIN = 8
 PROMPT_ONCE = "prompt-once"  # a file that stands for one boot without the program
-WATCHDOG_MS = 2000  # twice the longest wait in a turn, for a host that stops reading
+WATCHDOG_MS = 3000  # twice the longest wait in a turn, for a host that stops reading
 TURNS_PER_COLLECTION = 500
 
 

@@ -142,7 +142,7 @@ class PicoBoard:
 
     def _send(self) -> None:
         # with no host MicroPython throws the bytes away; with one that stops reading it waits for
-        # room in the middle of a packet, twice for half a second, and then there is none
+        # room in the middle of a packet, three times half a second, and then there is none
         while self._unsent and self._leaving.poll(0):
             packet = self._unsent[:USB_PACKET_BYTES]
             sent = sys.stdout.buffer.write(packet)

@@ -267,6 +267,7 @@ def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None
 def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
     command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
     where = f"--user-data-dir={tmp_path / 'profile'}"
+    # Of two equal options the last one counts.
     page = ["--virtual-time-budget=2500", *options, url]
     done = subprocess.run(
         [*command, where, *page], capture_output=True, text=True, timeout=120, check=True
@@ -306,3 +307,38 @@ def test_a_picture_that_is_too_old_is_blanked_and_its_age_shown(
     assert len(ages_s) == 4
     assert min(ages_s) >= 1.0
     assert dom.count("hidden=") >= 4
+
+
+@pytest.mark.slow
+def test_pictures_grow_old_and_go_when_nothing_answers_the_page_any_more(
+    shown: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shown, "stale_after_s", shown.state()["lights"][0]["age_s"] + 10.0)
+    fetched: set[int] = set()
+    gone = threading.Event()
+
+    class Watched(Preview):
+        def state(self) -> dict[str, Any]:
+            return shown.state()
+
+        def picture(self, light: int) -> bytes | None:
+            fetched.add(light)
+            if len(fetched) == 4:
+                gone.set()
+            return shown.picture(light)
+
+    with serving(Watched(), 0) as server:
+
+        def leave() -> None:
+            gone.wait(WAIT_S)
+            time.sleep(0.2)
+            server.shutdown()
+            server.socket.close()
+
+        leaving = threading.Thread(target=leave)
+        leaving.start()
+        # The browser's time runs ahead, and nobody answers for most of it.
+        dom = in_chromium(server.url, tmp_path, "--dump-dom", "--virtual-time-budget=15000")
+        leaving.join()
+    assert "No answer from ps4rig" in dom
+    assert dom.count('class="stale"') == 4

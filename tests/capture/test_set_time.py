@@ -74,10 +74,12 @@ def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     "bench",
     [
         Bench(30.0, 20.0, lag_ms=24.0),
-        Bench(30.0, 20.0, lag_ms=39.0, readout_ms=15.0),
-        Bench(30.0, 20.0, lag_ms=24.0, jitter_ms=2.0),
         Bench(60.0, 10.0, lag_ms=14.0),
-        Bench(60.0, 10.0, lag_ms=20.0, readout_ms=6.0, jitter_ms=0.5),
+        pytest.param(Bench(30.0, 20.0, lag_ms=39.0, readout_ms=15.0), marks=pytest.mark.slow),
+        pytest.param(Bench(30.0, 20.0, lag_ms=24.0, jitter_ms=2.0), marks=pytest.mark.slow),
+        pytest.param(
+            Bench(60.0, 10.0, lag_ms=20.0, readout_ms=6.0, jitter_ms=0.5), marks=pytest.mark.slow
+        ),
     ],
     ids=str,
 )

@@ -1,6 +1,7 @@
 """Sequences: which exposures count, what ends one, and that every time in the record is true."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -174,9 +175,18 @@ def test_by_time_each_exposure_is_triggered(device):
     for index, ((_, lit_us, triggered_us, *_), pulse_s) in enumerate(
         zip(steps, pulses_s, strict=True)
     ):
-        assert 0 <= lit_us - 20_000 * index <= 200
+        assert 0 <= lit_us - 20_000 * index <= 400 * index
         assert 0 <= triggered_us - lit_us - SETTLE_US <= 200
         assert round(1e6 * pulse_s) == run.start_us + triggered_us
+
+
+def test_triggers_are_never_closer_than_the_interval(new_device):
+    device = new_device(turn_us=(50.0, 5000.0))
+    device.controller.take_output()
+    run = begin(device, f"SEQ:TRIG {SETTLE_US},20000,0,1,2,3,0,1,2,3")
+    device.clock.sleep_s(0.3)
+    triggers_us = [step[2] for step in run.steps()]
+    assert all(after - before >= 20_000 for before, after in pairwise(triggers_us))
 
 
 def test_by_time_the_strobe_is_written_down(device):

@@ -19,7 +19,7 @@ const HEAP_BYTES = 192 * 1024; // a Pico's; more is taken when it is full
 const OUTLET_BYTES = 256; // what a Pico's USB stack holds
 const TICKS_PERIOD_US = 2 ** 30;
 const BEFORE_WRAP_US = 1_000_000; // the counter starts so close to its end, or at 0 on a real Pico
-const HOST_STALLS_MS = 1000; // the longest that a write on a Pico waits for a host that reads nothing
+const HOST_STALLS_MS = 1500; // the longest that a write on a Pico waits for a host that reads nothing
 
 class Inlet {
     // Bytes from a descriptor that may be non-blocking.
@@ -100,7 +100,10 @@ const host = {
     writable: flush,
     record: (text) => fs.writeSync(Number(records), text + "\n"),
     event: takeEvent,
-    reset: () => { resetting = true; },
+    reset: () => {
+        flush();
+        resetting = true;
+    },
     ticks_us: () => (TICKS_PERIOD_US - BEFORE_WRAP_US + Math.floor(performance.now() * 1000))
         % TICKS_PERIOD_US,
 };

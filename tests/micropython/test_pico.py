@@ -131,13 +131,15 @@ def test_a_fault_puts_the_leds_out_is_told_and_resets(pico, line):
     assert {(r["number"], r["value"]) for r in before_reset} == {(pin, 0) for pin in LED_PINS}
 
 
+@pytest.mark.slow
 def test_a_hang_ends_in_a_reset(pico, line):
     ask(line, "LED:SEL 1")
-    pico.happen("hang 2100")
+    pico.happen("hang 3100")
     assert line.read_until(b"\n").startswith(b"READY ")
     assert pico.recorded("bite")
 
 
+@pytest.mark.slow
 def test_a_host_that_does_not_read_stops_nothing(pico, line):
     for _ in range(1000):  # far more replies than the board and the pseudo-terminal hold
         line.write(b"LED:STAT?\n")

@@ -9,8 +9,9 @@ import pytest
 from classify.errors import InputError
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig import flash
+from rig.discovery import SerialPort
 from rig.errors import LightControllerError
-from rig.flash import BoardFile, board_files, find_drives, flash_folder, flash_port
+from rig.flash import BoardFile, board_files, find_board, find_drives, flash_folder, flash_port
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -61,6 +62,16 @@ def test_mounted_drives_are_found(tmp_path, monkeypatch):
     mounts.write_text("\n".join(lines))
     monkeypatch.setattr(flash, "_MOUNTS", mounts)
     assert find_drives() == [boards]
+
+
+def test_only_a_pico_with_micropython_is_found():
+    pico = SerialPort("/dev/ttyACM0", "2e8a:0005", "e66118604b842a21")
+    others = [SerialPort("/dev/ttyUSB0", "0403:6001"), SerialPort("/dev/ttyS0")]
+    assert find_board([*others, pico]) == "/dev/ttyACM0"
+    with pytest.raises(LightControllerError, match=r"no Raspberry Pi Pico .*ttyUSB0 \(0403:6001\)"):
+        find_board(others)
+    with pytest.raises(LightControllerError, match="2 boards are plugged in"):
+        find_board([pico, pico])
 
 
 def test_without_mpremote_it_says_how_to_get_it(monkeypatch):

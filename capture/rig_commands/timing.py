@@ -1,0 +1,65 @@
+"""``ps4rig rig timing``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import JsonOption, folding_table, out, print_json, progress, reported
+
+__all__ = ["timing"]
+
+
+@reported
+def timing(
+    rig: Annotated[
+        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
+    ] = Path("rig.toml"),
+    sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how long a set takes, and a switch of the lights.
+
+    Sets are taken by software and, where the rig is configured for it, by the controller on its
+    own; of the simulated rig in all modes, at 30 and 60 frames per second, on a virtual and on the
+    real clock. No set can take less than one frame period for each image.
+    """
+    from capture.set_timing import compared_configs, measure_set_timing
+    from rig import RigConfig, load_config
+
+    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    configs = list(compared_configs(config))
+    timings = [
+        measure_set_timing(one, sets) for one in progress(configs, len(configs), "taking sets")
+    ]
+    if as_json:
+        print_json([asdict(one) for one in timings])
+        return
+    table = folding_table(
+        "Hz", "exposed", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected"
+    )
+    for one in timings:
+        table.add_row(
+            f"{one.frame_rate_hz:.0f}",
+            f"{one.exposure_ms:g}",
+            one.synchronisation,
+            one.clock,
+            _rounded(one.switch_ms, 2),
+            *(_rounded(ms, 0) for ms in (one.median_ms, one.worst_ms, one.exposures_ms)),
+            _rounded(one.limit_ms, 0),
+            f"{one.rejected} of {one.accepted + one.rejected}",
+        )
+    out.print(table)
+    out.print(
+        "Times in ms. Switch: of the lights, after the command or the end of exposure. Set: from "
+        "asking for it to having it, the median and the worst. In all: from the first exposure's "
+        "beginning to the last one's end. Limit: a frame period for each image.",
+        soft_wrap=True,
+    )
+
+
+def _rounded(time_ms: float | None, digits: int) -> str:
+    return "-" if time_ms is None else f"{time_ms:.{digits}f}"
