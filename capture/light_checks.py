@@ -37,8 +37,8 @@ MAX_STRENGTH_DIFFERENCE = 0.04
 # counts.
 KNOWN_STRENGTH = 0.01
 STANDARD_ERRORS = 4.0
-# The share of rows in which four lights must have been compared.
-MIN_SEEN = 0.95
+# The share of rows in which four lights must have been compared: one that was not may be torn.
+MIN_SEEN = 1.0
 # Where strengths cannot be known: brightness of a light's picture against the median of all.
 MIN_SHARE_OF_MEDIAN = 0.5
 
