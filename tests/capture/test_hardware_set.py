@@ -293,7 +293,7 @@ def test_a_strobe_that_runs_ahead_of_the_exposure_is_not_believed(monkeypatch) -
 @pytest.mark.parametrize(("uncertainty_ms", "is_taken"), [(0.0, False), (1.0, True)])
 def test_uncertain_time_stamps_count_as_well_as_they_are_known(uncertainty_ms, is_taken) -> None:
     uncertain = config(
-        camera={"timestamp_offset_ms": -2.0, "timestamp_uncertainty_ms": uncertainty_ms}
+        camera={"timestamp_offset_ms": -2.5, "timestamp_uncertainty_ms": uncertainty_ms}
     )
     with open_rig(uncertain) as rig:
         if is_taken:
