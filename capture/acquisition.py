@@ -96,7 +96,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     metadata = SetMetadata(
         label=label,
         created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
-        simulated=rig.simulation is not None,
+        simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
         bit_depth=info.bit_depth,
         full_scale=taken.pictures.full_scale,
         lighting=LightingRecord.of(rig.lighting),

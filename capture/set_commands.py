@@ -23,6 +23,18 @@ from .console import (
     progress,
     reported,
 )
+from .simulated_options import (
+    SIMULATION,
+    BitsOption,
+    RigOption,
+    SeedOption,
+    ShiftOption,
+    SizeOption,
+    SlantOption,
+    SurfaceOption,
+    chosen_config,
+    with_part,
+)
 
 if TYPE_CHECKING:
     from classify import Lighting
@@ -33,28 +45,17 @@ if TYPE_CHECKING:
 
 __all__ = ["capture", "import_", "solve"]
 
-SIMULATION = "With a simulated rig"
 _RING = "0,90,180,270"
 
 
 @reported
 def capture(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="File to write, NAME.ome.tif.")],
-    rig: Annotated[
-        str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
-    ] = "rig.toml",
+    rig: RigOption = "rig.toml",
     label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
     average: Annotated[int, typer.Option(min=1, help="Frames per image.")] = 1,
     count: Annotated[int, typer.Option(min=1, max=9999, help="Sets in a row.")] = 1,
-    surface: Annotated[
-        str | None,
-        typer.Option(
-            help="A material folder, or a name: rock, sand, malv, ogil and more; a wrong one "
-            "lists them all.",
-            rich_help_panel=SIMULATION,
-            metavar="NAME|DIR",
-        ),
-    ] = None,
+    surface: SurfaceOption = None,
     rotate: Annotated[
         list[float] | None,
         typer.Option(
@@ -63,56 +64,39 @@ def capture(
             metavar="DEG",
         ),
     ] = None,
-    slant: Annotated[
-        float | None,
-        typer.Option(help="Slant of the lights, degrees.", rich_help_panel=SIMULATION),
-    ] = None,
-    shift_px: Annotated[
-        tuple[float, float] | None,
-        typer.Option(
-            help="Move the patch over the surface, right and up.", rich_help_panel=SIMULATION
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            help="Noise, and the realisation of a synthetic surface.", rich_help_panel=SIMULATION
-        ),
-    ] = None,
-    bits: Annotated[
-        int | None,
-        typer.Option(help="Depth of the camera: 8, 10, 12, 16.", rich_help_panel=SIMULATION),
-    ] = None,
-    size: Annotated[
-        int | None,
-        typer.Option(help="Side of the frame, pixels.", rich_help_panel=SIMULATION),
-    ] = None,
+    slant: SlantOption = None,
+    shift_px: ShiftOption = None,
+    seed: SeedOption = None,
+    bits: BitsOption = None,
+    size: SizeOption = None,
     json: JsonOption = False,
 ) -> None:
     """Take one captured set, or several: ambient image, then each LED in order."""
-    from rig import ConfigError, RigConfig, load_config, open_rig
+    from rig import ConfigError, open_rig
 
     from .set_file import check_path
 
     check_path(output)
-    changes: dict[str, dict[str, Any]] = {"camera": {}, "lights": {}}
-    placed = {"surface": surface, "shift_px": shift_px, "seed": seed}
-    config = RigConfig() if rig == "sim" else load_config(Path(rig))
-    placement = config.simulation.placement.model_dump()
-    placement.update({name: value for name, value in placed.items() if value is not None})
-    turned = [placement | {"rotate_deg": turn_deg} for turn_deg in rotate or ()] or [placement]
-    if slant is not None:
-        changes["lights"]["slant_deg"] = slant
-    if bits is not None:
-        changes["camera"]["bits"] = bits
-    if size is not None:
-        changes["camera"].update(width_px=size, height_px=size)
-    simulated_only = (*placed.values(), rotate, slant, bits, size)
+    config = chosen_config(rig)
+    simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
     made_up = config.is_simulated and config.camera.kind == "simulated"
     if not made_up and any(value is not None for value in simulated_only):
         raise ConfigError(f"{rig}: --surface, --rotate and the like are for a simulated rig")
+    turns: list[float] | list[None] = rotate or [None]
     # All are checked before the first is captured.
-    configs = [config.with_changes(**changes, simulation={"placement": part}) for part in turned]
+    configs = [
+        with_part(
+            config,
+            surface=surface,
+            rotate_deg=turn_deg,
+            shift_px=shift_px,
+            seed=seed,
+            slant_deg=slant,
+            bits=bits,
+            size_px=size,
+        )
+        for turn_deg in turns
+    ]
     paths = _numbered(output, len(configs) * count)
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]

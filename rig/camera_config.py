@@ -57,8 +57,9 @@ class CameraConfig(Section):
         In the camera's own units; None leaves them as they are.
     timestamp_marks
         What the driver's time stamp of a frame is: its end, which is never later than the truth,
-        or ``driver``, for what the driver claims. Left out, a simulated driver is believed and
-        no other.
+        or ``driver``, for what the driver claims, or ``writer``, for a loopback device: its end
+        by the word of the program that writes it, which counts the frames too. Left out, a
+        simulated driver is believed and no other.
     timestamp_offset_ms
         Added to the driver's time stamp.
     timestamp_uncertainty_ms
@@ -84,7 +85,7 @@ class CameraConfig(Section):
     fixed_exposure: bool = False
     gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
     gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
-    timestamp_marks: Literal["frame_end", "driver"] | None = None
+    timestamp_marks: Literal["frame_end", "driver", "writer"] | None = None
     timestamp_offset_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
     timestamp_uncertainty_ms: float = Field(default=0.0, ge=0.0, le=1000.0)
     readout_ms: float | None = Field(default=None, ge=0.0, le=10_000.0)

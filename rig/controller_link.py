@@ -17,6 +17,8 @@ PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
 REPLY_TIMEOUT_S = 0.5
 _OPEN_TIMEOUT_S = 3.0
+# How the serial numbers of simulated boards begin.
+_SIMULATED = "SIM-"
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,11 @@ class ControllerIdentity:
     serial_number: str
     firmware_version: str
     protocol_version: int
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it is the firmware on a simulated board, by whatever line it is reached."""
+        return self.serial_number.startswith(_SIMULATED)
 
 
 class ControllerLink:

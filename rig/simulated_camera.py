@@ -157,6 +157,10 @@ class SimulatedCamera:
             self._fill_buffers(self._clock.now_s())
         return self._developed(self._queue.popleft())
 
+    def frame_end_s(self, frame: Frame) -> float:
+        """When a driver would have the whole frame, which is what most of them stamp."""
+        return self._start_s(frame.sequence) + self._ready_after_s
+
     def trigger(self) -> None:
         """A pulse on the trigger line, at this moment."""
         now_s = self._clock.now_s()

@@ -13,6 +13,7 @@ from classify.errors import InputError
 from firmware_sim import (
     Clock,
     RealClock,
+    Server,
     SimulatedBoard,
     SimulatedController,
     VirtualClock,
@@ -20,6 +21,7 @@ from firmware_sim import (
 )
 from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
+from firmware_sim.server import Device
 
 from .camera import Camera
 from .config import Placement, RigConfig
@@ -75,10 +77,18 @@ class Simulation:
     `place` put there or shows a captured set again (`placement` is None then), `board` knows what
     the LEDs really do. `frames` is what a program reads of the camera: its frames, with the faults
     that were asked for.
+
+    Parameters
+    ----------
+    config
+        A rig whose lights and camera are taken for simulated, whatever it says.
+    serve
+        Gives the controller its address.
     """
 
-    def __init__(self, config: RigConfig) -> None:
+    def __init__(self, config: RigConfig, serve: Callable[[Device], Server] = serve_pty) -> None:
         self._config = config
+        self._serve = serve
         self._surface: tuple[tuple[object, ...], PeriodicSurface] | None = None
         virtual = config.simulation.clock == "virtual"
         device_clock: Clock = VirtualClock() if virtual else RealClock()
@@ -108,7 +118,7 @@ class Simulation:
         self._controller = (
             FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
         )
-        self._server = serve_pty(self._controller)
+        self._server = self._serve(self._controller)
         self.port = self._server.address
         self.camera = SimulatedCamera(
             self.board,
@@ -152,7 +162,7 @@ class Simulation:
     def replug_lights(self) -> None:
         """Plug it in again: it boots, and answers on another port than before."""
         self._server.stop()
-        self._server = serve_pty(self._controller)
+        self._server = self._serve(self._controller)
         self.port = self._server.address
 
     def close(self) -> None:

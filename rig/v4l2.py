@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import mmap
 import os
 import select
@@ -20,6 +19,7 @@ from typing import NoReturn
 
 from . import v4l2_abi as abi
 from .errors import CameraError
+from .v4l2_ioctl import ask, explained, open_node
 
 __all__ = ["Capture", "NoCaptureDeviceError", "OfferedFormat", "V4l2Device", "VideoFormat"]
 
@@ -68,7 +68,9 @@ class Capture:
     is_corrupt
         The driver flagged an error; `data` may be short or torn.
     timestamp_s
-        On the monotonic clock.
+        On the monotonic clock, if the driver says so.
+    is_monotonic
+        Whether it does.
     marks_exposure_start
         Whether the driver calls `timestamp_s` the start of exposure; else it is the frame's end.
     sequence
@@ -78,6 +80,7 @@ class Capture:
     data: bytearray
     is_corrupt: bool
     timestamp_s: float
+    is_monotonic: bool
     marks_exposure_start: bool
     sequence: int
 
@@ -100,10 +103,7 @@ class V4l2Device:
         self.path = path
         self._buffers: list[mmap.mmap] = []
         self._streaming = False
-        try:
-            self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError as error:
-            raise CameraError(f"{path}: {_open_cause(error)}") from error
+        self._fd = open_node(path)
         try:
             capability = abi.Capability()
             self.call("is no video device", abi.VIDIOC_QUERYCAP, capability)
@@ -134,27 +134,11 @@ class V4l2Device:
         """One ioctl, again if a signal came in between; may raise OSError."""
         if self._fd < 0:
             raise CameraError(f"{self.path}: the camera is closed")
-        while True:
-            try:
-                fcntl.ioctl(self._fd, request, argument, True)
-            except InterruptedError:
-                continue
-            return
+        ask(self._fd, request, argument)
 
     def fail(self, purpose: str, error: OSError) -> NoReturn:
         """Raise the `CameraError` that an OSError of this device means."""
-        if error.errno in (errno.ENODEV, errno.ENXIO):
-            cause = "the camera is gone (unplugged, or its driver was removed)"
-        elif error.errno == errno.EBUSY:
-            cause = f"{purpose}: in use by another program; close it and try again"
-        elif error.errno == errno.ENOSPC:
-            cause = (
-                f"{purpose}: no USB bandwidth left; lower the frame rate or the size, or give the "
-                "camera a USB controller of its own"
-            )
-        else:
-            cause = f"{purpose}: {error.strerror}"
-        raise CameraError(f"{self.path}: {cause}") from error
+        raise explained(self.path, purpose, error) from error
 
     def formats(self) -> list[OfferedFormat]:
         """What the driver lists, whether we can decode it or not."""
@@ -290,7 +274,7 @@ class V4l2Device:
         Raises
         ------
         CameraError
-            If none comes in time, or the device is gone, or its time stamps are not monotonic.
+            If none comes in time, or the device is gone.
         """
         if not self._streaming:
             raise CameraError(f"{self.path}: the camera is closed")
@@ -337,17 +321,13 @@ class V4l2Device:
             data=data,
             is_corrupt=bool(flags & abi.BUF_FLAG_ERROR),
             timestamp_s=stamp_s,
+            is_monotonic=(flags & abi.BUF_FLAG_TIMESTAMP_MASK == abi.BUF_FLAG_TIMESTAMP_MONOTONIC),
             marks_exposure_start=(
                 flags & abi.BUF_FLAG_TSTAMP_SRC_MASK == abi.BUF_FLAG_TSTAMP_SRC_SOE
             ),
             sequence=buffer.sequence,
         )
         self.call("takes no buffer back", abi.VIDIOC_QBUF, self._buffer(buffer.index))
-        if flags & abi.BUF_FLAG_TIMESTAMP_MASK != abi.BUF_FLAG_TIMESTAMP_MONOTONIC:
-            raise CameraError(
-                f"{self.path}: the time stamps of driver {self.driver} are not on the monotonic "
-                "clock, so a frame cannot be told from one before the light; use another camera"
-            )
         return capture
 
     def _buffer(self, index: int) -> abi.Buffer:
@@ -366,13 +346,3 @@ class V4l2Device:
         self._buffers.clear()
         os.close(self._fd)
         self._fd = -1
-
-
-def _open_cause(error: OSError) -> str:
-    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return "no such camera; ls /dev/v4l/by-id shows those that are plugged in"
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return "no permission; add the user to the group video and log in again"
-    if error.errno == errno.EBUSY:
-        return "in use by another program; close it and try again"
-    return f"cannot be opened: {error.strerror}"

@@ -10,11 +10,13 @@ import ctypes
 from ctypes import Array, c_char, c_int32, c_int64, c_uint8, c_uint32, c_uint64
 
 BUF_TYPE_VIDEO_CAPTURE = 1
+BUF_TYPE_VIDEO_OUTPUT = 2
 MEMORY_MMAP = 1
 FIELD_NONE = 1
 PRIORITY_RECORD = 3
 
 CAP_VIDEO_CAPTURE = 0x0000_0001
+CAP_VIDEO_OUTPUT = 0x0000_0002
 CAP_STREAMING = 0x0400_0000
 CAP_DEVICE_CAPS = 0x8000_0000
 CAP_TIMEPERFRAME = 0x1000
@@ -139,7 +141,7 @@ class Fract(ctypes.Structure):
 
 
 class CaptureParm(ctypes.Structure):
-    """``struct v4l2_captureparm``."""
+    """``struct v4l2_captureparm``; ``v4l2_outputparm`` has the same layout."""
 
     _fields_ = (
         ("capability", c_uint32),

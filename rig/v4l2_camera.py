@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from .measurement_mode import check_measurement_mode, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 from .v4l2 import Capture, V4l2Device, VideoFormat
 from .v4l2_controls import list_controls, read_control
+from .written_frames import WrittenFrames
 
 __all__ = ["V4l2Camera"]
 
@@ -48,6 +51,7 @@ class V4l2Camera:
             raise CameraError("camera.device is missing; give the camera's path")
         require_measured_mode(config)
         self._config = config
+        self._written: WrittenFrames | None = None
         self._pixel_format = PIXEL_FORMATS[config.pixel_format]
         self._device = V4l2Device(device_path(config.device))
         try:
@@ -57,6 +61,8 @@ class V4l2Camera:
             )
             self._period_s = device.set_frame_rate(config.frame_rate_hz)
             self._queue_length = device.claim(_BUFFERS)
+            if config.timestamp_marks == "writer":
+                self._written = WrittenFrames(time.monotonic(), self._period_s)
             mode = set_measurement_mode(device, config)
             device.start()
             # Some cameras load their own settings when they begin to stream.
@@ -87,7 +93,7 @@ class V4l2Camera:
 
         A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
         """
-        capture = self._device.next_capture(timeout_s)
+        capture = self._next_capture(timeout_s)
         start_s = exposure_start_s(
             capture.timestamp_s,
             capture.marks_exposure_start,
@@ -107,6 +113,22 @@ class V4l2Camera:
     def close(self) -> None:
         """Stop streaming and release the device; a second call does nothing."""
         self._device.close()
+
+    def _next_capture(self, timeout_s: float) -> Capture:
+        capture = self._device.next_capture(timeout_s)
+        if self._written is not None:
+            deadline_s = time.monotonic() + timeout_s
+            while (number := self._written.number_of(capture.timestamp_s)) is None:
+                left_s = max(0.0, deadline_s - time.monotonic())
+                capture = self._device.next_capture(left_s)
+            return replace(capture, sequence=number)
+        if not capture.is_monotonic:
+            raise CameraError(
+                f"{self._device.path}: the time stamps of driver {self._device.driver} are not on "
+                "the monotonic clock, so a frame cannot be told from one before the light; use "
+                "another camera, or for a loopback device set camera.timestamp_marks = 'writer'"
+            )
+        return capture
 
     def _decoded(self, capture: Capture) -> Pixels:
         form = self._format
@@ -146,7 +168,7 @@ def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict
         "compressed": PIXEL_FORMATS[config.pixel_format].is_compressed,
         "quantization": form.quantization,
         "fixed_exposure": config.fixed_exposure,
-        "timestamp_marks": "driver" if config.believes_driver else "frame_end",
+        "timestamp_marks": config.timestamp_marks or "frame_end",
         "timestamp_offset_ms": config.timestamp_offset_ms,
         "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
         "readout_ms": config.readout_ms,

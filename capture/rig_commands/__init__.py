@@ -2,7 +2,7 @@
 
 import typer
 
-from . import doctor, flash, latency, lights, preview, timing
+from . import doctor, flash, latency, lights, preview, simulate, timing
 
 __all__ = ["rig_app"]
 
@@ -15,6 +15,7 @@ rig_app.command()(lights.lights)
 rig_app.command()(latency.latency)
 rig_app.command()(timing.timing)
 rig_app.command()(preview.preview)
+rig_app.command()(simulate.simulate)
 
 
 @rig_app.callback(invoke_without_command=True, help=_HELP)

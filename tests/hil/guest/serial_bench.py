@@ -3,14 +3,15 @@
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from serial.tools.list_ports import comports
-
 from firmware_sim import Clock, RealClock, SimulatedBoard, SimulatedController, serve_tty
+from rig import LightControllerError
+from rig.config import LightsConfig
+from rig.discovery import find_controller, list_serial_ports, ports_to_try
 from rig.lights import LightController
 
 T = TypeVar("T")
@@ -21,15 +22,20 @@ MODEM = "MODEM-1"
 # An adapter at whose far end the host serves the firmware, as controller of the same number.
 HOST = "HOST-1"
 GADGET = "PICO-1"
+# The host pulls and plugs that one when it is asked to by a file.
+PULL, PLUG = Path("/mnt/pull"), Path("/mnt/plug")
 _CONFIGFS = Path("/sys/kernel/config")
 _PATIENCE_S = 20.0
 
 
 def port_of(serial_number: str) -> str:
     """The port of the adapter with a serial number, once it is there."""
+    wanted = LightsConfig(port="auto", serial_number=serial_number)
 
     def found() -> str:
-        return next((port.device for port in comports() if port.serial_number == serial_number), "")
+        with suppress(LightControllerError):
+            return find_controller(wanted, list_serial_ports())
+        return ""
 
     return wait_for(found)
 
@@ -55,6 +61,7 @@ class Gadget:
     def __init__(self, serial_number: str) -> None:
         if not (_CONFIGFS / "usb_gadget").exists():
             subprocess.run(["mount", "-t", "configfs", "none", _CONFIGFS], check=True)
+        self.serial_number = serial_number
         self._folder = _CONFIGFS / "usb_gadget" / serial_number
         texts, config = self._folder / "strings/0x409", self._folder / "configs/c.1"
         for folder in (texts, config, self._folder / "functions/acm.0"):
@@ -100,7 +107,12 @@ class SerialController:
     server: Plug
 
     def open(self, **options: int) -> LightController:
-        return LightController(self.port, clock=self.clock, **options)
+        return LightController(
+            self.port,
+            clock=self.clock,
+            whereabouts=lambda: ports_to_try(self.port, list_serial_ports()),
+            **options,
+        )
 
     def lit(self) -> list[int]:
         self.clock.sleep_s(0.02)

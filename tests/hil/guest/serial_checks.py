@@ -32,8 +32,11 @@ from tests.contract.test_lights_contract import (  # noqa: F401
 )
 from tests.hil.guest.serial_bench import (
     GADGET,
+    HOST,
     MODEM,
     MODEM_FAR_END,
+    PLUG,
+    PULL,
     Gadget,
     SerialController,
     controller_at,
@@ -112,17 +115,37 @@ def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
         wait_for(lambda: seen.board.output(1, seen.clock.now_s()) > 0.5)
         gadget.unplug()
 
-    lights = seen.open(watchdog_ms=1000)
     hand = threading.Thread(target=pull_at_the_second_light)
     hand.start()
-    with rig_with(lights, seen) as rig, pytest.raises((HardwareError, SetRejected), match="gone"):
-        capture_set(rig)
-    hand.join()
-    unplugged_s = time.monotonic()
-    wait_for(lambda: seen.lit() == [])
-    assert time.monotonic() - unplugged_s < 3.0
-    gadget.plug()
-    port_of(GADGET)
-    with rig_with(seen.open(), seen) as rig:
+    with rig_with(seen.open(watchdog_ms=1000), seen) as rig:
+        with pytest.raises((HardwareError, SetRejected), match="gone"):
+            capture_set(rig)
+        hand.join()
+        unplugged_s = time.monotonic()
+        wait_for(lambda: seen.lit() == [])
+        assert time.monotonic() - unplugged_s < 3.0
+        gadget.plug()
+        port_of(GADGET)
         captured = capture_set(rig)
     assert len(captured.images) == 4
+
+
+def test_firmware_on_the_host_answers_over_ftdi_sio_and_comes_back() -> None:
+    with LightController(port_of(HOST)) as lights:
+        assert lights.identity.serial_number == HOST
+        for led in range(4):
+            lights.select(led)
+            lights.confirm(led)
+        PULL.touch()
+        with pytest.raises(LightControllerError, match="gone"):
+            _confirm_for(10.0, lights)
+    PLUG.touch()
+    with LightController(port_of(HOST)) as lights:
+        # Without power it has forgotten, and its LEDs were out.
+        assert lights.state().led is None
+
+
+def _confirm_for(time_s: float, lights: LightController) -> None:
+    deadline_s = time.monotonic() + time_s
+    while time.monotonic() < deadline_s:
+        lights.confirm(3)

@@ -1,0 +1,121 @@
+"""``ps4rig rig simulate``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.console import out, reported
+from capture.simulated_options import (
+    SIMULATION,
+    BitsOption,
+    RigOption,
+    SeedOption,
+    ShiftOption,
+    SizeOption,
+    SlantOption,
+    SurfaceOption,
+    chosen_config,
+    with_part,
+)
+from classify.errors import InputError
+
+if TYPE_CHECKING:
+    from rig.device_simulation import DeviceSimulation
+
+__all__ = ["simulate"]
+
+_REPORT_EVERY_S = 5.0
+
+
+@reported
+def simulate(
+    rig: RigOption = "rig.toml",
+    serial: Annotated[
+        str | None,
+        typer.Option(
+            help="Serial device at which the firmware answers: the far end of a USB gadget or of "
+            "a null modem. Left out, a pseudo-terminal is made.",
+            metavar="DEV",
+        ),
+    ] = None,
+    video: Annotated[
+        str | None,
+        typer.Option(
+            help="v4l2loopback device that the camera's frames are written into.", metavar="DEV"
+        ),
+    ] = None,
+    surface: SurfaceOption = None,
+    rotate: Annotated[
+        float | None,
+        typer.Option(
+            help="Degrees the surface is turned, anticlockwise.",
+            rich_help_panel=SIMULATION,
+            metavar="DEG",
+        ),
+    ] = None,
+    slant: SlantOption = None,
+    shift_px: ShiftOption = None,
+    seed: SeedOption = None,
+    bits: BitsOption = None,
+    size: SizeOption = None,
+) -> None:
+    """Be a rig for other programs: the firmware on a serial line, frames in a video device.
+
+    Runs until Ctrl-C. Only the controller's serial number, SIM-0001, tells it from a real one;
+    sets that ps4rig captures from it say that they are simulated.
+    """
+    if serial is None and video is None:
+        raise InputError(
+            "give --serial DEV, where the firmware answers, --video DEV, a v4l2loopback device "
+            "for the frames (modprobe v4l2loopback makes one), or both"
+        )
+    config = with_part(
+        chosen_config(rig),
+        surface=surface,
+        rotate_deg=rotate,
+        shift_px=shift_px,
+        seed=seed,
+        slant_deg=slant,
+        bits=bits,
+        size_px=size,
+    )
+    from rig.device_simulation import DeviceSimulation
+
+    simulation = DeviceSimulation(config, serial=serial, video=video)
+    try:
+        out.print(f"lights: {simulation.port}", soft_wrap=True)
+        if video is not None:
+            camera = config.camera
+            out.print(
+                f"camera: {video}, {simulation.pixel_format} {camera.width_px}x{camera.height_px}, "
+                f"{camera.frame_rate_hz:g} Hz, exposure {camera.exposure_ms:g} ms",
+                soft_wrap=True,
+            )
+        sys.stdout.flush()
+        _run(simulation)
+    except KeyboardInterrupt:
+        # The one way to end it.
+        print(_said(simulation), file=sys.stderr)
+    finally:
+        simulation.close()
+
+
+def _run(simulation: DeviceSimulation) -> None:
+    next_report_s = time.monotonic()
+    while True:
+        simulation.step()
+        if sys.stderr.isatty() and time.monotonic() >= next_report_s:
+            next_report_s += _REPORT_EVERY_S
+            print(_said(simulation), file=sys.stderr)
+
+
+def _said(simulation: DeviceSimulation) -> str:
+    lit = ", ".join(f"LED {led}" for led in simulation.lit) or "no LED"
+    if not simulation.writes_frames:
+        return f"{lit} lit"
+    count = simulation.count
+    return f"{lit} lit, {count.written} frames written, {count.late} too late"

@@ -1,0 +1,91 @@
+"""``ps4rig rig simulate`` on a serial line made of two terminals; frames are tried in tests/hil."""
+
+import os
+import select
+import signal
+import subprocess
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from rig.lights import LightController
+
+Refused = Callable[..., str]
+Spawn = Callable[..., "subprocess.Popen[str]"]
+
+
+@contextmanager
+def null_modem() -> Iterator[tuple[str, str]]:
+    """Two serial devices joined by a cable."""
+    pairs = [os.openpty() for _ in range(2)]
+    (near, near_end), (far, far_end) = pairs
+    for _, end in pairs:
+        tty.setraw(end)
+    unplug, unplugged = os.pipe()
+
+    def carry() -> None:
+        while True:
+            ready, _, _ = select.select([near, far, unplug], [], [])
+            if unplug in ready:
+                return
+            for side in ready:
+                os.write(far if side == near else near, os.read(side, 256))
+
+    cable = threading.Thread(target=carry)
+    cable.start()
+    try:
+        yield os.ttyname(near_end), os.ttyname(far_end)
+    finally:
+        os.write(unplugged, b"x")
+        cable.join()
+        for fd in (unplug, unplugged, *(fd for pair in pairs for fd in pair)):
+            os.close(fd)
+
+
+@pytest.mark.slow
+def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> None:
+    with null_modem() as (port, far_end):
+        process = spawn("rig", "simulate", "--rig", "sim", "--size", 32, "--serial", far_end)
+        assert process.stdout.readline() == f"lights: {far_end}\n"
+        with LightController(port) as lights:
+            assert lights.select(2).led == 2
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20)
+    assert (process.returncode, said) == (0, "no LED lit\n")
+
+
+def test_a_simulation_of_nothing_says_what_to_give(refused: Refused) -> None:
+    line = refused("rig", "simulate", "--rig", "sim")
+    assert "--serial DEV" in line
+    assert "modprobe v4l2loopback" in line
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        (("--serial", "missing"), "missing: cannot be served as a serial device (No such file"),
+        (("--video", "missing"), "missing: no such camera"),
+        (("--video", "/dev/null"), "/dev/null: is no video device"),
+    ],
+)
+def test_a_device_that_cannot_be_used_is_named(
+    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...],
+    cause: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    line = refused("rig", "simulate", "--rig", "sim", "--size", "32", *options, status=3)
+    assert cause in line
+
+
+def test_a_pixel_format_that_cannot_be_written_is_named(refused: Refused, tmp_path: Path) -> None:
+    config = tmp_path / "rig.toml"
+    config.write_text(
+        '[lights]\nport = "/dev/ttyACM0"\n'
+        '[camera]\nkind = "v4l2"\ndevice = "0"\npixel_format = "SRGGB8"\n'
+    )
+    line = refused("rig", "simulate", "--rig", config, "--video", "/dev/video9")
+    assert "camera.pixel_format = 'SRGGB8' cannot be written; it can be GREY" in line

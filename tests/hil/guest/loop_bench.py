@@ -1,0 +1,69 @@
+"""The simulated rig as devices of the guest, and programs that take it for a real one."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .serial_bench import GADGET
+
+VIDEO = "/dev/video9"
+SHARED = Path("/mnt")
+SIDE_PX = 128
+RATE_HZ = 5.0
+PERIOD_S = 1.0 / RATE_HZ
+EXPOSURE_MS = 20.0
+SETS = 2
+# The part below the simulated camera: another piece of it than the library knows, and turned.
+SURFACE, SEED, ROTATE_DEG = "sand", 7, 40.0
+
+
+def rig_toml(pixel_format: str = "Y16") -> str:
+    """An ordinary rig; the two last keys of the camera are what v4l2loopback is."""
+    return f"""
+name = "closed loop"
+
+[lights]
+port = "auto"
+serial_number = "{GADGET}"
+settle_ms = 20
+
+[camera]
+kind = "v4l2"
+device = "{VIDEO}"
+pixel_format = "{pixel_format}"
+width_px = {SIDE_PX}
+height_px = {SIDE_PX}
+frame_rate_hz = {RATE_HZ:g}
+exposure_ms = {EXPOSURE_MS:g}
+readout_ms = 4
+fixed_exposure = true
+timestamp_marks = "writer"
+"""
+
+
+def ps4rig(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "capture", *map(str, arguments)]
+
+
+@contextmanager
+def simulated_rig(config: Path, serial: str) -> Iterator[subprocess.Popen[str]]:
+    """``ps4rig rig simulate`` as a process, from when its devices are there until Ctrl-C."""
+    command = ps4rig(
+        *("rig", "simulate", "--rig", config, "--serial", serial, "--video", VIDEO),
+        *("--surface", SURFACE, "--seed", SEED, "--rotate", ROTATE_DEG),
+    )
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            said = [process.stdout.readline() for _ in range(2)]
+            assert said[0] == f"lights: {serial}\n", process.stderr.read()
+            assert said[1].startswith(f"camera: {VIDEO}, Y16 {SIDE_PX}x{SIDE_PX}"), said
+            yield process
+        finally:
+            process.send_signal(signal.SIGINT)

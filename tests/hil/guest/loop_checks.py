@@ -1,0 +1,191 @@
+"""A rig of simulated devices, used as a real one. Runs as root in the guest.
+
+The firmware answers at the far end of a USB gadget, frames come out of v4l2loopback, and they are
+used by programs of their own.
+"""
+
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_tty
+from rig import CameraError, load_config
+from rig.lights import LightController
+from rig.pixel_formats import PIXEL_FORMATS
+from rig.pixel_packing import PACKINGS
+from rig.v4l2_camera import V4l2Camera
+from rig.v4l2_output import V4l2Output
+from tests.hil.guest.loop_bench import (
+    PERIOD_S,
+    SETS,
+    SHARED,
+    SIDE_PX,
+    VIDEO,
+    ps4rig,
+    rig_toml,
+    simulated_rig,
+)
+from tests.hil.guest.serial_bench import GADGET, Gadget, port_of
+
+
+@pytest.fixture(scope="module")
+def gadget() -> Gadget:
+    return Gadget(GADGET)
+
+
+@pytest.fixture(scope="module")
+def config(gadget: Gadget) -> Path:
+    path = SHARED / "rig.toml"
+    port_of(gadget.serial_number)
+    path.write_text(rig_toml())
+    return path
+
+
+@pytest.fixture(scope="module")
+def simulation(gadget: Gadget, config: Path) -> Iterator[subprocess.Popen[str]]:
+    with simulated_rig(config, gadget.far_end) as process:
+        yield process
+
+
+@pytest.fixture
+def camera(simulation: subprocess.Popen[str], config: Path) -> Iterator[V4l2Camera]:
+    assert simulation.poll() is None
+    opened = V4l2Camera(load_config(config).camera)
+    yield opened
+    opened.close()
+
+
+# v4l2loopback has no room for the words of Y10 and Y12, see below.
+@pytest.mark.parametrize("name", [name for name in PACKINGS if name not in ("Y10", "Y12")])
+def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path) -> None:
+    entry, packing = PIXEL_FORMATS[name], PACKINGS[name]
+    path = tmp_path / "rig.toml"
+    path.write_text(rig_toml(name))
+    written = np.random.default_rng(1).integers(
+        0, 2**entry.bit_depth, (SIDE_PX, SIDE_PX), dtype=np.uint16
+    )
+    output = V4l2Output(
+        VIDEO,
+        fourcc=packing.fourcc,
+        width_px=SIDE_PX,
+        height_px=SIDE_PX,
+        bytes_per_line=SIDE_PX * packing.bytes_per_px,
+        period_s=PERIOD_S,
+    )
+    reader = V4l2Camera(load_config(path).camera)
+    try:
+        end_s = round(time.monotonic(), 6)
+        output.write(packing.to_bytes(written), end_s)
+        frame = reader.read(2.0)
+    finally:
+        reader.close()
+        output.close()
+    assert frame.bit_depth == entry.bit_depth
+    assert frame.exposure_end_s + 0.004 == pytest.approx(end_s, abs=2e-6)
+    if name in ("YUYV", "UYVY"):
+        # Luma has 220 steps, and what is near its white counts as saturated.
+        good = frame.pixels < 255
+        assert good.mean() > 0.9
+        np.testing.assert_allclose(frame.pixels[good], 16 + written[good] * (219 / 255), atol=0.51)
+    else:
+        np.testing.assert_array_equal(frame.pixels, written)
+
+
+@pytest.mark.parametrize("name", ["Y10", "Y12"])
+def test_a_format_that_the_driver_has_no_room_for_is_named(name: str) -> None:
+    with pytest.raises(CameraError, match=rf"a line of {name} 64x64 .* instead of 128; .*Y16"):
+        V4l2Output(
+            VIDEO,
+            fourcc=PACKINGS[name].fourcc,
+            width_px=64,
+            height_px=64,
+            bytes_per_line=128,
+            period_s=0.1,
+        )
+
+
+def test_sets_are_captured_through_real_devices(
+    simulation: subprocess.Popen[str], config: Path
+) -> None:
+    command = ps4rig("capture", "--rig", config, "--count", SETS, SHARED / "part.ome.tif")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(list(SHARED.glob("part-*.ome.tif"))) == SETS
+    assert simulation.poll() is None
+
+
+def test_frames_begin_whole_periods_apart(camera: V4l2Camera) -> None:
+    frames = [camera.read(3.0) for _ in range(10)]
+    starts = np.diff([frame.exposure_start_s for frame in frames])
+    numbers = np.diff([frame.sequence for frame in frames])
+    assert (numbers >= 1).all()
+    np.testing.assert_allclose(starts, numbers * PERIOD_S, atol=5e-6)
+
+
+def test_a_simulation_that_stood_still_sends_no_burst(
+    simulation: subprocess.Popen[str], camera: V4l2Camera
+) -> None:
+    camera.read(3.0)
+    simulation.send_signal(signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    time.sleep(8 * PERIOD_S)
+    continued_s = time.monotonic()
+    simulation.send_signal(signal.SIGCONT)
+    starts = [camera.read(3.0).exposure_start_s for _ in range(5)]
+    # One may have been on its way into the device when it stopped.
+    assert [s for s in starts if stopped_s + PERIOD_S < s < continued_s - 2 * PERIOD_S] == []
+    assert starts[-1] > continued_s
+
+
+def test_stale_frames_are_dark_and_known_by_their_stamps(camera: V4l2Camera) -> None:
+    with LightController(port_of(GADGET)) as lights:
+        lights.off()
+        dark = camera.read(3.0).pixels.mean()
+        # So long that the device is full of frames without light.
+        time.sleep(4 * PERIOD_S)
+        before_s = time.monotonic()
+        lit_s = lights.select(2).acknowledged_s + 0.02
+        frames = [camera.read(3.0) for _ in range(6)]
+    stale = [f.pixels.mean() for f in frames if f.exposure_end_s < before_s]
+    fresh = [f.pixels.mean() for f in frames if f.exposure_start_s >= lit_s]
+    assert len(stale) >= 1
+    np.testing.assert_allclose(stale, dark, rtol=0.05)
+    assert len(fresh) >= 2
+    assert min(fresh) > 3.0 * dark
+
+
+@pytest.mark.usefixtures("simulation")
+def test_a_second_simulation_is_turned_away(gadget: Gadget) -> None:
+    clock = RealClock()
+    with pytest.raises(BlockingIOError):
+        serve_tty(SimulatedController(SimulatedBoard(clock), clock), gadget.far_end)
+    with pytest.raises(CameraError, match="another simulated rig writes to it"):
+        V4l2Output(
+            VIDEO,
+            fourcc="Y16 ",
+            width_px=SIDE_PX,
+            height_px=SIDE_PX,
+            bytes_per_line=2 * SIDE_PX,
+            period_s=PERIOD_S,
+        )
+
+
+def test_a_device_that_takes_no_frames_is_named() -> None:
+    with pytest.raises(CameraError, match="is no video device"):
+        V4l2Output(
+            "/dev/null", fourcc="GREY", width_px=64, height_px=64, bytes_per_line=64, period_s=0.1
+        )
+
+
+def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: subprocess.Popen[str]) -> None:
+    # The last check: all before need it.
+    simulation.send_signal(signal.SIGINT)
+    _, said = simulation.communicate(timeout=20.0)
+    assert simulation.returncode == 0
+    assert re.fullmatch(r"no LED lit, \d+ frames written, \d+ too late\n", said)

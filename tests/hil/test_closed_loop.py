@@ -1,0 +1,125 @@
+"""The whole job on devices of a real kernel: captured in the guest, solved and recognised here."""
+
+import json
+import os
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from classify import Lighting
+from rig import synthetic_surface
+from rig.scene import render_frame
+from rig.sensor import SensorModel
+from rig.synthetic import tile_side_px
+
+from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
+from .guest.loop_bench import EXPOSURE_MS, ROTATE_DEG, SEED, SETS, SIDE_PX, SURFACE, ps4rig
+
+pytestmark = pytest.mark.slow
+
+CHECKS = GUEST / "loop_checks.py"
+# A camera has a few buffers, and so does the loopback device.
+MODULES = {
+    "dummy_hcd": "",
+    "usb_f_acm": "",
+    "cdc_acm": "",
+    "v4l2loopback": "video_nr=9 max_buffers=4",
+}
+TEXTURES = ("rock", "sand", "malv", "ogil")
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What the guest said of its checks, and the folder with what it captured."""
+
+    outcomes: Outcomes
+    shared: Path
+
+    @property
+    def sets(self) -> list[Path]:
+        return sorted(self.shared.glob("part-*.ome.tif"))
+
+
+def run(*arguments: object, environment: Mapping[str, str] | None = None) -> str:
+    """A command of ours on the host, which must succeed."""
+    done = subprocess.run(
+        ps4rig(*arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **(environment or {})},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
+    shared = tmp_path_factory.mktemp("loop")
+    # Compiled here for any processor, as it would take the guest minutes.
+    compiled = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    rendered = ("capture", "--rig", "sim", "--surface", SURFACE, "--rotate", ROTATE_DEG)
+    cache = {"NUMBA_CACHE_DIR": str(shared / "numba")}
+    run(*rendered, "--size", SIDE_PX, shared / "here.ome.tif", environment=compiled | cache)
+    there = {"NUMBA_CACHE_DIR": "/mnt/numba"}
+    outcomes = run_checks(CHECKS, shared, modules=MODULES, environment=compiled | there)
+    return Loop(outcomes, shared)
+
+
+@pytest.mark.parametrize("name", names_in(CHECKS))
+def test_in_the_guest(loop: Loop, name: str) -> None:
+    assert_passed(loop.outcomes, name)
+
+
+def test_every_image_is_what_its_light_alone_shows(loop: Loop) -> None:
+    """A frame from before a switch, or across it, would be off by many times its noise."""
+    surface = synthetic_surface(SURFACE, SEED, tile_side_px(SIDE_PX))
+    scene = render_frame(surface, Lighting.ring(slant_deg=45.0), SIDE_PX, ROTATE_DEG)
+    sensor = SensorModel(bit_depth=16)
+    assert len(loop.sets) == SETS
+    for path in loop.sets:
+        captured = CapturedSet.load(path)
+        # Its controller says so, over whatever line.
+        assert captured.metadata.simulated
+        assert captured.ambient is not None
+        images = [*captured.images, captured.ambient]
+        for image, light in zip(images, [*scene.lights, 0.0], strict=True):
+            signal_e = sensor.white_e_per_ms * EXPOSURE_MS * (scene.ambient + light)
+            noise_e = np.sqrt(signal_e + sensor.read_noise_e**2)
+            seen_e = (image - sensor.black_level_dn) * sensor.gain_e_per_dn
+            off = (seen_e - signal_e) / noise_e
+            assert abs(off.mean()) < 0.05
+            assert off.std() == pytest.approx(1.0, abs=0.05)
+
+
+def test_every_frame_began_after_its_light_had_settled(loop: Loop) -> None:
+    images = [image for path in loop.sets for image in CapturedSet.load(path).metadata.images]
+    for image in images:
+        (frame,) = image.frames
+        assert image.led_acknowledged_s is not None
+        assert frame.exposure_start_s >= image.led_acknowledged_s + 0.02
+
+
+def test_solve_takes_the_set(loop: Loop) -> None:
+    run("solve", loop.sets[0], "--out", loop.shared / "maps")
+    assert (loop.shared / "maps" / "normals.tif").exists()
+
+
+def test_classify_finds_the_texture_and_its_angle(loop: Loop) -> None:
+    known = []
+    for name in TEXTURES:
+        known.append(loop.shared / f"{name}.ome.tif")
+        run(
+            *("capture", "--rig", "sim", "--surface", name, "--size", SIDE_PX),
+            *("--label", name, known[-1]),
+        )
+    library = loop.shared / "four.ps4lib"
+    run("train", *known, "--library", library)
+    for match in json.loads(run("classify", *loop.sets, "--library", library, "--json")):
+        assert match["label"] == SURFACE
+        assert match["orientation_deg"] == pytest.approx(ROTATE_DEG, abs=5.0)
