@@ -20,7 +20,7 @@ from .rig import Rig
 __all__ = ["CameraLatency", "Whole", "measure_latency", "without_timing"]
 
 # A picture in which other light flickers does not follow the model.
-_MOST_MISFIT = 0.06
+_MOST_MISFIT = 0.08
 _LEAST_CAUGHT = 6
 # Of a change, when the picture is called whole.
 _WHOLE = 0.98
@@ -125,7 +125,8 @@ def measure_latency(
     if fit.misfit > _MOST_MISFIT:
         raise CameraError(
             f"the picture does not follow LED {led} as light that is switched does (misfit "
-            f"{fit.misfit:.1%}); does other light change, or the camera expose by itself?"
+            f"{fit.misfit:.1%}); does other light change, does the camera expose by itself, or do its "
+            "time stamps jitter by as much as it exposes?"
         )
     if fit.caught < _LEAST_CAUGHT:
         raise CameraError(
