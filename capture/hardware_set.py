@@ -124,6 +124,10 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
                 f"set rejected: {passed} frames from the light before to {_name(light)}, "
                 f"planned are {plan.frames_per_step}"
             )
+        if np.array_equal(frames.before(after).pixels, after.pixels):
+            raise SetRejected(
+                f"set rejected: the frame under {_name(light)} has the pixels of the one before"
+            )
     return found, report
 
 
@@ -175,6 +179,10 @@ class _Frames:
         if frame.exposure_end_s >= self._since_s:
             self._frames.append(frame)
         return True
+
+    def before(self, frame: Frame) -> Frame:
+        """The one that came before another; not of the first."""
+        return self._frames[self._frames.index(frame) - 1]
 
     def reach(self, at_s: float) -> bool:
         """Whether the last one began after `at_s`."""

@@ -92,17 +92,19 @@ class RealClock:
         return cancel
 
     def _run(self) -> None:
-        while True:
-            with self._changed:
-                next_ns = self._agenda.next_ns()
-                if next_ns is None:
-                    self._thread = None
-                    return
+        while (callback := self._next_call()) is not None:
+            callback()
+
+    def _next_call(self) -> Callable[[], object] | None:
+        """Wait for the next call; None, which ends the thread, if there is none."""
+        with self._changed:
+            while (next_ns := self._agenda.next_ns()) is not None:
                 callback = self._agenda.take(time.monotonic_ns())
-                if callback is None:
-                    self._changed.wait((next_ns - time.monotonic_ns()) / 1e9)
-            if callback is not None:
-                callback()
+                if callback is not None:
+                    return callback
+                self._changed.wait((next_ns - time.monotonic_ns()) / 1e9)
+            self._thread = None
+            return None
 
 
 class VirtualClock:

@@ -39,12 +39,11 @@ def timing(
         print_json([asdict(one) for one in timings])
         return
     table = folding_table(
-        "Hz", "exposed", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected"
+        "Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected"
     )
     for one in timings:
         table.add_row(
             f"{one.frame_rate_hz:.0f}",
-            f"{one.exposure_ms:g}",
             one.synchronisation,
             one.clock,
             _rounded(one.switch_ms, 2),

@@ -457,3 +457,15 @@ def test_a_rig_is_as_good_as_new_after_a_set_was_refused(rig: Rig) -> None:
     with pytest.raises(KeyboardInterrupt):
         capture_set(under(rig, 2, lambda: signal.raise_signal(signal.SIGINT)))
     assert capture_set(rig).images.shape == (4, 64, 64)
+
+
+@pytest.mark.slow
+def test_an_average_that_keeps_a_light_on_for_too_long_fails_with_the_cause() -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 1.0}, lights={"watchdog_ms": 9000}
+    )
+    with (
+        open_rig(config) as rig,
+        pytest.raises(LightControllerError, match="On-time limit"),
+    ):
+        capture_set(rig, average=125)

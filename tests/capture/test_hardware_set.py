@@ -302,7 +302,7 @@ def test_the_watchdog_in_mid_sequence_is_named(rig: Rig) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     synchronisation=st.sampled_from(["strobe", "trigger"]),
     spikes=st.lists(st.tuples(st.floats(0.0, 0.3), st.floats(1e-6, 0.03)), max_size=3),
@@ -335,6 +335,37 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
         except (SetRejected, CameraError):
             return
         assert wrong_light(rig, captured) < WRONG_LIGHT
+
+
+FRAME_FAULTS = [
+    *["dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late"],
+    *["stamped_late", "drift", "gone"],
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("synchronisation", ["strobe", "trigger"])
+@pytest.mark.parametrize("kind", FRAME_FAULTS)
+def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
+    camera = {"width_px": 64, "height_px": 64}
+    with open_rig(config(synchronisation, camera=camera)) as rig:
+        truth = capture_set(rig)
+    outcomes = []
+    for nth in range(1, 16, 2):
+        fault = {"kind": kind, "delay_ms": 30.0, "when": {"nth": nth, "times": 2}}
+        plan = {"frames": [fault], "seed": nth}
+        faulty = config(synchronisation, camera=camera, simulation={"faults": plan})
+        with open_rig(faulty) as rig:
+            try:
+                captured = capture_set(rig)
+            except (SetRejected, CameraError) as error:
+                outcomes.append(str(error))
+                continue
+        outcomes.append("accepted")
+        noise_dn = np.sqrt(2.0 * (truth.images / 2.44 + 4.0))
+        difference = np.abs(captured.images.astype(float) - truth.images)
+        assert (difference / noise_dn).mean() < 1.2, (nth, captured.metadata.retries)
+    assert outcomes
 
 
 @pytest.mark.slow

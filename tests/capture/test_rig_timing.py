@@ -46,7 +46,7 @@ def test_by_the_controller_a_set_takes_its_frames_and_the_wait_for_the_first(con
     assert timing.exposures_ms is not None
     assert timing.worst_ms is not None
     if timing.synchronisation == "software":
-        assert timing.worst_ms <= 11 * period_ms
+        assert timing.worst_ms <= 14 * period_ms  # a second ambient image among them
     else:
         assert timing.exposures_ms <= timing.limit_ms
         assert timing.worst_ms <= timing.limit_ms + 1.3 * period_ms
