@@ -125,8 +125,8 @@ def measure_latency(
     if fit.misfit > _MOST_MISFIT:
         raise CameraError(
             f"the picture does not follow LED {led} as light that is switched does (misfit "
-            f"{fit.misfit:.1%}); does other light change, does the camera expose by itself, or do its "
-            "time stamps jitter by as much as it exposes?"
+            f"{fit.misfit:.1%}); does other light change, does the camera expose by itself, or do "
+            "its time stamps jitter by as much as it exposes?"
         )
     if fit.caught < _LEAST_CAUGHT:
         raise CameraError(
