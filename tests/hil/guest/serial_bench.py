@@ -107,10 +107,11 @@ class SerialController:
     server: Plug
 
     def open(self, **options: int) -> LightController:
+        was = known_port(self.port, list_serial_ports())
         return LightController(
             self.port,
             clock=self.clock,
-            whereabouts=lambda: ports_to_try(self.port, list_serial_ports()),
+            whereabouts=lambda: ports_to_try(was, list_serial_ports()),
             **options,
         )
 
