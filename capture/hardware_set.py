@@ -28,9 +28,11 @@ from .set_metadata import ImageRecord
 
 __all__ = ["images_in_sequence"]
 
-# Of a frame period: how far a frame's own time may be from the controller's edge. With the
-# uncertainty between the clocks, which may be as large, it stays below one half: no frame is
-# taken for its neighbour.
+# How far a frame's own time may be from the controller's edge, beyond what the configuration says
+# of the camera's time stamps: delays of strobe and trigger.
+_TOLERANCE_S = 1e-3
+# Of a frame period, at most. With the uncertainty between the clocks, which may be as large, it
+# stays below one half: no frame is taken for its neighbour.
 _TOLERANCE_PERIODS = 0.2
 # The strobe's pulse against the exposure that the camera reports.
 _PULSE_TOLERANCE = 0.02
@@ -103,14 +105,16 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             break  # the controller may know why
     report = sequence.report()
     exposures_s = _exposures_s(rig, plan, report)
-    tolerance_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
-    if report.clock.uncertainty_s > tolerance_s:
+    most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
+    if report.clock.uncertainty_s > most_s:
         raise SetRejected(
             f"set rejected: the controller's clock is known to "
             f"{1e3 * report.clock.uncertainty_s:.1f} ms only, too little to tell frames apart; "
             "the serial line or this computer is too slow"
         )
-    tolerance_s += report.clock.uncertainty_s
+    # a frame is reported as early as it may have been
+    stamp_s = 2e-3 * rig.config.camera.timestamp_uncertainty_ms
+    tolerance_s = min(most_s, stamp_s + _TOLERANCE_S) + report.clock.uncertainty_s
     while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
         pass
     found = [

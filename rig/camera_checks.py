@@ -16,7 +16,7 @@ from .v4l2_abi import CID_EXPOSURE_ABSOLUTE
 
 __all__ = ["check_cameras", "check_frames", "longest_exposure_ms"]
 
-_FRAMES = 30
+_FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0
 _RATE_TOLERANCE = 0.05
 _MOST_FORMATS = 6
@@ -53,9 +53,10 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
             )
 
 
-def check_frames(camera: Camera, frames: int = _FRAMES) -> Iterator[Check]:
-    """Frame rate reached against asked, lost and corrupt frames, over so many frames."""
+def check_frames(camera: Camera) -> Iterator[Check]:
+    """Frame rate reached against asked, lost and corrupt frames, over some seconds at most."""
     info = camera.info
+    frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
     taken: list[Frame] = []
     # Those that waited in the queue say when they came, not how fast more do.
     for number in range(info.queue_length + frames):

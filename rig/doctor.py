@@ -6,6 +6,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from classify.errors import Ps4rigError
+
 from .camera import Camera
 from .camera_checks import check_cameras, check_frames, longest_exposure_ms
 from .camera_list import ListedCamera, list_cameras
@@ -49,10 +51,13 @@ def diagnose(rig: str | Path) -> Generator[Check]:
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
     )
     yield check_modem_manager()
-    cameras = list_cameras()
-    yield from answered(
-        "cameras", lambda: check_cameras(cameras, None if config is None else config.camera)
-    )
+    cameras: list[ListedCamera] = []
+
+    def look_for_cameras() -> Iterator[Check]:
+        cameras.extend(list_cameras())
+        yield from check_cameras(cameras, None if config is None else config.camera)
+
+    yield from answered("cameras", look_for_cameras)
     if config is not None:
         with ExitStack() as closing:
             yield from _diagnose_open(config, cameras, closing)
@@ -63,7 +68,11 @@ def _diagnose_open(
 ) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
-        simulation = Simulation(config)
+        try:
+            simulation = Simulation(config)
+        except Ps4rigError as error:
+            yield Check("simulation", "fault", str(error))
+            return
         closing.callback(simulation.close)
     lights: LightController | None = None
     camera: Camera | None = None

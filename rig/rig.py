@@ -143,7 +143,7 @@ def port_of(config: RigConfig) -> str:
 def _whereabouts(port: str, simulation: Simulation | None) -> Callable[[], list[str]]:
     """Where to look for the controller again that is at `port` now."""
     if simulation is not None:
-        return lambda: [simulation.port]
+        return lambda: simulation.ports
     was = known_port(port, list_serial_ports())
     return lambda: ports_to_try(was, list_serial_ports())
 

@@ -22,6 +22,7 @@ __all__ = ["SerialLine"]
 # How long a blocking read may keep us from looking at the deadline.
 _READ_SLICE_S = 0.05
 _MAX_LINE_BYTES = 512
+_IN_USE = "in use by {}; close that first"
 
 
 class SerialLine:
@@ -31,6 +32,7 @@ class SerialLine:
         self.port = port
         self._buffer = bytearray()
         try:
+            _refuse_if_held(port)
             self._serial: Any = serial.serial_for_url(
                 port,
                 baudrate=baud,
@@ -39,7 +41,7 @@ class SerialLine:
                 exclusive=True,
             )
         except (OSError, ValueError) as error:
-            raise LightControllerError(f"{port}: {_why_not_open(port, error)}") from error
+            raise LightControllerError(f"{port}: {_why_not_open(error)}") from error
         _refuse_other_openers(self._serial)
 
     def write(self, data: bytes) -> None:
@@ -91,16 +93,23 @@ class SerialLine:
         )
 
 
-def _why_not_open(port: str, error: OSError | ValueError) -> str:
+def _why_not_open(error: OSError | ValueError) -> str:
     code = getattr(error, "errno", None)
     if code == errno.ENOENT:
         return "no such port; is the light controller plugged in?"
     if code == errno.EACCES:
         return "no permission; add yourself to the group that owns it (dialout on Debian)"
     if code in (errno.EBUSY, errno.EAGAIN):
-        holders = [holder for holder in port_holders(port) if holder.pid != os.getpid()]
-        return f"in use by {holders[0] if holders else 'another program'}; close that first"
+        return _IN_USE.format("another program")
     return f"cannot be opened as a serial port ({error})"
+
+
+def _refuse_if_held(port: str) -> None:
+    """The kernel lets us in beside a program that did not ask to be alone with the port."""
+    holders = [] if "://" in port else port_holders(port)
+    for holder in holders:
+        if holder.pid != os.getpid():
+            raise LightControllerError(f"{port}: {_IN_USE.format(holder)}")
 
 
 def _refuse_other_openers(port: Any) -> None:

@@ -120,6 +120,8 @@ class Simulation:
         )
         self._server = self._serve(self._controller)
         self.port = self._server.address
+        # None while it is unplugged: the system gives its name to another program's pty.
+        self.ports = [self.port]
         self.camera = SimulatedCamera(
             self.board,
             self.clock,
@@ -158,12 +160,14 @@ class Simulation:
     def unplug_lights(self) -> None:
         """Pull the controller's cable: its LEDs go out, the port is gone."""
         self._server.stop()
+        self.ports.clear()
 
     def replug_lights(self) -> None:
         """Plug it in again: it boots, and answers on another port than before."""
         self._server.stop()
         self._server = self._serve(self._controller)
         self.port = self._server.address
+        self.ports[:] = [self.port]
 
     def close(self) -> None:
         """Stop the firmware and the camera."""

@@ -279,6 +279,30 @@ def test_a_frame_period_early_is_seen_in_the_dark_that_follows(rig: Rig) -> None
         capture_set(replace(rig, camera=Tampered(rig, early)))
 
 
+def test_a_strobe_that_runs_ahead_of_the_exposure_is_not_believed(monkeypatch) -> None:
+    with open_rig(config()) as rig:
+        assert rig.simulation is not None
+        wire = rig.simulation.board.strobe
+        monkeypatch.setattr(
+            rig.simulation.board, "strobe", lambda exposing, at_s: wire(exposing, at_s - 0.003)
+        )
+        with pytest.raises(SetRejected, match=r"the nearest began \+3\.\d ms from it"):
+            capture_set(rig)
+
+
+@pytest.mark.parametrize(("uncertainty_ms", "is_taken"), [(0.0, False), (1.0, True)])
+def test_uncertain_time_stamps_count_as_well_as_they_are_known(uncertainty_ms, is_taken) -> None:
+    uncertain = config(
+        camera={"timestamp_offset_ms": -2.5, "timestamp_uncertainty_ms": uncertainty_ms}
+    )
+    with open_rig(uncertain) as rig:
+        if is_taken:
+            capture_set(rig)
+        else:
+            with pytest.raises(SetRejected, match="run ps4rig rig latency"):
+                capture_set(rig)
+
+
 def test_a_strobe_that_is_not_connected_is_named(monkeypatch) -> None:
     with open_rig(config()) as rig:
         assert rig.simulation is not None

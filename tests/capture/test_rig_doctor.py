@@ -8,8 +8,13 @@ from typing import Any
 Command = Callable[..., Any]
 
 
-def test_one_page_for_a_rig_that_is_well(ps4rig: Command) -> None:
-    page = ps4rig("rig", "doctor", "--rig", "sim")
+SMALL = "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 160\nheight_px = 160\n"
+
+
+def test_one_page_for_a_rig_that_is_well(ps4rig: Command, tmp_path: Path) -> None:
+    config = tmp_path / "rig.toml"
+    config.write_text(SMALL)
+    page = ps4rig("rig", "doctor", "--rig", config)
     assert page.exit_code == 0
     for word in ("watchdog", "switch latency", "LED order", "fault: 0"):
         assert word in page.output
@@ -19,10 +24,7 @@ def test_a_fault_is_status_1_and_for_programs_there_is_json(
     ps4rig: Command, tmp_path: Path
 ) -> None:
     config = tmp_path / "rig.toml"
-    config.write_text(
-        "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 160\nheight_px = 160\n"
-        "[[simulation.faults.leds]]\nkind = 'dead'\nled = 3\n"
-    )
+    config.write_text(SMALL + "[[simulation.faults.leds]]\nkind = 'dead'\nled = 3\n")
     done = ps4rig("rig", "doctor", "--rig", config, "--json")
     assert done.exit_code == 1
     found = json.loads(done.output)

@@ -207,6 +207,15 @@ def test_the_error_of_a_second_opener_names_the_first(bench: object) -> None:
         program.communicate(b"\n")
 
 
+def test_a_port_that_was_opened_by_a_program_that_does_not_mind_company(
+    plug_in: Callable[..., SerialPort], held: Callable[[str], int]
+) -> None:
+    port = plug_in("A-1").device
+    pid = held(port)
+    with pytest.raises(LightControllerError, match=rf"in use by .* .process {pid}.; close that"):
+        LightController(port)
+
+
 def test_holders_are_seen_through_links_and_gone_when_they_end(
     tmp_path: Path, held: Callable[[str], int]
 ) -> None:

@@ -14,7 +14,7 @@ from rig import ListedCamera, RigConfig, open_rig
 from rig import controller_link as link_module
 from rig import doctor as doctor_module
 from rig import light_checks as light_checks_module
-from rig.camera_checks import check_cameras, longest_exposure_ms
+from rig.camera_checks import check_cameras, check_frames, longest_exposure_ms
 from rig.camera_config import CameraConfig
 from rig.check import Check
 from rig.discovery import _VENDORS, SerialPort
@@ -66,32 +66,39 @@ def test_a_rig_that_is_well(ill: Any) -> None:
     assert checks["switch latency"].seen.startswith("median 1.00 ms, worst 1.00 ms of 40")
 
 
-@pytest.mark.parametrize(
-    ("fault", "name", "status", "seen"),
-    [
-        (led_fault("dead", 2), "LED 2", "fault", "dead"),
-        (led_fault("dim", 1, "share = 0.7"), "LED 1", "warning", "weak"),
-        (led_fault("swapped", 1, "other = 3"), "LED order", "fault", "LEDs 1 and 3 are exchanged"),
-        (led_fault("swapped", 0, "other = 1"), "LED order", "fault", "LEDs 0 and 1 are exchanged"),
-        (led_fault("stuck_on", 0, "share = 1.0"), "ambient light", "warning", "full scale"),
-        ("[[simulation.faults.frames]]\nkind = 'gone'", "camera", "fault", "is gone"),
-        (
-            "[[simulation.faults.frames]]\nkind = 'dropped'\nwhen = {probability = 0.2}",
-            "frames", "warning", "lost",
-        ),
-        ("[simulation]\nambient = 0.3", "ambient light", "warning", "full scale"),
-    ],
-)  # fmt: skip
+ILLNESSES = [
+    (led_fault("swapped", 1, "other = 3"), "LED order", "fault", "LEDs 1 and 3 are exchanged"),
+    *(
+        pytest.param(*illness, marks=pytest.mark.slow)
+        for illness in (
+            (led_fault("swapped", 0, "other = 1"), "LED order", "fault", "LEDs 0 and 1 are"),
+            (led_fault("dead", 2), "LED 2", "fault", "dead"),
+            (led_fault("dim", 1, "share = 0.7"), "LED 1", "warning", "weak"),
+            (led_fault("stuck_on", 0, "share = 1.0"), "ambient light", "warning", "full scale"),
+            (
+                "[[simulation.faults.frames]]\nkind = 'dropped'\nwhen = {probability = 0.2}",
+                "frames",
+                "warning",
+                "lost",
+            ),
+            ("[simulation]\nambient = 0.3", "ambient light", "warning", "full scale"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("fault", "name", "status", "seen"), ILLNESSES)
 def test_each_illness_is_found(ill: Any, fault: str, name: str, status: str, seen: str) -> None:
     checks = ill(fault)
     assert checks[name].status == status
     assert seen in checks[name].seen
-    assert checks[name].advice or name == "camera"
+    assert checks[name].advice
 
 
 def test_a_camera_that_fails_leaves_all_that_is_not_its_own(ill: Any) -> None:
     checks = ill("[[simulation.faults.frames]]\nkind = 'gone'")
     assert checks["watchdog"].status == "ok"
+    assert checks["camera"].status == "fault"
     assert checks["pictures"].status == "fault"
 
 
@@ -106,6 +113,24 @@ def test_without_a_controller_the_camera_is_still_looked_at(ill: Any) -> None:
     assert checks["camera.device"].status == "fault"
     assert checks["camera"].status == "fault"
     assert checks["pictures"].status == "unknown"
+
+
+def test_a_simulation_of_nothing_is_one_fault(ill: Any) -> None:
+    checks = ill("[simulation.placement]\nsurface = 'no-such-folder'\n")
+    assert checks["simulation"].status == "fault"
+    assert "no-such-folder" in checks["simulation"].seen
+
+
+def test_of_a_slow_camera_few_frames_are_awaited() -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 0.5},
+        lights={"watchdog_ms": 60_000},
+    )
+    with open_rig(config) as rig:
+        began_s = rig.clock.now_s()
+        rate, frames = check_frames(rig.camera)
+        assert (rate.status, frames.status) == ("ok", "ok")
+        assert rig.clock.now_s() - began_s < 25.0
 
 
 def test_without_a_configuration_what_is_plugged_in_is_listed(tmp_path: Path) -> None:

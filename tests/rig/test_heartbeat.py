@@ -179,7 +179,13 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("end", [signal.SIGSTOP, signal.SIGKILL], ids=["hangs", "dies"])
+@pytest.mark.parametrize(
+    "end",
+    [
+        pytest.param(signal.SIGSTOP, id="hangs"),
+        pytest.param(signal.SIGKILL, id="dies", marks=pytest.mark.slow),
+    ],
+)
 def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -> None:
     clock = RealClock()
     board = SimulatedBoard(clock)

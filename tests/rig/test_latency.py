@@ -130,6 +130,7 @@ CAMERAS = [
     Truth(lag_ms=24.0, jitter_ms=3.0, readout_ms=8.0),
 ]
 MORE_CAMERAS = [
+    Truth(rate_hz=10.0, exposure_ms=2.0, lag_ms=6.0),
     Truth(),
     Truth(readout_ms=15.0, lag_ms=39.0),
     Truth(exposure_ms=4.0, lag_ms=8.0, readout_ms=33.0),
@@ -148,14 +149,14 @@ def test_what_is_stored_is_true_and_no_stale_or_mixed_frame_passes(truth: Truth)
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     truth=st.builds(
         Truth,
-        rate_hz=st.sampled_from([15.0, 30.0, 60.0]),
-        exposure_ms=st.floats(6.0, 16.0),
+        rate_hz=st.sampled_from([10.0, 30.0, 60.0]),
+        exposure_ms=st.floats(3.0, 16.0),
         lag_ms=st.floats(-5.0, 60.0),
-        jitter_ms=st.floats(0.0, 4.0),
+        jitter_ms=st.floats(0.0, 1.0),
         readout_ms=st.floats(0.0, 16.0),
         rise_ms=st.floats(0.05, 5.0),
         fall_ms=st.floats(0.05, 5.0),

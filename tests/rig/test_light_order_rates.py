@@ -63,3 +63,26 @@ def test_exchanged_lights_are_noticed_and_right_ones_never_suspected(slant_deg: 
     assert found["suspected"] == 0
     assert found["exchanged and confirmed"] == 0
     assert min(found[name] for name in ("confirmed", *EXCHANGED)) >= 0.9 * sets
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error_deg", [3.0, 8.0])
+def test_lights_that_stand_elsewhere_and_are_not_equally_strong(error_deg: float) -> None:
+    rng = np.random.default_rng(3)
+    said, sensor = Lighting.ring(45.0), SensorModel()
+    found: Counter[str] = Counter()
+    for name in SYNTHETIC_30:
+        tilts = said.tilts_deg + rng.normal(0.0, error_deg, 4)
+        slants = said.slants_deg + rng.normal(0.0, error_deg, 4)
+        really = Lighting.from_angles(tuple(tilts), tuple(slants))
+        scene = render_frame(synthetic_surface(name, 5, 512), really, 192, 30.0)
+        light = np.concatenate([scene.lights, 0.0 * scene.ambient[None]]) + scene.ambient
+        light[:4] *= rng.uniform(0.8, 1.2, (4, 1, 1)).astype(np.float32)
+        *images, ambient = (sensor.expose(each * np.float32(16.0), rng) for each in light)
+        known = {"ambient": ambient, "full_scale": sensor.full_scale_dn}
+        found["suspected"] += light_order(images, said, **known).is_refuted
+        for order in EXCHANGED.values():
+            exchanged = [images[light] for light in order]
+            found["noticed"] += light_order(exchanged, said, **known).is_refuted
+    assert found["suspected"] == 0
+    assert found["noticed"] >= 0.97 * len(EXCHANGED) * len(SYNTHETIC_30)

@@ -64,7 +64,7 @@ def test_while_it_is_unplugged_it_is_named_as_missing() -> None:
         rig.simulation.unplug_lights()
         with pytest.raises(LightControllerError):
             rig.lights.off()
-        with pytest.raises(LightControllerError, match="no such port"):
+        with pytest.raises(LightControllerError, match="SIM-0001 is not plugged in any more"):
             rig.lights.recover()
         rig.simulation.replug_lights()
         rig.lights.recover()

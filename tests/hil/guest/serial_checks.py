@@ -4,6 +4,8 @@
 whose line ends at the firmware on the host. ``cdc_acm`` drives a USB gadget.
 """
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,7 +15,10 @@ import pytest
 
 from capture import SetRejected, capture_set
 from rig import HardwareError, LightControllerError, Rig, RigConfig
+from rig.config import LightsConfig
+from rig.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from rig.lights import LightController
+from rig.port_holders import port_holders
 from rig.scene import SceneImages
 from rig.sensor import SensorModel
 from rig.simulated_camera import SimulatedCamera
@@ -101,7 +106,7 @@ def _card(rows: int, columns: int) -> SceneImages:
 def test_a_port_in_use_is_named(controller: SerialController) -> None:
     with controller.open() as lights:
         lights.select(1)
-        with pytest.raises(LightControllerError, match="in use by another program"):
+        with pytest.raises(LightControllerError, match="in use by"):
             controller.open()
         lights.confirm(1)
 
@@ -128,6 +133,67 @@ def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
         port_of(GADGET)
         captured = capture_set(rig)
     assert len(captured.images) == 4
+
+
+def test_it_is_found_by_what_usb_says_of_it(gadget_controller: SerialController) -> None:
+    ports = list_serial_ports()
+    (listed,) = (port for port in ports if port.device == gadget_controller.port)
+    assert (listed.usb_id, listed.serial_number) == ("2e8a:0005", GADGET)
+    assert listed.may_be_a_microcontroller
+    for keys in ({"serial_number": GADGET}, {"usb_id": "2E8A:0005"}):
+        lights = LightsConfig.model_validate({"port": "auto", **keys})
+        assert find_controller(lights, ports) == gadget_controller.port
+
+
+def test_the_one_that_answers_is_found_among_boards(gadget_controller: SerialController) -> None:
+    # The adapter's vendor makes chips for boards, and nobody answers behind it.
+    boards = [
+        port
+        for port in list_serial_ports()
+        if port.may_be_a_microcontroller and port.serial_number != HOST
+    ]
+    assert len(boards) > 1
+    assert find_controller(LightsConfig(port="auto"), boards) == gadget_controller.port
+
+
+def test_it_goes_on_under_another_name_when_it_is_plugged_in_again(
+    gadget: Gadget, gadget_controller: SerialController
+) -> None:
+    was = known_port(gadget_controller.port, list_serial_ports())
+    with LightController(
+        gadget_controller.port,
+        clock=gadget_controller.clock,
+        whereabouts=lambda: ports_to_try(was, list_serial_ports()),
+    ) as lights:
+        lights.set_level(3, 40)
+        lights.select(3)
+        gadget.unplug()
+        gadget.plug()
+        again = port_of(GADGET)  # while the old port is still open, so that its name is taken
+        with pytest.raises(LightControllerError):
+            lights.confirm(3)
+        lights.recover()
+        assert (lights.port, lights.port == was.device) == (again, False)
+        assert lights.select(3).led == 3
+        assert lights.state().levels_percent == (100, 100, 100, 40)
+
+
+_HOLDS = "import sys, serial; line = serial.Serial(sys.argv[1]); print(1, flush=True); input()"
+
+
+def test_the_program_that_holds_a_port_is_named(gadget_controller: SerialController) -> None:
+    port = gadget_controller.port
+    with subprocess.Popen(
+        [sys.executable, "-c", _HOLDS, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == b"1\n"
+        assert [each.pid for each in port_holders(port)] == [holder.pid]
+        with pytest.raises(LightControllerError, match=rf"process {holder.pid}.; close that first"):
+            gadget_controller.open()
+        holder.communicate(b"\n")
+    with gadget_controller.open() as lights:
+        assert lights.select(0).led == 0
 
 
 def test_firmware_on_the_host_answers_over_ftdi_sio_and_comes_back() -> None:
