@@ -88,6 +88,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
             if len(failures) == MAX_RETRIES:
                 raise
             failures.append(error)
+            _flush(rig)
         except BaseException:
             _put_out(rig)
             raise
@@ -196,6 +197,14 @@ def _put_out(rig: Rig) -> None:
     # The cause is what the caller must see; if this fails too, the watchdog is there.
     with suppress(HardwareError):
         rig.lights.off()
+
+
+def _flush(rig: Rig) -> None:
+    """Let the dark fill the camera's buffers, so that nothing of an attempt is in the next one."""
+    info = rig.camera.info
+    with suppress(HardwareError):
+        for _ in range(info.queue_length + 1):
+            rig.camera.read(info.queue_length * info.frame_period_s)
 
 
 def _noise(info: CameraInfo, average: int) -> SensorNoise | None:

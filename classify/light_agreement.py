@@ -150,8 +150,10 @@ def light_agreement(
     seen = float((lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean())
     if whole is None:
         return LightAgreement(_beyond_noise(terms.sum(axis=0), spread, lit), None, math.inf, seen)
-    evened_terms = terms / whole.strengths.astype(np.float32)[:, None, None]
-    contradiction = _beyond_noise(evened_terms.sum(axis=0), spread, lit)
+    factors = (1.0 / whole.strengths).astype(np.float32)[:, None, None]
+    noise_share = np.sqrt((np.square(factors * scale * weights) * variance).sum(axis=0))
+    spread = np.hypot(noise_share, np.float32(_MATT))
+    contradiction = _beyond_noise((factors * terms).sum(axis=0), spread, lit)
     strengths = tuple(float(strength) for strength in whole.strengths)
     return LightAgreement(contradiction, strengths, whole.error, seen)
 

@@ -40,7 +40,12 @@ def opened_bench(camera: CameraConfig) -> Iterator[Bench]:
     clock = RealClock()
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
-        lights = {"port": server.address, "settle_ms": SETTLE_MS}
+        lights = {
+            "port": server.address,
+            "settle_ms": SETTLE_MS,
+            # As the brightness steps, or the set would be refused for its unequal LEDs.
+            "intensities": [1, 2, 3, 4],
+        }
         whole = RigConfig.model_validate({"lights": lights, "camera": camera.model_dump()})
         with open_rig(whole) as opened:
             yield Bench(opened, board)
