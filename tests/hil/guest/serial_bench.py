@@ -11,7 +11,7 @@ from typing import TypeVar
 from firmware_sim import Clock, RealClock, SimulatedBoard, SimulatedController, serve_tty
 from rig import LightControllerError
 from rig.config import LightsConfig
-from rig.discovery import find_controller, list_serial_ports, ports_to_try
+from rig.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from rig.lights import LightController
 
 T = TypeVar("T")
@@ -107,10 +107,11 @@ class SerialController:
     server: Plug
 
     def open(self, **options: int) -> LightController:
+        was = known_port(self.port, list_serial_ports())
         return LightController(
             self.port,
             clock=self.clock,
-            whereabouts=lambda: ports_to_try(self.port, list_serial_ports()),
+            whereabouts=lambda: ports_to_try(was, list_serial_ports()),
             **options,
         )
 
