@@ -149,7 +149,7 @@ def _taken(rig: Rig, average: int) -> _Taken:
     noise = _noise(rig.camera.info, average)
     pictures = Pictures(look.images, look.ambient[0], later, full_scale, noise)
     names = [light_name(rig, light) for light in range(len(rig.lighting))]
-    ambient_change = check_ambient(pictures, rig.lighting)
+    ambient_change = check_ambient(pictures)
     check_images(pictures.images, pictures.ambient, full_scale, names)
 
     def second_look() -> npt.NDArray[np.uint16]:

@@ -159,7 +159,10 @@ def light_agreement(
 
 
 def picture_difference(
-    first: npt.NDArray[np.uint16], second: npt.NDArray[np.uint16], signal: float, noise: SensorNoise
+    first: npt.NDArray[np.uint16],
+    second: npt.NDArray[np.uint16],
+    signal: float,
+    noise: SensorNoise | None,
 ) -> float:
     """By what share of `signal`, rms over the frame, two pictures of one scene differ beyond noise.
 
@@ -170,15 +173,32 @@ def picture_difference(
     signal
         Pixel value above dark that counts as 1.
     noise
-        Of both.
+        Of both; None is estimated from how the difference of the two goes up and down from pixel to
+        pixel, for pixels of like brightness.
     """
     step = max(1, -(-first.shape[1] // _MAX_COLUMNS))
     a, b = (image[:, ::step].astype(np.float32) for image in (first, second))
-    offset, slope, black = (float(value) for value in noise.coefficients())
-    variance = 2.0 * (offset + _ROUNDING) + slope * np.maximum(a + b - 2.0 * black, 0.0)
+    if noise is None:
+        variance = _variance_of_difference(a, b)
+    else:
+        offset, slope, black = (float(value) for value in noise.coefficients())
+        variance = 2.0 * offset + slope * np.maximum(a + b - 2.0 * black, 0.0)
     everywhere = np.ones(a.shape, np.bool_)
     share = np.float32(1.0 / signal)
-    return _beyond_noise(share * (a - b), share * np.sqrt(variance), everywhere)
+    return _beyond_noise(share * (a - b), share * np.sqrt(variance + 2.0 * _ROUNDING), everywhere)
+
+
+def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(H, W), from neighbours in a row; shot noise is another in the light than in the dark."""
+    brightness = a + b
+    steps = np.abs(np.diff(a - b, axis=1, append=(a - b)[:, -2:-1]))
+    groups = np.searchsorted(np.quantile(brightness, (0.25, 0.5, 0.75)), brightness)
+    variance = np.empty_like(a)
+    for group in range(4):
+        inside = groups == group
+        typical = float(np.median(steps[inside])) if inside.any() else 0.0
+        variance[inside] = max(1.0 / 6.0, (1.4826 * typical) ** 2 / 2.0)
+    return variance
 
 
 def _variance(

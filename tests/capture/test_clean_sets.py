@@ -88,7 +88,7 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     images, ambient = photographs.images, photographs.ambient
     assert ambient is not None
     pictures = Pictures(images, ambient, ambient, photographs.metadata.full_scale, None)
-    change = check_ambient(pictures, lighting)
+    change = check_ambient(pictures)
     names = [f"light {number}" for number in chosen]
     checks = check_lights(pictures, lighting, names, change, lambda: images)
     # Near lights are not the same in all parts of the frame: these pictures cannot vouch for them.
