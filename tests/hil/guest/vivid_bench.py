@@ -24,9 +24,10 @@ DEADLINE_S = 6.0
 # For a frame that was being filled, and for the thread that turns the brightness.
 SETTLE_MS = 60.0
 # Within what vivid's bars bear: below and above its grey values wrap round. Each LED adds another
-# brightness, so that a picture tells which one it was taken under. Those that face each other add
-# up to the same, as on a slope: a set of impossible shading is rejected.
-AMBIENT, LIT = 128, (24, 31, 48, 41)
+# brightness, so that a picture tells which one it was taken under; three, as four that shade
+# nothing contradict each other, and such a set is rejected.
+AMBIENT, LIT = 128, (24, 31, 39)
+TILTS_DEG = (0.0, 120.0, 240.0)
 CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
 
@@ -110,7 +111,7 @@ def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
         while not done.wait(0.002):
             now_s = bench.rig.clock.now_s()
             lit = [bench.board.output(led, now_s) > 0.5 for led in range(4)]
-            level = AMBIENT + sum(LIT[led] for led in range(4) if lit[led])
+            level = AMBIENT + sum(LIT[led] for led in range(len(LIT)) if lit[led])
             if level != held:
                 write_control(device, brightness, level)
                 held = level
