@@ -175,7 +175,8 @@ def _check_strengths(agreement: LightAgreement, pictures: Pictures, names: list[
             "set rejected: "
             + "; ".join(causes)
             + f" (limit {room:.0%}): an LED is weak, flickers or stays on, the exposure drifts, or "
-            "frames show two lights; LEDs that are so by make have their lights.intensities"
+            "frames show two lights; for LEDs that are so by make, ps4rig rig doctor tells "
+            "lights.intensities"
         )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
+from classify.light_agreement import light_agreement
 from classify.light_order import Order, light_order
 
 from .camera import Frame, FrameFlag
@@ -22,6 +23,9 @@ _READ_TIMEOUT_S = 2.0
 _MAX_STALE = 64
 # An LED is dead below the first share of the brightest one, weak below the second.
 _DEAD, _WEAK = 0.05, 0.5
+# Strengths of LEDs against each other are told when known so well, and taken for equal when they
+# are so near.
+_STRENGTH_KNOWN, _STRENGTH_ALIKE = 0.01, 0.02
 # Of full scale: what an LED must give above dark, and what other light may.
 _SIGNAL, _AMBIENT_WARNING, _AMBIENT_FAULT = 0.002, 0.1, 0.5
 _SATURATED_FAULT = 0.01
@@ -84,7 +88,7 @@ def _picture(rig: Rig, led: int | None) -> npt.NDArray[np.uint16]:
 def check_pictures(
     pictures: Pictures, lighting: Lighting, exposure_ms: float, longest_ms: float
 ) -> Iterator[Check]:
-    """Ambient light, every LED, saturation, exposure, and the order of the LEDs.
+    """Ambient light, every LED, saturation, exposure, strengths and order of the LEDs.
 
     Parameters
     ----------
@@ -104,6 +108,7 @@ def check_pictures(
         yield _led(led, float(signal), float(signals.max()))
     yield _saturation(pictures)
     yield _exposure(pictures, exposure_ms, longest_ms)
+    yield _strengths(pictures, lighting)
     yield _order(pictures, lighting)
 
 
@@ -170,6 +175,28 @@ def _exposure(pictures: Pictures, exposure_ms: float, longest_ms: float) -> Chec
             "frame rate, more gain or stronger LEDs would give more"
         )
     return Check("exposure", "warning", seen, advice)
+
+
+def _strengths(pictures: Pictures, lighting: Lighting) -> Check:
+    """How strong the LEDs are against each other, whatever the part turns towards them."""
+    name = "LED strengths"
+    if len(lighting) != 4:
+        return Check(name, "unknown", "are told from the pictures for four LEDs only")
+    told = light_agreement(pictures.lit, lighting, pictures.dark, pictures.full_scale, None)
+    if told.strengths is None or told.strength_error > _STRENGTH_KNOWN:
+        return Check(
+            name,
+            "unknown",
+            "these pictures do not tell them",
+            "lay something matt with relief in all directions below the camera",
+        )
+    seen = "against the configured " + ", ".join(f"{each:.1%}" for each in told.strengths)
+    if all(abs(each - 1.0) <= _STRENGTH_ALIKE for each in told.strengths):
+        return Check(name, "ok", seen)
+    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.strengths)
+    return Check(
+        name, "warning", seen, f"if they are so by make, set lights.intensities = [{line}]"
+    )
 
 
 def _order(pictures: Pictures, lighting: Lighting) -> Check:

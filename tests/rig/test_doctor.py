@@ -327,6 +327,23 @@ def test_saturation_is_a_fault_and_shortens_the_exposure(pictures: Pictures) -> 
     assert bright["exposure"].advice == "set camera.exposure_ms = 8 and look again"
 
 
+def test_strengths_of_unlike_leds_are_told_as_the_line_to_set(pictures: Pictures) -> None:
+    alike = checked(pictures, 1.0)["LED strengths"]
+    assert alike.status == "ok"
+    strengths = np.array([1.0, 0.8, 1.0, 1.0])
+    dark = pictures.dark.astype(np.float64)
+    lit = np.rint((pictures.lit - dark) * strengths[:, None, None] + dark)
+    weak = Pictures(pictures.dark, lit.astype(np.uint16), pictures.full_scale)
+    found = {check.name: check for check in check_pictures(weak, Lighting.ring(), 20.0, 33.0)}
+    unlike = found["LED strengths"]
+    assert unlike.status == "warning"
+    told = [float(each) for each in unlike.advice.partition("[")[2].rstrip("]").split(",")]
+    np.testing.assert_allclose(told, strengths, atol=0.01)
+    corrected = Lighting(Lighting.ring().directions, np.array(told))
+    again = {check.name: check for check in check_pictures(weak, corrected, 20.0, 33.0)}
+    assert again["LED strengths"].status == "ok"
+
+
 def test_a_level_part_does_not_tell_the_order(pictures: Pictures) -> None:
     flat = Pictures(pictures.dark, np.full_like(pictures.lit, 2000), pictures.full_scale)
     order = {check.name: check for check in check_pictures(flat, Lighting.ring(), 20.0, 33.0)}
