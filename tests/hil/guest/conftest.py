@@ -13,7 +13,6 @@ from rig.v4l2_camera import V4l2Camera
 from rig.v4l2_controls import write_control
 from tests.hil.guest.vivid_bench import (
     SETTLE_MS,
-    TILTS_DEG,
     VIDEO,
     Bench,
     config,
@@ -44,7 +43,6 @@ def opened_bench(camera: CameraConfig) -> Iterator[Bench]:
         lights = {
             "port": server.address,
             "settle_ms": SETTLE_MS,
-            "tilts_deg": TILTS_DEG,
             # As the brightness steps, or the set would be refused for its unequal LEDs.
             "intensities": [1, 2, 3, 4],
         }

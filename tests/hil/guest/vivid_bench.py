@@ -23,11 +23,8 @@ JITTER_S = 0.02
 DEADLINE_S = 6.0
 # For a frame that was being filled, and for the thread that turns the brightness.
 SETTLE_MS = 60.0
-# Within what vivid's bars bear: below and above its grey values wrap round. Each LED adds another
-# brightness, so that a picture tells which one it was taken under; three, as four that shade
-# nothing contradict each other, and such a set is rejected.
-AMBIENT, LIT = 128, (24, 31, 39)
-TILTS_DEG = (0.0, 120.0, 240.0)
+# Within what vivid's bars bear: below and above its grey values wrap round.
+AMBIENT, STEP = 128, 12
 CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
 
@@ -111,7 +108,7 @@ def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
         while not done.wait(0.002):
             now_s = bench.rig.clock.now_s()
             lit = [bench.board.output(led, now_s) > 0.5 for led in range(4)]
-            level = AMBIENT + sum(LIT[led] for led in range(len(LIT)) if lit[led])
+            level = AMBIENT + sum(STEP * (led + 1) for led in range(4) if lit[led])
             if level != held:
                 write_control(device, brightness, level)
                 held = level
