@@ -43,8 +43,10 @@ def opened_bench(camera: CameraConfig) -> Iterator[Bench]:
         lights = {
             "port": server.address,
             "settle_ms": SETTLE_MS,
-            # As the brightness steps, or the set would be refused for its unequal LEDs.
-            "intensities": [1, 2, 3, 4],
+            # Three: four pictures that shade nothing contradict each other. And unequal as the
+            # brightness steps, or the set would be refused for that.
+            "tilts_deg": [0, 120, 240],
+            "intensities": [1, 2, 3],
         }
         whole = RigConfig.model_validate({"lights": lights, "camera": camera.model_dump()})
         with open_rig(whole) as opened:
