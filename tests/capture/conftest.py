@@ -17,10 +17,28 @@ from capture.cli import app
 from capture.set_file import pixels_sha256
 from capture.set_metadata import ImageRecord, LightingRecord
 from classify import Lighting
-from rig import Rig, RigConfig, open_rig
+from rig import Placement, Rig, RigConfig, Simulation, open_rig
+from rig.scene import SceneImages
 
 COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]
+
+
+@pytest.fixture(scope="module")
+def scenes_are_rendered_once() -> Iterator[None]:
+    """For tests that open many rigs above the same few parts."""
+    render = Simulation._rendered
+    scenes: dict[object, SceneImages] = {}
+
+    def rendered_once(simulation: Simulation, placement: Placement) -> SceneImages:
+        key = (placement, simulation._config.lights)
+        if key not in scenes:
+            scenes[key] = render(simulation, placement)
+        return scenes[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Simulation, "_rendered", rendered_once)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """No set of a rig without faults is refused, whatever the surface, the slant and the camera."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,9 +7,8 @@ import pytest
 from capture import SetRejected, capture_set, import_images
 from capture.light_checks import Pictures, check_ambient, check_lights
 from capture.light_list import load_light_list
-from rig import SYNTHETIC_30, Placement, RigConfig, Simulation, open_rig
+from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
 from rig.material_folder import bundled_materials
-from rig.scene import SceneImages
 
 BUTTERFLY = Path(__file__).parent.parent / "data" / "butterfly_crop"
 SURFACES = (*SYNTHETIC_30, *bundled_materials())
@@ -18,21 +16,7 @@ SLANTS_DEG = (30.0, 45.0, 60.0, 75.0)
 BITS = (8, 10, 12, 16)
 ROTATIONS_DEG = (0.0, 25.0)
 
-
-@pytest.fixture(autouse=True, scope="module")
-def scenes_are_rendered_once() -> Iterator[None]:
-    render = Simulation._rendered
-    scenes: dict[object, SceneImages] = {}
-
-    def rendered_once(simulation: Simulation, placement: Placement) -> SceneImages:
-        key = (placement, simulation._config.lights)
-        if key not in scenes:
-            scenes[key] = render(simulation, placement)
-        return scenes[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "_rendered", rendered_once)
-        yield
+pytestmark = pytest.mark.usefixtures("scenes_are_rendered_once")
 
 
 def refusals(surfaces: tuple[str, ...], slant_deg: float, bits: int) -> tuple[list[str], int, int]:

@@ -12,35 +12,19 @@ images of the set is free: how bright a surface is only a reference could tell.
 import random
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
 from capture import CapturedSet, SetRejected, capture_set
-from rig import HardwareError, Placement, Rig, RigConfig, Simulation, open_rig
-from rig.scene import SceneImages
+from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 TOLERANCE = 0.05
 RANDOM_SETS = 2000
 SURFACES = ("rock", "sand", "malv", "ogil", "cobbles", "rock_speckled", "Fabric018")
 
-
-@pytest.fixture(autouse=True, scope="module")
-def scenes_are_rendered_once() -> Iterator[None]:
-    render = Simulation._rendered
-    scenes: dict[object, SceneImages] = {}
-
-    def rendered_once(simulation: Simulation, placement: Placement) -> SceneImages:
-        key = (placement, simulation._config.lights)
-        if key not in scenes:
-            scenes[key] = render(simulation, placement)
-        return scenes[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "_rendered", rendered_once)
-        yield
+pytestmark = pytest.mark.usefixtures("scenes_are_rendered_once")
 
 
 def rig_with(plan: dict[str, Any], **camera: object) -> RigConfig:
