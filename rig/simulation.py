@@ -118,10 +118,6 @@ class Simulation:
         self._controller = (
             FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
         )
-        self._server = self._serve(self._controller)
-        self.port = self._server.address
-        # None while it is unplugged: the system gives its name to another program's pty.
-        self.ports = [self.port]
         self.camera = SimulatedCamera(
             self.board,
             self.clock,
@@ -140,6 +136,11 @@ class Simulation:
         self.frames: Camera = self.camera
         if faults.frames:
             self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)
+        # Last, so that a configuration that is refused above leaves nothing running.
+        self._server = self._serve(self._controller)
+        self.port = self._server.address
+        # None while it is unplugged: the system gives its name to another program's pty.
+        self.ports = [self.port]
 
     def place(self, placement: Placement) -> None:
         """Lay another part, or the same one turned, below the camera.

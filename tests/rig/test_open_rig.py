@@ -164,3 +164,13 @@ def test_a_controller_with_too_few_leds_is_refused() -> None:
 def test_lights_that_are_not_there_do_not_become_simulated() -> None:
     with pytest.raises(LightControllerError, match="no such port"):
         open_rig(SMALL.with_changes(lights={"port": "/dev/ttyNONE"}))
+
+
+def test_a_rig_that_is_refused_leaves_nothing_running() -> None:
+    before = set(threading.enumerate())
+    config = RigConfig().with_changes(
+        camera={"timing_measured_at": "another mode", "timestamp_offset_ms": 1.0}
+    )
+    with pytest.raises(ConfigError, match="run ps4rig rig latency again"):
+        open_rig(config)
+    assert set(threading.enumerate()) == before
