@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError, Ps4rigError
 from classify.light_agreement import like_signed
-from classify.noise import SensorNoise
 from rig import CameraInfo, HardwareError, Rig
 
 from .captured_set import CapturedSet
@@ -141,12 +140,13 @@ class _Look:
 
 def _taken(rig: Rig, average: int) -> _Taken:
     """The pictures of one attempt."""
-    beat = FrameBeat(rig.camera.info.frame_period_s)
+    info = rig.camera.info
+    beat = FrameBeat(info.frame_period_s)
     by_software = rig.config.sequence_plan is None
     look = _looked(rig, average, beat) if by_software else _looked_in_sequence(rig, average)
     later = None if look.later_ambient is None else look.later_ambient[0]
-    full_scale = (1 << rig.camera.info.bit_depth) - 1 if average == 1 else 65535
-    noise = _noise(rig.camera.info, average)
+    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
+    noise = image_noise(_camera_record(info), info.bit_depth, full_scale, average)
     pictures = Pictures(look.images, look.ambient[0], later, full_scale, noise)
     names = [light_name(rig, light) for light in range(len(rig.lighting))]
     ambient_change = check_ambient(pictures)
@@ -205,11 +205,6 @@ def _flush(rig: Rig) -> None:
     with suppress(HardwareError):
         for _ in range(info.queue_length + 1):
             rig.camera.read(info.queue_length * info.frame_period_s)
-
-
-def _noise(info: CameraInfo, average: int) -> SensorNoise | None:
-    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
-    return image_noise(_camera_record(info), info.bit_depth, full_scale, average)
 
 
 def _camera_record(info: CameraInfo) -> CameraRecord:
