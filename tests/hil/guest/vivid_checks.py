@@ -13,10 +13,8 @@ import pytest
 from capture import CapturedSet, capture_set
 from rig import CameraError, FrameFlag, list_cameras
 from rig.opencv_camera import OpencvCamera
-from rig.pixel_formats import PIXEL_FORMATS
-from rig.v4l2 import V4l2Device
-from rig.v4l2_camera import V4l2Camera
-from rig.v4l2_controls import find_control, read_control, write_control
+from rig.v4l2 import PIXEL_FORMATS, V4l2Camera, V4l2Device
+from rig.v4l2.controls import find_control, read_control, write_control
 
 # Asked of every camera. Of those left out one needs LEDs that the camera sees, which a set below
 # has, and one a camera that stamps no frame ahead of its time.
