@@ -9,12 +9,12 @@ from .camera import Camera, Frame, FrameFlag
 from .camera_config import CameraConfig
 from .camera_list import ListedCamera, device_path
 from .check import Check
-from .errors import CameraError
+from .errors import CameraError, ControlError
 from .measurement_mode import EXPOSURE_UNITS_PER_MS
 from .serial_checks import check_access
 from .v4l2_abi import CID_EXPOSURE_ABSOLUTE
 
-__all__ = ["check_cameras", "check_frames", "longest_exposure_ms"]
+__all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
 
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0
@@ -51,6 +51,12 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
                 f"{config.device} is none of the {len(cameras)} cameras found",
                 "is it plugged in? Set camera.device to one of the names above",
             )
+
+
+def check_controls(error: ControlError) -> Iterator[Check]:
+    """One fault for each control that keeps a camera from being opened."""
+    for fault in error.faults:
+        yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:

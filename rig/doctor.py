@@ -9,12 +9,12 @@ from pathlib import Path
 from classify.errors import Ps4rigError
 
 from .camera import Camera
-from .camera_checks import check_cameras, check_frames, longest_exposure_ms
+from .camera_checks import check_cameras, check_controls, check_frames, longest_exposure_ms
 from .camera_list import ListedCamera, list_cameras
 from .check import Check, answered
 from .config import RigConfig, load_config
 from .discovery import list_serial_ports
-from .errors import ConfigError, HardwareError
+from .errors import ConfigError, ControlError, HardwareError
 from .light_checks import check_lights
 from .lights import LightController
 from .picture_checks import check_pictures, take_pictures
@@ -87,7 +87,11 @@ def _diagnose_open(
 
     def look_at_camera() -> Iterator[Check]:
         nonlocal camera
-        camera = open_camera(config, simulation)
+        try:
+            camera = open_camera(config, simulation)
+        except ControlError as error:
+            yield from check_controls(error)
+            return
         closing.callback(camera.close)
         info = camera.info
         yield Check(
