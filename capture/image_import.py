@@ -17,7 +17,7 @@ import tifffile
 
 from classify import Lighting
 from classify.errors import InputError
-from rig.colour import linear_from_srgb, luminance
+from rig.scene.colour import linear_from_srgb, luminance
 
 from .captured_set import CapturedSet
 from .set_file import pixels_sha256

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Literal
 
 from rig import RigConfig, open_rig
-from rig.switch_latency import measure_switch_latency
+from rig.latency import measure_switch_latency
 
 from .acquisition import capture_set
 from .captured_set import CapturedSet

@@ -8,7 +8,7 @@ from capture import SetRejected, capture_set, import_images
 from capture.light_checks import Pictures, check_ambient, check_lights
 from capture.light_list import load_light_list
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
-from rig.material_folder import bundled_materials
+from rig.scene import bundled_materials
 
 BUTTERFLY = Path(__file__).parent.parent / "data" / "butterfly_crop"
 SURFACES = (*SYNTHETIC_30, *bundled_materials())

@@ -7,9 +7,8 @@ import pytest
 
 from capture.surface_maps import SurfaceMaps
 from classify import InputError, Lighting, photometric_stereo
-from rig.scene import render_frame
-from rig.sensor import SensorModel
-from rig.synthetic import synthetic_surface
+from rig.scene import render_frame, synthetic_surface
+from rig.simulation import SensorModel
 
 EXPOSURE_MS = np.float32(20.0)
 
