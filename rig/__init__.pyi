@@ -1,12 +1,11 @@
 from .camera import Camera, CameraInfo, Frame, FrameFlag
-from .config import FaultPlan, Placement, RigConfig, load_config
+from .config import FaultPlan, Placement, RigConfig, SequencePlan, load_config
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights import (
     ControllerIdentity,
     LightController,
     LightStep,
     RunningSequence,
-    SequencePlan,
     SequenceReport,
     Switch,
 )

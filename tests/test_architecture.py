@@ -20,6 +20,17 @@ NEVER = {
     "rig": {"typer", "rich"},
     "capture": set(),
 }
+# Within rig: a folder, or a file beside the folders, imports only what stands before it.
+RIG_STOREYS = (
+    {"errors", "camera", "scene"},
+    {"config"},
+    {"frame_time"},
+    {"lights", "v4l2"},
+    {"opencv_camera", "simulation"},
+    {"rig"},
+    {"latency"},
+    {"doctor"},
+)
 UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen"}
 UNSAFE_FLAGS = {"shell", "allow_pickle"}
@@ -27,6 +38,10 @@ LONGEST_FILE = 400
 LONGER_FILES = {"firmware_sim/firmware.py": 460}  # one file, because it is copied to a board whole
 
 FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+# All but the public face, which shows what is on every storey.
+RIG_FILES = [
+    path for path in sorted((ROOT / "rig").rglob("*.py")) if path != ROOT / "rig/__init__.py"
+]
 
 
 def name_of(path: Path) -> str:
@@ -74,6 +89,16 @@ def test_a_file_imports_only_along_the_arrows(path: Path) -> None:
     assert not tops & UNSAFE_MODULES
     assert "" not in tops
     assert "tests" not in tops
+
+
+@pytest.mark.parametrize("path", RIG_FILES, ids=name_of)
+def test_a_file_of_rig_imports_only_from_its_folder_and_from_below(path: Path) -> None:
+    place = path.relative_to(ROOT / "rig").with_suffix("").parts[0]
+    storey = next(number for number, each in enumerate(RIG_STOREYS) if place in each)
+    below = {place}.union(*RIG_STOREYS[:storey])
+    package = path.relative_to(ROOT).parent.parts
+    names = (name.split(".") for name in imports(path.read_text(encoding="utf-8"), package))
+    assert {"".join(name[1:2]) for name in names if name[0] == "rig"} <= below
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)

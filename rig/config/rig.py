@@ -1,143 +1,27 @@
-"""``rig.toml``: what the rig consists of."""
+"""``rig.toml``: the whole of it, and what its sections ask of each other."""
 
 from __future__ import annotations
 
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Self
 
-import numpy as np
-from pydantic import Field, FiniteFloat, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
-from classify import Lighting
-from classify.lighting import RING_TILTS_DEG
-from firmware_sim.firmware import (
-    WATCHDOG_DEFAULT_MS,
-    WATCHDOG_MAX_MS,
-    WATCHDOG_MIN_MS,
-)
 from rig.errors import ConfigError
-from rig.lights import SequencePlan, plan_sequence
 
-from .camera import PIXEL_FORMAT_BITS, CameraConfig
-from .fault_plan import FaultPlan
+from .camera import CameraConfig
+from .lights import SIMULATED, LightsConfig
 from .section import Section
+from .sequence_plan import SequencePlan, plan_sequence
+from .simulation import SimulationConfig
 
-__all__ = [
-    "PIXEL_FORMAT_BITS",
-    "CameraConfig",
-    "LightsConfig",
-    "Placement",
-    "RigConfig",
-    "SimulationConfig",
-    "load_config",
-]
+__all__ = ["RigConfig", "load_config"]
 
 # An LED is steady when 1 % is missing: so many times its 10 to 90 % time after the switch.
 _STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
-# As `lights.port`: the firmware runs here, on a pty.
-SIMULATED = "simulated"
-# As `lights.port`: wherever the controller is plugged in.
-AUTO = "auto"
 _MAX_TOML_BYTES = 1 << 20
-Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
-Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
-TurnTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
-Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
-
-
-class LightsConfig(Section):
-    """The LED controller and where its LEDs stand.
-
-    `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
-    the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
-    they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
-    the same if left out. `synchronisation` is who moves on from light to light: the ``software``;
-    the controller at each edge of the camera's ``strobe``; or the controller by time, which then
-    has to ``trigger`` the camera.
-    """
-
-    port: str = Field(default=SIMULATED, min_length=1)
-    serial_number: str | None = Field(default=None, min_length=1, max_length=200)
-    usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
-    baud: int = Field(default=115_200, ge=300, le=12_000_000)
-    tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
-    slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
-    intensities: tuple[Intensity, ...] = ()
-    settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
-    watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
-    synchronisation: Literal["software", "strobe", "trigger"] = "software"
-
-    @field_validator("usb_id", mode="before")
-    @classmethod
-    def _usb_id_in_small_letters(cls, usb_id: Any) -> Any:
-        return usb_id.lower() if isinstance(usb_id, str) else usb_id
-
-    @model_validator(mode="after")
-    def _is_looked_for_one_way(self) -> Self:
-        if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
-            raise ValueError(
-                f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "
-                "leave them out, or set that"
-            )
-        return self
-
-    @property
-    def lighting(self) -> Lighting:
-        """Where the lights stand, and how strong they are."""
-        ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
-        return Lighting(ring.directions, np.array(self.intensities))
-
-    @model_validator(mode="after")
-    def _one_intensity_each(self) -> Self:
-        if len(self.intensities) not in (0, len(self.tilts_deg)):
-            raise ValueError(
-                f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
-            )
-        return self
-
-
-class Placement(Section):
-    """Which part lies under the simulated camera, and how.
-
-    `surface` is rock, sand, malv, ogil, a bundled material or a material folder. The patch's
-    centre is moved by `shift_px` (x right, y up) over the periodic surface, then the surface is
-    turned anticlockwise by `rotate_deg` about that centre. `seed` chooses the noise, and for the
-    four synthetic surfaces their realisation.
-    """
-
-    surface: str = "rock"
-    rotate_deg: Degrees = 0.0
-    shift_px: tuple[Shift, Shift] = (0.0, 0.0)
-    seed: int = Field(default=1, ge=0, lt=2**63)
-
-
-class SimulationConfig(Section):
-    """What only a simulated rig has.
-
-    `clock` is ``virtual`` (a set takes milliseconds) or ``real`` (it takes what frames take).
-    `ambient` is the light that no LED makes, as a fraction of one LED at full level. `readout_ms`
-    is from the first row's exposure to the last row's, 0 for a global shutter. `faults` are what
-    goes wrong, on purpose; a ``rig.toml`` has them or names their file. `controller_turn_us` is the
-    least and the most time of one turn of the controller's main loop: so late may it be to switch
-    after the end of an exposure.
-
-    The camera's driver stamps the start of exposure and is right. With a `stamp_lag_ms` it stamps
-    each frame so much later than that, as drivers do that stamp the arrival of data, and up to
-    `stamp_jitter_ms` more; what its stamp means is then for ``ps4rig rig latency`` to find out.
-    """
-
-    clock: Literal["virtual", "real"] = "virtual"
-    ambient: float = Field(default=0.02, ge=0.0, le=1.0)
-    led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
-    led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
-    controller_turn_us: tuple[TurnTime, TurnTime] = (50.0, 200.0)
-    readout_ms: float = Field(default=0.0, ge=0.0, le=10_000.0)
-    stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
-    stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)
-    placement: Placement = Placement()
-    faults: FaultPlan | None = None
 
 
 class RigConfig(Section):

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated
 
-__all__ = ["Section"]
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+__all__ = ["Degrees", "Section"]
+
+Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 
 
 class Section(BaseModel):

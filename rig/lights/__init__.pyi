@@ -2,7 +2,7 @@ from .discovery import SerialPort, find_controller, known_port, list_serial_port
 from .driver import LightController, Switch
 from .heartbeat import TendedClock
 from .link import ControllerIdentity, ControllerLink
-from .sequence import LightStep, RunningSequence, SequencePlan, SequenceReport, plan_sequence
+from .sequence import LightStep, RunningSequence, SequenceReport
 
 __all__ = [
     "ControllerIdentity",
@@ -10,7 +10,6 @@ __all__ = [
     "LightController",
     "LightStep",
     "RunningSequence",
-    "SequencePlan",
     "SequenceReport",
     "SerialPort",
     "Switch",
@@ -18,6 +17,5 @@ __all__ = [
     "find_controller",
     "known_port",
     "list_serial_ports",
-    "plan_sequence",
     "ports_to_try",
 ]

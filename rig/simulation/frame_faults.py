@@ -2,64 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import random
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from firmware_sim import Clock
-from firmware_sim.faults import When
 from rig.camera import Camera, CameraInfo, Frame, Pixels
+from rig.config import FrameFault
+from rig.config.fault_plan import MOST_FRAMES_BACK
 from rig.errors import CameraError
 
-__all__ = ["FaultyCamera", "FrameFault"]
-
-# As many buffers as the simulated driver has: what an incomplete frame leaves to be seen is old.
-_BUFFERS = 4
-
-
-@dataclass(frozen=True)
-class FrameFault:
-    """What is wrong with frames.
-
-    Attributes
-    ----------
-    kind
-        ``dropped`` (a gap in the sequence numbers), ``repeated_pixels`` (those of the frame before
-        under a number and times of its own), ``repeated_frame`` (the frame before once more),
-        ``torn`` (below `row_share` of the rows it is still the frame `frames_back` before),
-        ``black`` (no data: all zero), ``dark`` (the sensor saw nothing), ``late`` (delivered
-        `delay_ms` late), ``stamped_late`` (its times are `delay_ms` later than the truth),
-        ``drift`` (the exposure grows by `rate_per_s`, a share of itself), ``gone`` (no frame from
-        then on).
-    """
-
-    kind: Literal[
-        "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",
-        "stamped_late", "drift", "gone",
-    ]  # fmt: skip
-    row_share: float = 0.5
-    frames_back: int = 1
-    delay_ms: float = 10.0
-    rate_per_s: float = 0.5
-    when: When = field(default_factory=When)
-
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - a plan's file has no unknown keys
-
-    def __post_init__(self) -> None:
-        for holds, cause in (
-            (0.0 < self.row_share < 1.0, f"row_share is {self.row_share:g}; it is within 0 to 1"),
-            (1 <= self.frames_back <= _BUFFERS, f"frames_back is not 1 to {_BUFFERS}"),
-            (0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}"),
-            (math.isfinite(self.rate_per_s), f"rate_per_s is {self.rate_per_s:g}"),
-        ):
-            if not holds:
-                raise ValueError(cause)
+__all__ = ["FaultyCamera"]
 
 
 class FaultyCamera:
@@ -86,7 +44,7 @@ class FaultyCamera:
         self._started_s = clock.now_s()
         self._counts = [0] * len(faults)
         self._gone = False
-        self._before: deque[Frame] = deque(maxlen=_BUFFERS)
+        self._before: deque[Frame] = deque(maxlen=MOST_FRAMES_BACK)
         self._again: Frame | None = None
 
     @property

@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import ConfigError, LightControllerError, Rig, RigConfig, RunningSequence, open_rig
-from rig.lights import SequencePlan, plan_sequence
+from rig.config import SequencePlan, plan_sequence
+from rig.config.sequence_plan import REACTION_S
 from rig.lights.driver import Answer
-from rig.lights.sequence import REACTION_S, ClockRelation
+from rig.lights.sequence import ClockRelation
 
 SMALL = {"width_px": 16, "height_px": 16}
 
