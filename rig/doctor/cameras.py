@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rig.camera import Camera, Frame, FrameFlag
 from rig.config import CameraConfig
-from rig.errors import CameraError
+from rig.errors import CameraError, ControlError
 from rig.v4l2 import ListedCamera, device_path
 from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
@@ -15,7 +15,7 @@ from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 from .check import Check
 from .serial_ports import check_access
 
-__all__ = ["check_cameras", "check_frames", "longest_exposure_ms"]
+__all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
 
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0
@@ -52,6 +52,12 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
                 f"{config.device} is none of the {len(cameras)} cameras found",
                 "is it plugged in? Set camera.device to one of the names above",
             )
+
+
+def check_controls(error: ControlError) -> Iterator[Check]:
+    """One fault for each control that keeps a camera from being opened."""
+    for fault in error.faults:
+        yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:

@@ -9,13 +9,13 @@ from pathlib import Path
 from classify.errors import Ps4rigError
 from rig.camera import Camera
 from rig.config import RigConfig, load_config
-from rig.errors import ConfigError, HardwareError
+from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights import LightController, list_serial_ports
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation import Simulation
 from rig.v4l2 import ListedCamera, list_cameras
 
-from .cameras import check_cameras, check_frames, longest_exposure_ms
+from .cameras import check_cameras, check_controls, check_frames, longest_exposure_ms
 from .check import Check, answered
 from .lights import check_lights
 from .pictures import check_pictures, take_pictures
@@ -86,7 +86,11 @@ def _diagnose_open(
 
     def look_at_camera() -> Iterator[Check]:
         nonlocal camera
-        camera = open_camera(config, simulation)
+        try:
+            camera = open_camera(config, simulation)
+        except ControlError as error:
+            yield from check_controls(error)
+            return
         closing.callback(camera.close)
         info = camera.info
         yield Check(

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from rig.errors import CameraError
+from rig.errors import ControlError, ControlFault
 
 from . import abi
 from .device import V4l2Device
@@ -31,6 +31,9 @@ _READABLE = (
     abi.CTRL_TYPE_BITMASK,
     *_MENUS,
 )
+# Of these errors a control is not the cause.
+_OF_THE_WHOLE_DEVICE = (errno.ENODEV, errno.ENXIO, errno.EBUSY)
+_OTHER = "use another camera, as images of this one cannot be measured"
 _MAX_CONTROLS = 1024
 _MAX_MENU = 256
 
@@ -119,16 +122,23 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
 
     Raises
     ------
-    CameraError
+    ControlError
         With the control's name, if it cannot be set to this value or does not keep it.
+    CameraError
+        If the camera is gone or in use.
     """
-    where = f"{device.path}: control {control.slug}"
     # The kernel would clamp in silence.
     allowed = value in control.menu if control.menu else control.minimum <= value <= control.maximum
     if not allowed:
-        raise CameraError(f"{where} = {value} is not possible; it takes {control.allowed()}")
+        raise _error(
+            device,
+            control,
+            f"= {value} is not possible; it takes {control.allowed()}",
+            "ask for a value that it takes, or use another camera",
+        )
     if control.flags & abi.CTRL_FLAG_READ_ONLY:
-        raise CameraError(f"{where} is read-only; it cannot be set to {value}")
+        held = _held(device, control)
+        raise _error(device, control, f"is read-only{held}; it cannot be set to {value}", _OTHER)
     item = abi.ExtControl(id=control.id)
     if control.kind == abi.CTRL_TYPE_INTEGER64:
         item.payload.value64 = value
@@ -138,19 +148,37 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
         if not _is_known(device, abi.VIDIOC_S_EXT_CTRLS, _single(item)):
             device.try_call(abi.VIDIOC_S_CTRL, abi.SimpleControl(id=control.id, value=value))
     except OSError as error:
-        device.fail(f"control {control.slug} refuses {value}", error)
+        if error.errno in _OF_THE_WHOLE_DEVICE:
+            device.fail(f"control {control.slug} refuses {value}", error)
+        held = _held(device, control)
+        seen = f"refuses {value} ({error.strerror}){held}"
+        raise _error(device, control, seen, _by_hand(device)) from error
     if control.is_readable:
         check_control(device, control, value)
 
 
 def check_control(device: V4l2Device, control: Control, value: int) -> None:
-    """Raise a `CameraError` with the control's name if it does not hold `value`."""
+    """Raise a `ControlError` with the control's name if it does not hold `value`."""
     held = read_control(device, control)
     if held != value:
-        raise CameraError(
-            f"{device.path}: control {control.slug} was set to {value} and reads {held}; the "
-            "camera does not obey, so its images cannot be measured"
-        )
+        seen = f"was set to {value} and reads {held}"
+        raise _error(device, control, seen, _by_hand(device))
+
+
+def _error(device: V4l2Device, control: Control, seen: str, advice: str) -> ControlError:
+    fault = ControlFault(control.slug, f"control {control.slug} {seen}", advice)
+    return ControlError(device.path, fault)
+
+
+def _held(device: V4l2Device, control: Control) -> str:
+    return f" and reads {read_control(device, control)}" if control.is_readable else ""
+
+
+def _by_hand(device: V4l2Device) -> str:
+    return (
+        "the camera does not obey: close what else uses it; if v4l2-ctl -d "
+        f"{device.path} does not bring it to that either, {_OTHER}"
+    )
 
 
 def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from rig.config import CameraConfig
-from rig.errors import CameraError
+from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
 from .controls import Control, check_control, find_control, read_control, write_control
@@ -53,79 +55,124 @@ def set_measurement_mode(device: V4l2Device, config: CameraConfig) -> Measuremen
 
     Raises
     ------
+    ControlError
+        With the names of all controls that are missing, cannot be set or do not hold.
     CameraError
-        With the control's name, if one is missing, cannot be set or does not hold.
+        If the camera is gone or in use.
     """
-    settings = _exposure(device, config)
-    exposure_s = config.exposure_ms / 1e3
-    if settings:
-        exposure_s = settings[-1].value / (1e3 * EXPOSURE_UNITS_PER_MS)
+    settings: list[Setting] = []
+    faults: list[ControlFault] = []
+    for step in _steps(device, config):
+        try:
+            settings.append(step())
+        except ControlError as error:
+            faults += error.faults
+    exposures = (s.value for s in settings if s.control.id == abi.CID_EXPOSURE_ABSOLUTE)
+    units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
+    mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    # One control may move another that was set before it.
+    _refuse([*faults, *_moved(device, mode)], device)
+    return mode
+
+
+def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
+    """Read every control again; raise `ControlError` with the names of all that do not hold."""
+    _refuse(_moved(device, mode), device)
+
+
+def _moved(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
+    faults: list[ControlFault] = []
+    for setting in mode.settings:
+        try:
+            check_control(device, setting.control, setting.value)
+        except ControlError as error:
+            faults += error.faults
+    return faults
+
+
+def _refuse(faults: Sequence[ControlFault], device: V4l2Device) -> None:
+    if faults:
+        raise ControlError(device.path, *faults)
+
+
+def _steps(device: V4l2Device, config: CameraConfig) -> Iterator[Callable[[], Setting]]:
+    """What is to be set, in this order, whether or not the step before succeeded."""
+    yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)
         if control is not None and control.is_readable:
             off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
-            settings.append(_set(device, control, off))
+            yield partial(_set, device, control, off)
     # After the automatic ones, which own them while they are on.
     for name, control_id, value in (
         ("gain", abi.CID_GAIN, config.gain),
         ("gamma", abi.CID_GAMMA, config.gamma),
     ):
         if value is not None:
-            settings.append(_set_active(device, name, control_id, value))
-    mode = MeasurementMode(tuple(settings), exposure_s)
-    # One control may move another that was set before it.
-    check_measurement_mode(device, mode)
-    return mode
+            yield partial(_set_configured, device, name, control_id, value)
 
 
-def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
-    """Read every control again; raise `CameraError` with the name of one that does not hold."""
-    for setting in mode.settings:
-        check_control(device, setting.control, setting.value)
-
-
-def _exposure(device: V4l2Device, config: CameraConfig) -> list[Setting]:
+def _exposure_steps(device: V4l2Device, config: CameraConfig) -> Iterator[Callable[[], Setting]]:
     """Manual first: while exposure is automatic, what its time is set to is not defined."""
-    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
     if config.fixed_exposure:
+        control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
         if control is not None:
             raise CameraError(
                 f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
                 "fixed; take camera.fixed_exposure away"
             )
-        return []
-    if control is None:
-        raise CameraError(
-            f"{device.path}: {device.card} has no control for its exposure time; if that is always "
-            "the same, set camera.exposure_ms to it and camera.fixed_exposure = true"
-        )
-    settings = []
+        return
     mode = find_control(device, abi.CID_EXPOSURE_AUTO)
     if mode is not None:
-        settings.append(_set(device, mode, abi.EXPOSURE_MANUAL))
-    units = max(1, round(config.exposure_ms * EXPOSURE_UNITS_PER_MS))
-    if not control.minimum <= units <= control.maximum:
-        raise CameraError(
-            f"{device.path}: camera.exposure_ms = {config.exposure_ms:g} is not possible; "
-            f"{control.slug} takes {control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
-            f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms"
+        yield partial(_set, device, mode, abi.EXPOSURE_MANUAL)
+    yield partial(_set_exposure_time, device, config.exposure_ms)
+
+
+def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
+    control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    if control is None:
+        raise _missing(
+            device,
+            "exposure time",
+            "if that is always the same, set camera.exposure_ms to it and camera.fixed_exposure = "
+            "true",
         )
-    settings.append(_set_active(device, "exposure time", control.id, units))
-    return settings
+    units = max(1, round(exposure_ms * EXPOSURE_UNITS_PER_MS))
+    if not control.minimum <= units <= control.maximum:
+        fault = ControlFault(
+            control.slug,
+            f"camera.exposure_ms = {exposure_ms:g} is not possible; {control.slug} takes "
+            f"{control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
+            f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms",
+            "set camera.exposure_ms within that",
+        )
+        raise ControlError(device.path, fault)
+    return _set_active(device, control, units)
 
 
-def _set_active(device: V4l2Device, name: str, control_id: int, value: int) -> Setting:
-    """Set a control that must be there and have effect."""
+def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) -> Setting:
     control = find_control(device, control_id)
     if control is None:
-        raise CameraError(f"{device.path}: {device.card} has no control for its {name}")
+        raise _missing(device, name, f"take camera.{name} away")
+    return _set_active(device, control, value)
+
+
+def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
+    seen = f"{device.card} has no control for its {name}"
+    return ControlError(device.path, ControlFault(name, seen, advice))
+
+
+def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
+    """Set a control that must have effect."""
     setting = _set(device, control, value)
-    after = find_control(device, control_id)
+    after = find_control(device, control.id)
     if after is None or after.is_inactive:
-        raise CameraError(
-            f"{device.path}: control {control.slug} has no effect, because another control rules "
-            "it; find out which, and whether the camera can be set by hand at all"
+        fault = ControlFault(
+            control.slug,
+            f"control {control.slug} has no effect, because another control rules it",
+            "find out which, and whether the camera can be set by hand at all",
         )
+        raise ControlError(device.path, fault)
     return setting
 
 

@@ -6,7 +6,7 @@ the frame, beyond what noise explains: its own, and that of the strengths of the
 known from flat, dark, small pictures to the error only that stands in the set. One factor for all
 images of the set is free: how bright a surface is only a reference could tell.
 
-    pytest tests/capture/test_fault_matrix.py     # prints the table of the random sets
+    pytest tests/capture/acquisition/test_fault_matrix.py  # prints the table of the random sets
 """
 
 import random

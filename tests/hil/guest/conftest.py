@@ -64,9 +64,11 @@ def opencv_bench() -> Iterator[Bench]:
         yield bench
 
 
-@pytest.fixture
-def rig(bench: Bench) -> Rig:
-    return bench.rig
+@pytest.fixture(params=["v4l2", "opencv"])
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """Of the camera contract."""
+    with opened_bench(config() if request.param == "v4l2" else opencv_config()) as bench:
+        yield bench.rig
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,8 @@ import pytest
 
 from rig import CameraError
 from rig.config import CameraConfig
+from rig.doctor.cameras import check_controls
+from rig.errors import ControlError
 from rig.v4l2 import V4l2Device
 from rig.v4l2 import abi as abi
 from rig.v4l2.controls import list_controls
@@ -241,3 +243,51 @@ def test_a_control_that_an_old_driver_refuses_is_named() -> None:
 
     with pytest.raises(CameraError, match="control auto_exposure refuses 1: in use by another"):
         set_measurement_mode(Refusing(usual_knobs()), config())
+
+
+ALL_OF_THEM = (
+    (abi.CID_FOCUS_AUTO, "focus_automatic_continuous was set to 0 and reads 1"),
+    (abi.CID_SHARPNESS, "sharpness was set to 1 and reads 5"),
+    (abi.CID_GAIN, "gain was set to 0 and reads 64"),
+)
+
+
+def test_all_controls_that_do_not_hold_are_named_with_one_way_out() -> None:
+    knobs = usual_knobs()
+    for control_id, _ in ALL_OF_THEM:
+        knobs[control_id].stubborn = True
+    with pytest.raises(ControlError) as raised:
+        set_measurement_mode(PlayedCamera(knobs), config(gain=0, gamma=1))
+    told = [f"control {seen}" for _, seen in ALL_OF_THEM]
+    told.append("control gamma = 1 is not possible; it takes 72 to 500")
+    assert [fault.seen for fault in raised.value.faults] == told
+    assert str(raised.value).startswith("/dev/video9: " + "; ".join(told))
+    assert str(raised.value).count("v4l2-ctl -d /dev/video9") == 1
+    # Those that do obey are set all the same.
+    assert knobs[abi.CID_AUTO_WHITE_BALANCE].value == 0
+
+
+def test_all_controls_that_move_later_are_named() -> None:
+    camera = PlayedCamera(usual_knobs())
+    mode = set_measurement_mode(camera, config(gain=0))
+    for control_id, seen in ALL_OF_THEM:
+        camera.knobs[control_id].value = int(seen.split()[-1])
+    with pytest.raises(ControlError) as raised:
+        check_measurement_mode(camera, mode)
+    assert [fault.seen for fault in raised.value.faults] == [
+        f"control {seen}" for _, seen in ALL_OF_THEM
+    ]
+
+
+def test_the_doctor_has_a_line_for_each_control_that_does_not_hold() -> None:
+    knobs = usual_knobs()
+    for control_id, _ in ALL_OF_THEM:
+        knobs[control_id].stubborn = True
+    with pytest.raises(ControlError) as raised:
+        set_measurement_mode(PlayedCamera(knobs), config(gain=0))
+    checks = list(check_controls(raised.value))
+    assert [(check.status, check.seen) for check in checks] == [
+        ("fault", f"control {seen}") for _, seen in ALL_OF_THEM
+    ]
+    assert [check.name for check in checks][-1] == "control gain"
+    assert all("use another camera" in check.advice for check in checks)
