@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from classify import Lighting
     from rig import Placement, Rig
 
-    from .captured_set import CapturedSet
-    from .set_tasks import SolvedSet
+    from .batch.tasks import SolvedSet
+    from .sets import CapturedSet
 
 __all__ = ["capture", "import_", "solve"]
 
@@ -74,7 +74,7 @@ def capture(
     """Take one captured set, or several: ambient image, then each LED in order."""
     from rig import ConfigError, open_rig
 
-    from .set_file import check_path
+    from .sets.ome_tiff import check_path
 
     check_path(output)
     config = chosen_config(rig)
@@ -134,7 +134,7 @@ def _captured(
 
 
 def _numbered(output: Path, count: int) -> list[Path]:
-    from .set_file import SUFFIX
+    from .sets.ome_tiff import SUFFIX
 
     if count == 1:
         return [output]
@@ -178,9 +178,8 @@ def import_(
     """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
     from classify import Lighting
 
-    from .image_import import import_images
-    from .light_list import load_light_list
-    from .set_file import SUFFIX
+    from .sets import import_images, load_light_list
+    from .sets.ome_tiff import SUFFIX
 
     *images, output = paths
     if not output.name.endswith(SUFFIX):
@@ -248,10 +247,10 @@ def solve(
     if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
-    from .archive import output_folders
     from .batch import Batch
-    from .set_tasks import SolveTask, solve_set
-    from .surface_maps import RELIT_LIGHT
+    from .batch.tasks import SolveTask, solve_set
+    from .maps.surface_maps import RELIT_LIGHT
+    from .sets import output_folders
 
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)

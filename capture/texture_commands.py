@@ -30,7 +30,7 @@ from .console import (
 if TYPE_CHECKING:
     from classify import Evaluation
 
-    from .set_tasks import ClassifiedSet
+    from .batch.tasks import ClassifiedSet
 
 __all__ = ["classify", "evaluate_", "train"]
 
@@ -56,7 +56,7 @@ def train(
     """Learn textures from labelled sets, any number per class."""
     from classify.library_file import check_path
 
-    from .archive import find_sets
+    from .sets import find_sets
     from .training import train_library
 
     check_path(library)
@@ -82,7 +82,7 @@ def classify(
     json: JsonOption = False,
 ) -> None:
     """Say which texture each set shows, and how far it is turned."""
-    from .archive import find_sets
+    from .sets import find_sets
 
     paths = find_sets(sets)
     answers = _classified(paths, library, workers, scheduler)
@@ -125,7 +125,7 @@ def evaluate_(
     """Classify labelled sets, all those below a folder, and compare with their labels."""
     from classify import Trial, evaluate
 
-    from .archive import find_sets
+    from .sets import find_sets
 
     paths = find_sets(sets)
     with _library_for(library, classifier, workers, scheduler) as asked:
@@ -172,7 +172,7 @@ def _classified(
     from classify import TextureLibrary
 
     from .batch import Batch
-    from .set_tasks import classify_set
+    from .batch.tasks import classify_set
 
     TextureLibrary.load(library)  # once here, so that what is wrong with it is said at once
     task = partial(classify_set, library=library.absolute(), label_required=label_required)

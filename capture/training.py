@@ -13,8 +13,8 @@ from classify.errors import InputError, LibraryError
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .batch import Batch
+from .batch.tasks import library_of, observe_set, read_header
 from .console import progress
-from .set_tasks import library_of, observe_set, read_header
 
 __all__ = ["Trained", "train_again", "train_library"]
 

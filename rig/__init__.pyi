@@ -1,13 +1,18 @@
 from .camera import Camera, CameraInfo, Frame, FrameFlag
-from .camera_list import ListedCamera, list_cameras
-from .config import Placement, RigConfig, load_config
+from .config import FaultPlan, Placement, RigConfig, SequencePlan, load_config
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
-from .fault_plan import FaultPlan
-from .light_sequence import LightStep, RunningSequence, SequencePlan, SequenceReport
-from .lights import ControllerIdentity, LightController, Switch
+from .lights import (
+    ControllerIdentity,
+    LightController,
+    LightStep,
+    RunningSequence,
+    SequenceReport,
+    Switch,
+)
 from .rig import Rig, open_rig
+from .scene import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES, synthetic_surface
 from .simulation import Simulation, surface_names
-from .synthetic import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES, synthetic_surface
+from .v4l2 import ListedCamera, list_cameras
 
 __all__ = [
     "EQUAL_SPECTRUM_TWINS",

@@ -1,8 +1,17 @@
 """What can go wrong with a rig."""
 
+from dataclasses import dataclass
+
 from classify.errors import InputError, Ps4rigError
 
-__all__ = ["CameraError", "ConfigError", "HardwareError", "LightControllerError"]
+__all__ = [
+    "CameraError",
+    "ConfigError",
+    "ControlError",
+    "ControlFault",
+    "HardwareError",
+    "LightControllerError",
+]
 
 
 class ConfigError(InputError):
@@ -23,3 +32,39 @@ class LightControllerError(HardwareError):
 
 class CameraError(HardwareError):
     """The camera delivers no frame, or not the frames it was asked for."""
+
+
+@dataclass(frozen=True)
+class ControlFault:
+    """One control of a camera that does not hold what was asked of it.
+
+    Attributes
+    ----------
+    control
+        Its name.
+    seen
+        What was asked and what was found, with the name.
+    advice
+        The way out.
+    """
+
+    control: str
+    seen: str
+    advice: str
+
+
+class ControlError(CameraError):
+    """Controls of a camera that do not hold; the message names all of them.
+
+    Parameters
+    ----------
+    path
+        The camera's.
+    faults
+        One or more.
+    """
+
+    def __init__(self, path: str, *faults: ControlFault) -> None:
+        self.faults = faults
+        advices = dict.fromkeys(fault.advice for fault in faults)
+        super().__init__(f"{path}: " + "; ".join([*(fault.seen for fault in faults), *advices]))

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from .camera import CameraInfo, Frame, Pixels
-from .camera_config import CameraConfig
-from .camera_list import device_path
-from .errors import CameraError
+from .config import CameraConfig
+from .errors import CameraError, ControlError, ControlFault
+from .v4l2 import device_path
 
 __all__ = ["OpencvCamera"]
 
@@ -186,35 +186,38 @@ class OpencvCamera:
                 f"{self._path}: OpenCV takes the camera's MJPG, which is lossy; use kind = 'v4l2', "
                 "or set camera.allow_compressed = true"
             )
-        if not config.fixed_exposure:
-            self._set_exposure()
+        faults = [] if config.fixed_exposure else self._set_exposure()
         # Off where the camera has it; what has no such control says nothing.
         for name in ("AUTO_WB", "AUTOFOCUS", "BACKLIGHT", "SHARPNESS"):
             video.set(getattr(cv2, f"CAP_PROP_{name}"), 0.0)
         for name, value in (("GAIN", config.gain), ("GAMMA", config.gamma)):
             if value is not None:
-                self._hold(name, float(value))
+                faults += self._hold(name, float(value))
+        if faults:
+            raise ControlError(self._path, *faults)
 
-    def _set_exposure(self) -> None:
+    def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:
             raise CameraError(
                 f"{self._path}: how OpenCV's backend {self._video_backend} switches automatic "
                 "exposure off is not known; if the camera has none, set camera.exposure_ms to what "
                 "it does and camera.fixed_exposure = true"
             )
-        self._hold("AUTO_EXPOSURE", _MANUAL)
-        self._hold("EXPOSURE", round(self._config.exposure_ms * _EXPOSURE_UNITS_PER_MS))
+        return [
+            *self._hold("AUTO_EXPOSURE", _MANUAL),
+            *self._hold("EXPOSURE", round(self._config.exposure_ms * _EXPOSURE_UNITS_PER_MS)),
+        ]
 
-    def _hold(self, name: str, value: float) -> None:
+    def _hold(self, name: str, value: float) -> list[ControlFault]:
         key = getattr(cv2, f"CAP_PROP_{name}")
         obeyed = self._video.set(key, value)
         held = self._video.get(key)
         self._read_back[name.lower()] = held
-        if not obeyed or held != value:
-            raise CameraError(
-                f"{self._path}: {name.lower()} was set to {value:g} through OpenCV and reads "
-                f"{held:g}; the camera does not obey, or has no such control"
-            )
+        if obeyed and held == value:
+            return []
+        seen = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
+        advice = "the camera does not obey, or has no such control; use kind = 'v4l2' or another"
+        return [ControlFault(name.lower(), seen, advice)]
 
 
 def _opened(path: str) -> cv2.VideoCapture:

@@ -20,6 +20,30 @@ NEVER = {
     "rig": {"typer", "rich"},
     "capture": set(),
 }
+# Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
+STOREYS = {
+    "rig": (
+        {"errors", "camera", "scene"},
+        {"config"},
+        {"frame_time"},
+        {"lights", "v4l2"},
+        {"opencv_camera", "simulation"},
+        {"rig"},
+        {"latency"},
+        {"doctor"},
+    ),
+    "capture": (
+        {"errors", "console", "process_settings", "simulated_options"},
+        {"sets"},
+        {"acquisition", "maps"},
+        {"batch"},
+        {"training", "demo", "reproduction", "benchmark", "preview"},
+        {"set_commands", "texture_commands", "demo_command", "bench_command", "reproduce_command"},
+        {"rig_commands"},
+        {"cli"},
+        {"__main__"},
+    ),
+}
 UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen"}
 UNSAFE_FLAGS = {"shell", "allow_pickle"}
@@ -27,6 +51,13 @@ LONGEST_FILE = 400
 LONGER_FILES = {"firmware_sim/firmware.py": 460}  # one file, because it is copied to a board whole
 
 FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+# All but the public faces, which show what is on every storey.
+STOREY_FILES = [
+    path
+    for path in FILES
+    if path.relative_to(ROOT).parts[0] in STOREYS
+    if path.relative_to(ROOT).parts[1] != "__init__.py"
+]
 
 
 def name_of(path: Path) -> str:
@@ -41,8 +72,10 @@ def imports(source: str, package: tuple[str, ...]) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             # One dot is the package itself, each further one its parent; from beyond the top, "".
             above = package[: len(package) - node.level + 1] if node.level else ()
-            module = node.module.split(".") if node.module else []
-            yield ".".join([*above, *module])
+            if node.module is None and above:
+                yield from (".".join([*above, alias.name]) for alias in node.names)
+            else:
+                yield ".".join([*above, *(node.module or "").split(".")])
 
 
 def faults(source: str) -> Iterator[str]:
@@ -76,6 +109,16 @@ def test_a_file_imports_only_along_the_arrows(path: Path) -> None:
     assert "tests" not in tops
 
 
+@pytest.mark.parametrize("path", STOREY_FILES, ids=name_of)
+def test_a_file_imports_only_from_its_folder_and_from_storeys_below(path: Path) -> None:
+    room, place = path.relative_to(ROOT).with_suffix("").parts[:2]
+    storey = next(number for number, each in enumerate(STOREYS[room]) if place in each)
+    below = {place}.union(*STOREYS[room][:storey])
+    package = path.relative_to(ROOT).parent.parts
+    names = (name.split(".") for name in imports(path.read_text(encoding="utf-8"), package))
+    assert {"".join(name[1:2]) for name in names if name[0] == room} <= below
+
+
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_a_file_runs_no_text_as_code(path: Path) -> None:
     assert list(faults(path.read_text(encoding="utf-8"))) == []
@@ -102,8 +145,8 @@ def test_every_room_is_there_and_every_arrow_is_used() -> None:
         ("from rig import camera", {"rig"}),
         ("def f():\n    if True:\n        from capture.cli import main", {"capture.cli"}),
         ("try:\n    import serial\nexcept ImportError:\n    pass", {"serial"}),
-        ("from . import errors", {"classify.inner"}),
-        ("from .. import errors", {"classify"}),
+        ("from . import errors, match", {"classify.inner.errors", "classify.inner.match"}),
+        ("from .. import errors", {"classify.errors"}),
         ("from ..errors import InputError", {"classify.errors"}),
         ("from ...rig import camera", {"rig"}),
     ],

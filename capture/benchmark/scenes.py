@@ -11,10 +11,8 @@ import numpy.typing as npt
 from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.noise import SensorNoise
 from rig import synthetic_surface
-from rig.scene import SceneImages, render_frame, render_scene
-from rig.sensor import SensorModel
-from rig.surfaces import SurfacePatch
-from rig.synthetic import SYNTHETIC_NAMES
+from rig.scene import SYNTHETIC_NAMES, SceneImages, SurfacePatch, render_frame, render_scene
+from rig.simulation import SensorModel
 
 __all__ = ["SLANT_DEG", "Shot", "mosaic", "patch", "turned_patch"]
 

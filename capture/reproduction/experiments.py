@@ -8,7 +8,7 @@ from pathlib import Path
 from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
-from rig.material_folder import bundled_materials
+from rig.scene import bundled_materials
 
 from .plan import (
     OF_28_IMAGES,

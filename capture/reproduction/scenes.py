@@ -15,10 +15,8 @@ from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.classifiers import Observation, classifier_named
 from classify.noise import SensorNoise
 from rig import synthetic_surface
-from rig.material_folder import load_material
-from rig.scene import SceneImages, render_frame
-from rig.sensor import SensorModel
-from rig.surfaces import PeriodicSurface
+from rig.scene import PeriodicSurface, SceneImages, load_material, render_frame
+from rig.simulation import SensorModel
 
 __all__ = ["Conditions", "Patch", "Place", "Shot", "Texture", "expose", "render", "solve"]
 

@@ -11,7 +11,7 @@ import typer
 from capture.console import JsonOption, out, print_json, reported
 
 if TYPE_CHECKING:
-    from rig.flash import Flashed
+    from rig.lights.flash import Flashed
 
 __all__ = ["flash"]
 
@@ -37,7 +37,7 @@ def flash(
     that another program uses is left alone.
     """
     from classify.errors import InputError
-    from rig.flash import board_files, firmware_version
+    from rig.lights.flash import board_files, firmware_version
 
     if to is not None and port is not None:
         raise InputError("--to and --port: give one of them")
@@ -60,9 +60,9 @@ def flash(
 
 
 def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
-    from rig.discovery import list_serial_ports
     from rig.errors import LightControllerError
-    from rig.flash import board_files, find_board, find_drives, flash_folder, flash_port
+    from rig.lights import list_serial_ports
+    from rig.lights.flash import board_files, find_board, find_drives, flash_folder, flash_port
 
     if to is None and port is None:
         try:

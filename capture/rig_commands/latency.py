@@ -41,8 +41,8 @@ def latency(
     changes. Run it again when exposure, frame rate, size or format were changed.
     """
     from rig import ConfigError, RigConfig, load_config, open_rig
+    from rig.config import store_values
     from rig.latency import measure_latency, without_timing
-    from rig.toml_edit import store_values
 
     config = RigConfig() if str(rig) == "sim" else load_config(rig)
     if led >= len(config.lights.tilts_deg):

@@ -31,8 +31,7 @@ def preview(
     """
     import threading
 
-    from capture.preview_loop import Preview, run_preview
-    from capture.preview_server import serving
+    from capture.preview import Preview, run_preview, serving
     from rig import RigConfig, load_config
 
     config = RigConfig() if str(rig) == "sim" else load_config(rig)

@@ -24,7 +24,7 @@ from capture.simulated_options import (
 from classify.errors import InputError
 
 if TYPE_CHECKING:
-    from rig.device_simulation import DeviceSimulation
+    from rig.simulation import DeviceSimulation
 
 __all__ = ["simulate"]
 
@@ -83,7 +83,7 @@ def simulate(
         bits=bits,
         size_px=size,
     )
-    from rig.device_simulation import DeviceSimulation
+    from rig.simulation import DeviceSimulation
 
     simulation = DeviceSimulation(config, serial=serial, video=video)
     try:

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from capture import CapturedSet, SetMetadata
 from capture.cli import app
-from capture.set_file import pixels_sha256
-from capture.set_metadata import ImageRecord, LightingRecord
+from capture.sets.metadata import ImageRecord, LightingRecord
+from capture.sets.ome_tiff import pixels_sha256
 from classify import Lighting
 from rig import Placement, Rig, RigConfig, Simulation, open_rig
 from rig.scene import SceneImages

@@ -17,9 +17,8 @@ from typing import Any
 
 import pytest
 
-from capture import batch, dask_pool
-from capture.batch import Batch
-from capture.set_tasks import read_header
+from capture.batch import Batch, dask_pool, runner
+from capture.batch.tasks import read_header
 from classify import InputError, TextureLibrary
 
 Command = Callable[..., Any]
@@ -34,7 +33,7 @@ at_once = pytest.mark.usefixtures("_workers_at_once")
 
 @pytest.fixture
 def _workers_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "STARTING_S", 0.0)
+    monkeypatch.setattr(runner, "STARTING_S", 0.0)
 
 
 def eventually(condition: Callable[[], Any]) -> Any:
@@ -166,7 +165,7 @@ def workers() -> set[int]:
 def two_workers() -> Iterator[Batch]:
     """A batch on two processes, for all tests that need not have their own."""
     with pytest.MonkeyPatch.context() as patched, Batch(2) as run:
-        patched.setattr(batch, "STARTING_S", 0.0)
+        patched.setattr(runner, "STARTING_S", 0.0)
         assert list(run.map(str, [0])) == ["0"]
         yield run
 
@@ -188,7 +187,7 @@ def test_one_worker_is_this_process() -> None:
 def test_longer_work_goes_on_in_other_processes_which_are_gone_at_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(batch, "STARTING_S", 1e-9)
+    monkeypatch.setattr(runner, "STARTING_S", 1e-9)
     before = workers()
     with Batch(workers=2) as run:
         first, *rest = run.map(os.readlink, [SELF] * 9)

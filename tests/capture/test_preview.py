@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.preview_loop import Preview, run_preview
-from capture.preview_server import MAX_VIEWERS, serving
-from capture.preview_shots import Shot, shot_of
+from capture.preview import Preview, run_preview, serving
+from capture.preview.server import MAX_VIEWERS
+from capture.preview.shots import Shot, shot_of
 from classify.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig
@@ -164,11 +164,11 @@ def test_the_page_its_state_and_its_pictures_are_served(shown: Preview) -> None:
         assert server.url.startswith("http://127.0.0.1:")
         status, page, headers = get(server.url)
         assert status == 200
-        assert b"preview.js" in page
+        assert b"page.js" in page
         assert "default-src 'none'" in headers["Content-Security-Policy"]
         assert json.loads(get(server.url + "state.json")[1])["lights"][2]["saturated_share"] == 0
         assert get(server.url + "light/2.png?17")[1] == shown.picture(2)
-        assert get(server.url + "preview.js")[2]["Content-Type"].startswith("text/javascript")
+        assert get(server.url + "page.js")[2]["Content-Type"].startswith("text/javascript")
 
 
 @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ def test_the_page_its_state_and_its_pictures_are_served(shown: Preview) -> None:
         "light/٣.png",
         "light/.png",
         "../rig.toml",
-        "preview.html",
+        "page.html",
         "x",
     ],
 )

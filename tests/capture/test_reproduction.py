@@ -25,8 +25,7 @@ from capture.reproduction.scenes import Conditions, Patch, Place, Texture, expos
 from capture.reproduction.shadow_counts import SHADOW_TILTS_DEG, ShadowTask, shadow_shares
 from capture.reproduction.tally import Tally
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
-from rig.material_folder import bundled_materials
-from rig.surfaces import PeriodicSurface
+from rig.scene import PeriodicSurface, bundled_materials
 
 Rows = list[dict[str, str]]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from capture.acquisition import compared_configs, measure_set_timing
 from capture.cli import app
-from capture.set_timing import compared_configs, measure_set_timing
 from rig import RigConfig
 
 SMALL = RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})

@@ -1,9 +1,18 @@
-"""What every camera does, whatever is behind it."""
+"""What every camera does, whatever is behind it.
+
+OpenCV hands out no time stamps and no numbers. What it cannot do for that is asserted as its limit,
+which ``rig/README.md`` states.
+"""
 
 import numpy as np
 import pytest
 
 from rig import CameraError, FrameFlag, Rig
+
+
+def knows_when(rig: Rig) -> bool:
+    """Whether the camera stamps its frames; else their time is bounded by when they came."""
+    return rig.camera.info.kind != "opencv"
 
 
 def test_frames_are_what_its_info_says(rig: Rig) -> None:
@@ -21,6 +30,11 @@ def test_frames_come_in_the_order_of_their_exposure_one_period_apart(rig: Rig) -
     frames = [rig.camera.read(1.0) for _ in range(8)]
     starts = np.diff([frame.exposure_start_s for frame in frames])
     sequences = np.diff([frame.sequence for frame in frames])
+    if not knows_when(rig):
+        assert (starts >= 0.0).all()
+        # Numbered as they come: one that was lost is not missed.
+        assert (sequences == 1).all()
+        return
     assert (sequences >= 1).all()
     np.testing.assert_allclose(starts, sequences * rig.camera.info.frame_period_s, rtol=0.2)
 
@@ -38,7 +52,9 @@ def test_at_most_a_queue_of_frames_is_older_than_a_pause(rig: Rig) -> None:
     while rig.camera.read(1.0).exposure_start_s < now_s:
         old += 1
     # One more was being exposed at that time.
-    assert 1 <= old <= rig.camera.info.queue_length + 1
+    longest = rig.camera.info.queue_length + 1
+    # Without stamps a frame is new once as many came after the pause as may be older.
+    assert 1 <= old <= (longest if knows_when(rig) else 2 * longest)
 
 
 def test_a_frame_that_began_after_the_acknowledge_shows_the_new_light(rig: Rig) -> None:
@@ -55,10 +71,12 @@ def test_a_frame_that_began_after_the_acknowledge_shows_the_new_light(rig: Rig) 
 
 
 def test_no_frame_in_time_is_an_error_and_the_next_one_still_comes(rig: Rig) -> None:
-    while rig.camera.read(1.0).exposure_end_s < rig.clock.now_s() - 0.01:
-        pass
+    def read_all() -> None:
+        for _ in range(2 * rig.camera.info.queue_length):
+            rig.camera.read(0.0005)
+
     with pytest.raises(CameraError, match="no frame"):
-        rig.camera.read(0.0005)
+        read_all()
     assert rig.camera.read(1.0).flags == FrameFlag.GOOD
 
 

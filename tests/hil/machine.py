@@ -77,11 +77,7 @@ def run_in_guest(
     write_initramfs(initramfs, busybox, tree, (*_TO_BOOT, *modules), init.read_text())
     try:
         done = subprocess.run(
-            [
-                *_qemu_command(qemu, kernel, initramfs, shared),
-                *devices,
-                *shlex.split(os.environ.get("HIL_X", "")),
-            ],
+            [*_qemu_command(qemu, kernel, initramfs, shared), *devices],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -8,9 +8,9 @@ import pytest
 import serial
 
 from firmware_sim.firmware import FIRMWARE_VERSION
-from rig.controller_link import ControllerLink
 from rig.errors import LightControllerError
-from rig.flash import BoardFile, board_files, flash_port
+from rig.lights.flash import BoardFile, board_files, flash_port
+from rig.lights.link import ControllerLink
 
 from .conftest import BOARD_FILES
 

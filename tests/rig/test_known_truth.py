@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
-from rig.material_folder import bundled_materials, load_material
-from rig.scene import SceneImages, render_frame
-from rig.sensor import SensorModel
-from rig.surfaces import PeriodicSurface
-from rig.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
+from rig.scene import (
+    SYNTHETIC_30,
+    SYNTHETIC_NAMES,
+    PeriodicSurface,
+    SceneImages,
+    bundled_materials,
+    load_material,
+    render_frame,
+    synthetic_surface,
+)
+from rig.simulation import SensorModel
 
 SLANT_DEG = 45.0
 EXPOSURE_MS = 20.0

@@ -11,10 +11,15 @@ import pytest
 
 from classify import Lighting
 from classify.light_order import light_order
-from rig.material_folder import bundled_materials, load_material
-from rig.scene import SceneImages, render_frame
-from rig.sensor import SensorModel
-from rig.synthetic import SYNTHETIC_30, synthetic_surface
+from rig.scene import (
+    SYNTHETIC_30,
+    SceneImages,
+    bundled_materials,
+    load_material,
+    render_frame,
+    synthetic_surface,
+)
+from rig.simulation import SensorModel
 
 EXCHANGED = {
     "opposite pair 0, 2": (2, 1, 0, 3),

@@ -7,10 +7,9 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Rig, RigConfig, open_rig
-from rig.camera_config import CameraConfig
-from rig.v4l2 import V4l2Device
-from rig.v4l2_camera import V4l2Camera
-from rig.v4l2_controls import write_control
+from rig.config import CameraConfig
+from rig.v4l2 import V4l2Camera, V4l2Device
+from rig.v4l2.controls import write_control
 from tests.hil.guest.vivid_bench import (
     SETTLE_MS,
     VIDEO,
@@ -65,9 +64,11 @@ def opencv_bench() -> Iterator[Bench]:
         yield bench
 
 
-@pytest.fixture
-def rig(bench: Bench) -> Rig:
-    return bench.rig
+@pytest.fixture(params=["v4l2", "opencv"])
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    """Of the camera contract."""
+    with opened_bench(config() if request.param == "v4l2" else opencv_config()) as bench:
+        yield bench.rig
 
 
 @pytest.fixture(scope="module")

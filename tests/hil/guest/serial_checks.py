@@ -16,12 +16,11 @@ import pytest
 from capture import SetRejected, capture_set
 from rig import HardwareError, LightControllerError, Rig, RigConfig
 from rig.config import LightsConfig
-from rig.discovery import find_controller, known_port, list_serial_ports, ports_to_try
-from rig.lights import LightController
-from rig.port_holders import port_holders
+from rig.lights import LightController, find_controller, known_port, list_serial_ports, ports_to_try
+from rig.lights.port_holders import port_holders
 from rig.scene import SceneImages
-from rig.sensor import SensorModel
-from rig.simulated_camera import SimulatedCamera
+from rig.simulation import SensorModel
+from rig.simulation.camera import SimulatedCamera
 from tests.contract.test_lights_contract import (  # noqa: F401
     test_all_leds_are_out_once_it_is_open,
     test_close_puts_the_leds_out_and_the_next_program_can_open_it,

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from firmware_sim import SimulatedBoard
 from rig import Frame, Rig
 from rig.config import CameraConfig
-from rig.v4l2 import V4l2Device
-from rig.v4l2_camera import V4l2Camera
-from rig.v4l2_controls import Control, list_controls, write_control
+from rig.v4l2 import Control, V4l2Camera, V4l2Device
+from rig.v4l2.controls import list_controls, write_control
 
 VIDEO = "/dev/video0"
 DISCONNECTED = "/dev/video1"

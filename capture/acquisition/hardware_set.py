@@ -1,0 +1,254 @@
+"""Images of a sequence that the light controller runs by itself: which frame is under which light.
+
+The controller knows the edges of the camera's strobe, the host its frames. An image is taken only
+if both tell the same: by the number of frames from light to light, and by their times.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.errors import SetRejected
+from capture.sets.metadata import ImageRecord
+from rig import (
+    CameraError,
+    Frame,
+    FrameFlag,
+    LightStep,
+    Rig,
+    RunningSequence,
+    SequencePlan,
+    SequenceReport,
+)
+
+from .frame_mean import FrameMean, check_frame
+
+__all__ = ["images_in_sequence"]
+
+# How far a frame's own time may be from the controller's edge, beyond what the configuration says
+# of the camera's time stamps: delays of strobe and trigger.
+_TOLERANCE_S = 1e-3
+# Of a frame period, at most. With the uncertainty between the clocks, which may be as large, it
+# stays below one half: no frame is taken for its neighbour.
+_TOLERANCE_PERIODS = 0.2
+# The strobe's pulse against the exposure that the camera reports.
+_PULSE_TOLERANCE = 0.02
+_PULSE_TOLERANCE_US = 100
+# How often a sequence without further frames is asked whether it is over.
+_LOOK_S = 0.001
+# Beyond what the plan and the camera's queue explain.
+_SPARE_S = 0.5
+
+
+def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint16], ImageRecord]]:
+    """The ambient image and one under each light, each the mean of `average` sequences.
+
+    Raises
+    ------
+    SetRejected
+        If a frame is missing, double, corrupt or not where the controller's record has it, or the
+        sequence ended early; with the cause.
+    HardwareError
+        If the controller or the camera fails.
+    """
+    plan = rig.config.sequence_plan
+    if plan is None:
+        raise ValueError("the rig is synchronised by software")
+    means = [FrameMean(rig.camera.info, average) for _ in plan.lights]
+    steps: list[list[LightStep]] = [[] for _ in plan.lights]
+    acknowledged_s: list[float] = []
+    for _ in range(average):
+        frames, report = _run(rig, plan)
+        acknowledged_s = [report.clock.on_rig_s(step.lit_us) for step in report.steps]
+        for index, (frame, step) in enumerate(zip(frames, report.steps, strict=True)):
+            means[index].add(frame)
+            steps[index].append(step)
+    levels = rig.lights.state().levels_percent
+    return [
+        (
+            mean.image(),
+            ImageRecord(
+                light=light,
+                frames=mean.records,
+                led_acknowledged_s=lit_s,
+                led_level_percent=None if light is None else levels[light],
+                controller_time_us=done[-1].lit_us,
+                exposures_us=tuple(
+                    (step.begun_us, step.ended_us)
+                    for step in done
+                    if step.begun_us is not None and step.ended_us is not None
+                ),
+                triggers_us=tuple(
+                    step.triggered_us for step in done if step.triggered_us is not None
+                ),
+            ),
+        )
+        for light, mean, done, lit_s in zip(plan.lights, means, steps, acknowledged_s, strict=True)
+    ]
+
+
+def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
+    """One sequence: the frame of each step, and what the controller says of it."""
+    if plan.triggers:
+        _wait_for_camera(rig, plan)
+    deadline_s = rig.clock.now_s() + plan.duration_s + _SPARE_S
+    sequence = RunningSequence(rig.lights, plan)
+    frames = _Frames(rig, sequence.asked_s, deadline_s)
+    while frames.count < plan.frames_per_step * len(plan.lights) or sequence.is_running():
+        if plan.triggers and frames.count == len(plan.lights):
+            rig.clock.sleep_s(_LOOK_S)  # the last step lasts for longer than its frame
+        elif not frames.take():
+            sequence.is_running()
+            break  # the controller may know why
+    report = sequence.report()
+    exposures_s = _exposures_s(rig, plan, report)
+    most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
+    if report.clock.uncertainty_s > most_s:
+        raise SetRejected(
+            f"set rejected: the controller's clock is known to "
+            f"{1e3 * report.clock.uncertainty_s:.1f} ms only, too little to tell frames apart; "
+            "the serial line or this computer is too slow"
+        )
+    # a frame is reported as early as it may have been
+    stamp_s = 2e-3 * rig.config.camera.timestamp_uncertainty_ms
+    tolerance_s = min(most_s, stamp_s + _TOLERANCE_S) + report.clock.uncertainty_s
+    while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
+        pass
+    found = [
+        frames.at(begun_s, tolerance_s, _name(light))
+        for begun_s, light in zip(exposures_s, plan.lights, strict=True)
+    ]
+    for (before, after), light in zip(pairwise(found), plan.lights[1:], strict=True):
+        passed = after.sequence - before.sequence
+        if passed != plan.frames_per_step:
+            raise SetRejected(
+                f"set rejected: {passed} frames from the light before to {_name(light)}, "
+                f"planned are {plan.frames_per_step}"
+            )
+        if np.array_equal(frames.before(after).pixels, after.pixels):
+            raise SetRejected(
+                f"set rejected: the frame under {_name(light)} has the pixels of the one before"
+            )
+    return found, report
+
+
+def _wait_for_camera(rig: Rig, plan: SequencePlan) -> None:
+    """A sequence that was ended early may have left an exposure under way: no trigger in that."""
+    *_, code, started_us, passed_us, now_us = rig.lights.ask("SEQ:STAT?", 7).numbers
+    if code:
+        rig.clock.sleep_s(1e-6 * (started_us + passed_us + plan.wait_us - now_us))
+
+
+class _Frames:
+    """The frames that were exposed since a sequence was asked for."""
+
+    def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
+        self._rig = rig
+        self._since_s = since_s
+        self._deadline_s = deadline_s
+        self._frames: list[Frame] = []
+        self._previous: int | None = None
+
+    @property
+    def count(self) -> int:
+        return len(self._frames)
+
+    def take(self) -> bool:
+        """Read one more; return False if it did not come in time.
+
+        Raises
+        ------
+        SetRejected
+            If one is missing or came twice.
+        CameraError
+            If the camera gave none at all.
+        """
+        camera, clock = self._rig.camera, self._rig.clock
+        try:
+            frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
+        except CameraError:
+            if not self._frames:
+                raise
+            return False
+        check_frame(frame, camera.info, clock.now_s())
+        if self._previous is not None:
+            if frame.sequence <= self._previous:
+                raise SetRejected(f"set rejected: frame {frame.sequence} came twice")
+            if self._frames and frame.sequence > self._previous + 1:
+                raise SetRejected(f"set rejected: frame {self._previous + 1} was lost")
+        self._previous = frame.sequence
+        if frame.exposure_end_s >= self._since_s:
+            self._frames.append(frame)
+        return True
+
+    def before(self, frame: Frame) -> Frame:
+        """The one that came before another; not of the first."""
+        return self._frames[self._frames.index(frame) - 1]
+
+    def reach(self, at_s: float) -> bool:
+        """Whether the last one began after `at_s`."""
+        return self._frames[-1].exposure_start_s >= at_s
+
+    def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
+        """The good frame whose exposure began at a time."""
+        near = [f for f in self._frames if abs(f.exposure_start_s - begun_s) <= tolerance_s]
+        if len(near) != 1:
+            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self._frames), key=abs)
+            raise SetRejected(
+                f"set rejected: {len(near)} of {self.count} frames fit to the exposure under "
+                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if it always does, run "
+                "ps4rig rig latency"
+            )
+        if near[0].flags != FrameFlag.GOOD:
+            raise SetRejected(f"set rejected: the frame under {name} is corrupt")
+        return near[0]
+
+
+def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:
+    """When each step's exposure began on the rig's clock, by a record that is as planned.
+
+    Raises
+    ------
+    SetRejected
+        If the controller did something else, or its strobe did.
+    """
+    done = tuple(step.light for step in report.steps)
+    if report.cause is not None or done != plan.lights:
+        raise SetRejected(
+            f"set rejected: the sequence ended at light {len(done)} of {len(plan.lights)}: "
+            f"{report.cause or 'the controller has another order'}"
+        )
+    blind = plan.triggers and all(step.exposures == 0 for step in report.steps)
+    least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
+    most_us = 1e6 * plan.exposed_s * (1.0 + _PULSE_TOLERANCE) + _PULSE_TOLERANCE_US
+    changes_us = [*(step.lit_us for step in report.steps[1:]), report.ended_us]
+    begun_s: list[float] = []
+    for step, changed_us in zip(report.steps, changes_us, strict=True):
+        begun_us, ended_us = step.begun_us, step.ended_us
+        if blind and step.triggered_us is not None:
+            # no strobe is connected: the camera exposes when it is told
+            begun_us, ended_us = step.triggered_us, step.triggered_us + round(1e6 * plan.exposed_s)
+        name = _name(step.light)
+        if begun_us is None or ended_us is None:
+            raise SetRejected(f"set rejected: no whole exposure under {name} on the strobe line")
+        if not least_us <= ended_us - begun_us <= most_us:
+            raise SetRejected(
+                f"set rejected: under {name} the strobe was on for {ended_us - begun_us} us, the "
+                f"camera exposes for {1e6 * rig.camera.info.exposure_s:.0f}"
+            )
+        if begun_us - step.lit_us < plan.settle_us or changed_us < ended_us:
+            raise SetRejected(f"set rejected: the light changed in the exposure under {name}")
+        if begun_s and not blind and step.exposures != plan.frames_per_step:
+            raise SetRejected(
+                f"set rejected: {step.exposures} exposures under {name} on the strobe line, "
+                f"planned are {plan.frames_per_step}; the controller was late, or the line is noisy"
+            )
+        begun_s.append(report.clock.on_rig_s(begun_us))
+    return begun_s
+
+
+def _name(light: int | None) -> str:
+    return "ambient light" if light is None else f"LED {light}"

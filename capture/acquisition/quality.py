@@ -1,0 +1,62 @@
+"""Checks on the images of a set before anybody computes with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.errors import SetRejected
+
+__all__ = ["check_images"]
+
+# A few specular glints are left to the solver, which marks their pixels.
+MAX_SATURATED_SHARE = 0.01
+# An LED that gives less than this share of the brightest one is dead, not weak.
+MIN_SHARE_OF_BRIGHTEST = 0.1
+# Below this share of full scale there is no signal to divide by.
+MIN_SHARE_OF_FULL_SCALE = 0.002
+MAX_AMBIENT_SHARE = 0.5
+
+
+def check_images(
+    images: npt.NDArray[np.uint16],
+    ambient: npt.NDArray[np.uint16],
+    full_scale: int,
+    light_names: Sequence[str],
+) -> None:
+    """Reject images that are saturated or dark.
+
+    Raises
+    ------
+    SetRejected
+        Naming every light that fails and by how much.
+    """
+    causes: list[str] = []
+    ambient_mean = float(ambient.mean())
+    if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
+        causes.append(
+            f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
+        )
+    signals = images.mean(axis=(1, 2), dtype=np.float64) - ambient_mean
+    brightest = float(signals.max())
+    for name, image, signal in zip(light_names, images, signals, strict=True):
+        saturated = float(np.count_nonzero(image >= full_scale)) / image.size
+        if saturated > MAX_SATURATED_SHARE:
+            causes.append(
+                f"{name}: {saturated:.1%} of the pixels are saturated (limit "
+                f"{MAX_SATURATED_SHARE:.0%}); shorten the exposure"
+            )
+        elif signal < MIN_SHARE_OF_FULL_SCALE * full_scale:
+            causes.append(
+                f"{name}: dark, {signal:.1f} of {full_scale} above ambient; "
+                "is the LED dead or always on, or the exposure too short?"
+            )
+        elif signal < MIN_SHARE_OF_BRIGHTEST * brightest:
+            causes.append(
+                f"{name}: only {signal / brightest:.0%} of the brightest light; is the LED dead "
+                "or covered?"
+            )
+    if causes:
+        raise SetRejected("set rejected: " + "; ".join(causes))

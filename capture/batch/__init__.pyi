@@ -1,0 +1,5 @@
+from .runner import Batch
+
+__all__ = [
+    "Batch",
+]

@@ -1,0 +1,127 @@
+"""The maps of a solved set as files: float32 TIFF for programs, PNG and a page for people."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+
+from capture.sets import CapturedSet
+from classify import Lighting, SurfaceEstimate
+from classify.durable_file import durable_file, make_folder
+
+from . import pictures
+from .page import map_page
+from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
+from .surface_maps import RELIT_LIGHT, SurfaceMaps
+from .views import map_views
+
+__all__ = ["write_maps"]
+
+_PREVIEW_ROW = 4
+_PREVIEW_TILES = 16
+
+
+def write_maps(
+    captured: CapturedSet,
+    surface: SurfaceEstimate,
+    folder: Path,
+    *,
+    light: Lighting = RELIT_LIGHT,
+) -> list[Path]:
+    """Write all maps of a surface, and `index.html` that shows them side by side.
+
+    As TIFF: p, q, albedo, normals, height, raised, mean and Gaussian curvature, relit, residual.
+    As PNG: shadow, dropped, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
+    The TIFFs' descriptions are JSON that says what set they come from, the unit, and whether
+    simulated. `height.tif` and `raised.tif` are relative: in pixels, from the gradients alone.
+
+    Parameters
+    ----------
+    light
+        The one light of `relit.tif`; by default at tilt 135, slant 45 degrees.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to, or `light` is not one light.
+    """
+    maps = SurfaceMaps.of(surface, light)
+    make_folder(folder)
+    origin = {
+        "method": surface.method,
+        "simulated": captured.metadata.simulated,
+        "label": captured.label,
+        "pixels_sha256": captured.metadata.pixels_sha256,
+        "software_version": version("ps4rig"),
+    }
+    relit_by = {"tilt_deg": light.tilts_deg[0], "slant_deg": light.slants_deg[0]}
+    tiffs: dict[str, tuple[npt.NDArray[np.float32], dict[str, Any]]] = {
+        "p": (surface.p, {"unit": "1"}),
+        "q": (surface.q, {"unit": "1"}),
+        "albedo": (surface.albedo, {"unit": "full scale"}),
+        "normals": (maps.normals, {"unit": "1"}),
+        "height": (maps.height, {"unit": "px", "relative": True}),
+        "raised": (maps.raised, {"unit": "px", "relative": True}),
+        "mean_curvature": (maps.mean_curvature, {"unit": "1/px"}),
+        "gaussian_curvature": (maps.gaussian_curvature, {"unit": "1/px^2"}),
+        "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
+        "residual": (surface.residual, {"unit": "full scale"}),
+    }
+    written = [
+        _write_tiff(folder / f"{name}.tif", values, json.dumps(origin | about))
+        for name, (values, about) in tiffs.items()
+    ]
+    views = map_views(captured, maps)
+    tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
+    preview = {view.title: view.picture for view in tiles[:_PREVIEW_TILES]}
+    shown = {
+        "shadow": pictures.shadow_map(surface),
+        "dropped": pictures.dropped_map(surface, len(captured.lighting)),
+        "specular": pictures.grey(surface.specular, top=1.0),
+        "valid": pictures.grey(surface.valid, top=1.0),
+        "preview": pictures.contact_sheet(preview),
+    }
+    for name, picture in shown.items():
+        written.append(_write(folder / f"{name}.png", pictures.png_bytes(picture)))
+    roughness = json.dumps(origin | _roughness(maps), indent=2, allow_nan=False)
+    written.append(_write(folder / "roughness.json", roughness.encode()))
+    # Last, so that the page is there only when all it names is.
+    written.append(_write(folder / "index.html", map_page(captured, maps, views).encode()))
+    return written
+
+
+def _roughness(maps: SurfaceMaps) -> dict[str, Any]:
+    parameters = {each.symbol: asdict(each) for each in roughness_parameters(maps.roughness)}
+    for values in parameters.values():
+        del values["symbol"]
+    return {
+        "valid_pixels": int(np.count_nonzero(maps.surface.valid)),
+        "note": ROUGHNESS_NOTE,
+        "parameters": parameters,
+    }
+
+
+def _write(path: Path, content: bytes) -> Path:
+    with durable_file(path) as temporary:
+        temporary.write_bytes(content)
+    return path
+
+
+def _write_tiff(path: Path, values: npt.NDArray[np.float32], about: str) -> Path:
+    photometric = "rgb" if values.ndim == 3 else "minisblack"
+    with durable_file(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            values.astype(np.float32, copy=False),
+            photometric=photometric,
+            description=about,
+            metadata=None,
+        )
+    return path

@@ -1,0 +1,128 @@
+"""The maps of a solved set side by side: one HTML page that needs nothing beside it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Sequence
+from html import escape
+from importlib.metadata import version
+from pathlib import Path
+from string import Template
+
+import cv2
+import numpy as np
+
+from capture.sets import CapturedSet
+
+from .pictures import ColourScale, Picture
+from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
+from .surface_maps import SurfaceMaps
+from .views import MapView
+
+__all__ = ["map_page"]
+
+_TEMPLATE = Path(__file__).with_name("page.html")
+# A picture smaller than this is drawn larger than it is: with square pixels, not smeared.
+_SMALL_PX = 256
+_SIMULATED = (
+    '<p class="notice"><b>Simulated.</b> No light, camera or part behind these maps is real.</p>'
+)
+
+
+def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[MapView]]) -> str:
+    """The page as HTML; all text that comes from the set is escaped."""
+    sections = {name: "".join(map(_figure, members)) for name, members in views.items()}
+    sections["Curvature"] += _roughness_table(maps)
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        title=escape(captured.label or "Captured set without a label"),
+        notice=_SIMULATED if captured.metadata.simulated else "",
+        facts="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+            for name, value in _facts(captured, maps)
+        ),
+        sections="".join(
+            f'<h2>{escape(name)}</h2><div class="maps">{figures}</div>'
+            for name, figures in sections.items()
+        ),
+        version=escape(version("ps4rig")),
+    )
+
+
+def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]]:
+    surface, metadata, lighting = maps.surface, captured.metadata, captured.lighting
+    rows, columns = surface.shape
+    yield "solver", surface.method
+    yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
+    yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
+    yield "captured", metadata.created_utc
+    if metadata.orientation_deg is not None:
+        yield "turned by", f"{metadata.orientation_deg:g}°"
+    yield "valid", f"{surface.valid.mean():.1%}"
+    yield "saturated", f"{surface.saturated.mean():.1%}"
+    yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"
+    yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
+
+
+def _span(degrees: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    low, high = f"{degrees.min():.1f}", f"{degrees.max():.1f}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _figure(view: MapView) -> str:
+    rows, columns = view.picture.shape[:2]
+    small = ' class="small"' if max(rows, columns) < _SMALL_PX else ""
+    legend = _bar(view.scale) if view.scale else _swatches(view.legend)
+    unit = f", {escape(view.unit)}" if view.unit else ""
+    file = f" <code>{escape(view.file)}</code>" if view.file else ""
+    return (
+        f'<figure><img{small} alt="{escape(view.title)}" src="{_data_uri(view.picture)}">{legend}'
+        f"<figcaption><b>{escape(view.title)}</b>{unit}{file}<br>{escape(view.caption)}</figcaption>"
+        "</figure>"
+    )
+
+
+def _bar(scale: ColourScale) -> str:
+    """The colours from lowest to highest, with the values at both ends and in the middle."""
+    low, middle, high = (scale.colours[i] for i in (0, len(scale.colours) // 2, -1))
+    colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (low, middle, high))
+    values = (scale.low, (scale.low + scale.high) / 2.0, scale.high)
+    ticks = "".join(f"<span>{_number(value)}</span>" for value in values)
+    return (
+        f'<div class="bar" style="background:linear-gradient(to right, {colours})"></div>'
+        f'<div class="ticks">{ticks}</div>'
+    )
+
+
+def _swatches(legend: tuple[tuple[Sequence[int], str], ...]) -> str:
+    entries = "".join(
+        f'<span><i style="background:rgb({r},{g},{b})"></i>{escape(name)}</span>'
+        for (r, g, b), name in legend
+    )
+    return f'<div class="legend">{entries}</div>' if entries else ""
+
+
+def _roughness_table(maps: SurfaceMaps) -> str:
+    rows = "".join(
+        f"<tr><td><b>{each.symbol}</b></td><td>{each.name}{' (relative)' * each.relative}</td>"
+        f'<td class="value">{"-" if each.value is None else _number(each.value)}'
+        f"{'' if each.unit == '1' else ' ' + each.unit}</td></tr>"
+        for each in roughness_parameters(maps.roughness)
+    )
+    return (
+        '<div class="wide"><b>Roughness</b> <code>roughness.json</code>'
+        f"<table>{rows}</table><figcaption>{escape(ROUGHNESS_NOTE)}</figcaption></div>"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _data_uri(picture: Picture) -> str:
+    options = [
+        cv2.IMWRITE_JPEG_QUALITY, 85,
+        # Thin red beside blue stays red beside blue.
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]  # fmt: skip
+    _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.tobytes()).decode("ascii")

@@ -1,0 +1,200 @@
+"""Maps as pictures for people: 8-bit RGB arrays, PNG bytes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.sets import CapturedSet
+from classify import Lighting, SurfaceEstimate
+from classify.kernels import NO_DROPPED_LIGHT
+from classify.surface import FloatMap
+
+__all__ = [
+    "ColourScale",
+    "Picture",
+    "contact_sheet",
+    "dropped_colours",
+    "dropped_map",
+    "grey",
+    "light_pictures",
+    "normal_map",
+    "png_bytes",
+    "reduced",
+    "relief",
+    "shaded",
+    "shadow_colours",
+    "shadow_map",
+    "thinned",
+]
+
+Picture = npt.NDArray[np.uint8]
+_PICTURE_PX = 512
+_SHOWN_LIGHTS = 4
+# Of the values, so that a few wild ones do not make all others pale.
+_SHOWN_PERCENT = 99.5
+_SHADOW_COLOURS = np.array(
+    [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
+)
+_NO_LIGHT_COLOUR = (235, 235, 235)
+_GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+_RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
+
+
+def _blue_white_red() -> Picture:
+    position = np.linspace(-1.0, 1.0, 256)[:, None]
+    end = np.where(position > 0, (178.0, 24.0, 43.0), (33.0, 102.0, 172.0))
+    colours: Picture = np.rint(247.0 + np.abs(position) * (end - 247.0)).astype(np.uint8)
+    return colours
+
+
+_BLUE_WHITE_RED = _blue_white_red()
+
+
+@dataclass(frozen=True, eq=False)
+class ColourScale:
+    """256 colours for the values from `low` to `high`; those beyond get the last colour."""
+
+    low: float
+    high: float
+    colours: Picture
+
+    @classmethod
+    def grey(cls, values: npt.NDArray[Any], top: float | None = None) -> ColourScale:
+        """Black at 0, white at `top` (the 99.5th percentile if None)."""
+        return cls(0.0, _limit(values) if top is None else top, _GREYS)
+
+    @classmethod
+    def signed(cls, values: FloatMap) -> ColourScale:
+        """White at 0, positive red, negative blue, full at the 99.5th percentile of sizes."""
+        top = _limit(np.abs(values))
+        return cls(-top, top, _BLUE_WHITE_RED)
+
+    def paint(self, values: npt.NDArray[Any]) -> Picture:
+        """(H, W) values as a picture."""
+        per_value = 255.0 / (self.high - self.low)
+        levels = values.astype(np.float32)
+        levels *= per_value
+        levels += 0.5 - self.low * per_value
+        return _coloured(np.clip(levels, 0.0, 255.0, out=levels).astype(np.uint8), self.colours)
+
+
+def _limit(values: npt.NDArray[Any]) -> float:
+    """A high percentile; where that is 0 the highest value, and 1 if that is 0 too."""
+    return float(np.percentile(values, _SHOWN_PERCENT)) or float(values.max()) or 1.0
+
+
+def _coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
+    """(H, W) indices into (256, 3) colours."""
+    picture: Picture = cv2.applyColorMap(levels, colours[:, None, :]).astype(np.uint8, copy=False)
+    return picture
+
+
+def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
+    """(H, W) as grey, black at 0 and white at `top` (the 99.5th percentile if None)."""
+    return ColourScale.grey(image, top).paint(image)
+
+
+def normal_map(normals: FloatMap) -> Picture:
+    """(H, W, 3) unit normals in the usual colours, (n + 1) / 2, y up."""
+    colours: Picture = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
+    return colours
+
+
+def relief(surface: SurfaceEstimate) -> Picture:
+    """The relief without its albedo, lit from the upper left."""
+    return shaded(surface.normals)
+
+
+def shaded(normals: FloatMap) -> Picture:
+    """(H, W, 3) normals lit from the upper left."""
+    # From 0 facing away to 1 facing the light: steep slopes keep their shape in the dark.
+    return grey(0.5 + 0.5 * (normals @ _RELIEF_LIGHT), top=1.0)
+
+
+def shadow_map(surface: SurfaceEstimate) -> Picture:
+    """Number of lights in shadow: light grey 0, then yellow to black for 1 to 4 and more."""
+    return _coloured(surface.shadow_count, shadow_colours())
+
+
+def shadow_colours() -> Picture:
+    """(256, 3) colour for each number of lights in shadow."""
+    return _SHADOW_COLOURS[np.minimum(np.arange(256), len(_SHADOW_COLOURS) - 1)]
+
+
+def dropped_map(surface: SurfaceEstimate, lights: int) -> Picture:
+    """The light that was left out at each pixel: one hue per light, light grey where none was."""
+    return _coloured(surface.dropped, dropped_colours(lights))
+
+
+def dropped_colours(lights: int) -> Picture:
+    """(256, 3) colour for each value of `SurfaceEstimate.dropped`."""
+    hues = np.zeros((256, 1, 3), dtype=np.uint8)
+    lights = min(lights, NO_DROPPED_LIGHT)
+    hues[:lights, 0] = [(180 * light // lights, 165, 215) for light in range(lights)]
+    colours: Picture = cv2.cvtColor(hues, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
+    colours[NO_DROPPED_LIGHT] = _NO_LIGHT_COLOUR
+    return colours
+
+
+def light_pictures(captured: CapturedSet, count: int = _SHOWN_LIGHTS) -> dict[str, Picture]:
+    """The images under the first lights on one scale, by tilt, none larger than needed."""
+    images = [reduced(image) for image in captured.images[:count]]
+    top = _limit(np.stack(images))
+    tilts_deg = captured.lighting.tilts_deg
+    return {
+        f"light {index}: tilt {tilts_deg[index]:.0f}": grey(image, top)
+        for index, image in enumerate(images)
+    }
+
+
+def reduced(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W) or (H, W, 3) values, averaged down to a longer side of at most 512 px."""
+    return _resized(values, cv2.INTER_AREA)
+
+
+def thinned(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same for what has no mean, as names have none: every so many pixels."""
+    return _resized(values, cv2.INTER_NEAREST)
+
+
+def _resized(values: npt.NDArray[Any], interpolation: int) -> npt.NDArray[Any]:
+    rows, columns = values.shape[:2]
+    scale = _PICTURE_PX / max(rows, columns)
+    if scale >= 1.0:
+        return values
+    size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
+    return cv2.resize(values, size, interpolation=interpolation)
+
+
+def contact_sheet(pictures: dict[str, Picture]) -> Picture:
+    """Pictures of one size side by side, each under its name."""
+    columns, tile_px, bar_px = 4, 320, 24
+    tiles = []
+    rows_px, columns_px = next(iter(pictures.values())).shape[:2]
+    scale = tile_px / max(rows_px, columns_px)
+    size = (max(1, round(columns_px * scale)), max(1, round(rows_px * scale)))
+    for name, picture in pictures.items():
+        smaller = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+        tile = np.full((size[1] + bar_px, tile_px, 3), 255, dtype=np.uint8)
+        tile[bar_px : bar_px + size[1], : size[0]] = cv2.resize(
+            picture, size, interpolation=smaller
+        )
+        cv2.putText(tile, name, (4, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
+        tiles.append(tile)
+    while len(tiles) % columns:
+        tiles.append(np.full_like(tiles[0], 255))
+    rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
+    return np.vstack(rows)
+
+
+def png_bytes(picture: Picture) -> bytes:
+    """RGB picture as a PNG file."""
+    done, buffer = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    if not done:  # only for an array that is no picture
+        raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
+    return buffer.tobytes()

@@ -1,0 +1,208 @@
+"""The maps of a surface as people look at them: picture, colours and a sentence for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.sets import CapturedSet
+from classify.curvature import CURVATURE_SCALE_PX
+from classify.kernels import NO_DROPPED_LIGHT
+from classify.local_relief import default_cutoff_px
+from classify.surface import FloatMap
+
+from . import pictures
+from .pictures import ColourScale, Picture
+from .surface_maps import SurfaceMaps
+
+__all__ = ["MapView", "map_views"]
+
+_SHOWN_IMAGES = 8
+# A legend tells the most frequent; a dome of fifty lights has more than anyone reads.
+_LEGEND_ENTRIES = 8
+# No colour of the signed scale: what is not known must not look flat.
+_UNKNOWN_COLOUR = (200, 200, 200)
+
+
+@dataclass(frozen=True, eq=False)
+class MapView:
+    """One map as it is shown.
+
+    Attributes
+    ----------
+    file
+        Name of the file that holds the values, None for what is only a picture.
+    title, caption
+        Its name and a sentence, as plain text.
+    picture
+        No larger than it is shown.
+    scale, unit
+        Colours and unit of a map of measured values; no unit where it has no dimension.
+    legend
+        Colours of a map of few values, with what they mean.
+    """
+
+    file: str | None
+    title: str
+    caption: str
+    picture: Picture
+    scale: ColourScale | None = None
+    unit: str = ""
+    legend: tuple[tuple[Sequence[int], str], ...] = ()
+
+
+def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:
+    """The views of a set and its surface by section, in the order in which they are shown."""
+    return {
+        "The images": _images(captured),
+        "The surface": _surface(maps),
+        "Slopes and height": _relief(maps),
+        "Curvature": _curvature(maps),
+        "How far to trust it": _trust(maps, captured.lighting.tilts_deg),
+    }
+
+
+def _images(captured: CapturedSet) -> list[MapView]:
+    shown = pictures.light_pictures(captured, _SHOWN_IMAGES)
+    views = [MapView(None, name, "", picture) for name, picture in shown.items()]
+    more = len(captured.images) - len(views)
+    if more:
+        views[-1] = replace(views[-1], caption=f"{more} more are not shown.")
+    return views
+
+
+def _surface(maps: SurfaceMaps) -> list[MapView]:
+    tilt, slant = maps.light.tilts_deg[0], maps.light.slants_deg[0]
+    normals = pictures.reduced(maps.normals)
+    return [
+        _grey(
+            "albedo.tif", "albedo", maps.surface.albedo, "of full scale",
+            "What the surface sends back, without its shading.",
+        ),
+        MapView(
+            None, "relief", "The shape alone, lit from the upper left.", pictures.shaded(normals)
+        ),
+        MapView(
+            "normals.tif", "normals",
+            "Unit normals: red to the right, green up, blue to the camera.",
+            pictures.normal_map(normals),
+        ),
+        _grey(
+            "relit.tif", f"relit: tilt {tilt:.0f}, slant {slant:.0f}", maps.relit, "of full scale",
+            f"Albedo and shape under a light at tilt {tilt:.0f}°, slant {slant:.0f}°, "
+            "without cast shadows or gloss.",
+        ),
+    ]  # fmt: skip
+
+
+def _relief(maps: SurfaceMaps) -> list[MapView]:
+    surface = maps.surface
+    cutoff_px = default_cutoff_px(surface.shape)
+    return [
+        _signed(
+            "p.tif", "p = dz/dx", surface.p, "", "Slope to the right: red rises to the right.",
+            surface.valid,
+        ),
+        _signed(
+            "q.tif", "q = dz/dy", surface.q, "", "Slope upwards: red rises upwards.", surface.valid
+        ),
+        _signed(
+            "height.tif", "height (relative)", maps.height, "px",
+            "Integrated from p and q, zero mean: no measured height. Errors grow over long ways.",
+        ),
+        _signed(
+            "raised.tif", "raised / indented", maps.raised, "px",
+            "Relative height above its surroundings: red raised, blue indented. "
+            f"Gaussian filter, cut-off {cutoff_px:.0f} px.",
+            surface.valid,
+        ),
+    ]  # fmt: skip
+
+
+def _curvature(maps: SurfaceMaps) -> list[MapView]:
+    valid = maps.surface.valid
+    return [
+        _signed(
+            "mean_curvature.tif", "mean curvature", maps.mean_curvature, "1/px",
+            "Red: convex towards the camera (bumps, ridges); blue: concave. "
+            f"Derivatives within a Gaussian of {CURVATURE_SCALE_PX:g} px.",
+            valid,
+        ),
+        _signed(
+            "gaussian_curvature.tif", "Gaussian curvature", maps.gaussian_curvature, "1/px²",
+            "Red: domes and bowls; blue: saddles; white: flat, or bent one way only.",
+            valid,
+        ),
+    ]  # fmt: skip
+
+
+def _trust(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapView]:
+    surface, lights = maps.surface, len(tilts_deg)
+    shadow_names = {count: f"{count} lights" for count in range(lights + 1)} | {1: "1 light"}
+    light_names = {light: f"light {light}, tilt {tilts_deg[light]:.0f}°" for light in range(lights)}
+    light_names[NO_DROPPED_LIGHT] = "none"
+    return [
+        MapView(
+            "shadow.png", "lights in shadow",
+            "Lights that give half or less of what the solution predicts: cast and attached "
+            "shadow.",
+            pictures.reduced(pictures.shadow_map(surface)),
+            legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),
+        ),
+        _grey(
+            "residual.tif", "residual", surface.residual, "of full scale",
+            "What the images say against a matt surface: shadow, gloss, noise.",
+        ),
+        MapView(
+            "dropped.png", "light left out", "The light that the solution does without.",
+            pictures.thinned(pictures.dropped_map(surface, lights)),
+            legend=_legend(surface.dropped, pictures.dropped_colours(lights), light_names),
+        ),
+        _mask(
+            "specular.png", "gloss", surface.specular,
+            "Brighter under a light than a matt surface can be.",
+        ),
+        _mask("valid.png", "valid", surface.valid, "The slope is known."),
+    ]  # fmt: skip
+
+
+def _grey(file: str, title: str, values: FloatMap, unit: str, caption: str) -> MapView:
+    values = pictures.reduced(values)
+    scale = ColourScale.grey(values)
+    return MapView(file, title, caption, scale.paint(values), scale, unit)
+
+
+def _signed(
+    file: str, title: str, values: FloatMap, unit: str, caption: str,
+    known: npt.NDArray[np.bool_] | None = None,
+) -> MapView:  # fmt: skip
+    values = pictures.reduced(values)
+    scale = ColourScale.signed(values)
+    picture = scale.paint(values)
+    if known is not None:
+        picture[pictures.reduced(known * np.uint8(255)) < 128] = _UNKNOWN_COLOUR
+    return MapView(file, title, caption, picture, scale, unit)
+
+
+def _mask(file: str, title: str, mask: npt.NDArray[np.bool_], caption: str) -> MapView:
+    picture = pictures.grey(pictures.reduced(mask * np.uint8(255)), top=255.0)
+    share = float(mask.mean())
+    legend = (((255,) * 3, f"yes {share:.1%}"), ((0,) * 3, f"no {1.0 - share:.1%}"))
+    return MapView(file, title, caption, picture, legend=legend)
+
+
+def _legend(
+    values: npt.NDArray[np.uint8], colours: Picture, names: dict[int, Any]
+) -> tuple[tuple[Sequence[int], str], ...]:
+    """The values that occur most, in their order, with their share of the pixels."""
+    shares = np.bincount(values.ravel(), minlength=256) / values.size
+    shown = sorted(sorted(names, key=lambda value: -shares[value])[:_LEGEND_ENTRIES])
+    return tuple(
+        (colours[value].tolist(), f"{names[value]} {shares[value]:.1%}")
+        for value in shown
+        if shares[value] > 0
+    )

@@ -1,0 +1,77 @@
+"""What goes wrong on a simulated rig, on purpose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from firmware_sim.faults import LedFault, LineFault, When
+
+__all__ = ["FaultPlan", "FrameFault"]
+
+MOST_FRAMES_BACK = 4
+"""As many buffers as the simulated driver has: an incomplete frame shows what was in one."""
+
+
+@dataclass(frozen=True)
+class FrameFault:
+    """What is wrong with frames.
+
+    Attributes
+    ----------
+    kind
+        ``dropped`` (a gap in the sequence numbers), ``repeated_pixels`` (those of the frame before
+        under a number and times of its own), ``repeated_frame`` (the frame before once more),
+        ``torn`` (below `row_share` of the rows it is still the frame `frames_back` before),
+        ``black`` (no data: all zero), ``dark`` (the sensor saw nothing), ``late`` (delivered
+        `delay_ms` late), ``stamped_late`` (its times are `delay_ms` later than the truth),
+        ``drift`` (the exposure grows by `rate_per_s`, a share of itself), ``gone`` (no frame from
+        then on).
+    """
+
+    kind: Literal[
+        "dropped", "repeated_pixels", "repeated_frame", "torn", "black", "dark", "late",
+        "stamped_late", "drift", "gone",
+    ]  # fmt: skip
+    row_share: float = 0.5
+    frames_back: int = 1
+    delay_ms: float = 10.0
+    rate_per_s: float = 0.5
+    when: When = field(default_factory=When)
+
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - a plan's file has no unknown keys
+
+    def __post_init__(self) -> None:
+        for holds, cause in (
+            (0.0 < self.row_share < 1.0, f"row_share is {self.row_share:g}; it is within 0 to 1"),
+            (
+                1 <= self.frames_back <= MOST_FRAMES_BACK,
+                f"frames_back is not 1 to {MOST_FRAMES_BACK}",
+            ),
+            (0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}"),
+            (math.isfinite(self.rate_per_s), f"rate_per_s is {self.rate_per_s:g}"),
+        ):
+            if not holds:
+                raise ValueError(cause)
+
+
+class FaultPlan(BaseModel):
+    """Faults of a simulated rig, injected below the drivers.
+
+    Attributes
+    ----------
+    seed
+        Of all that is left to chance.
+    lines, leds, frames
+        Faults of the serial line, of the LEDs' light, of the camera's frames.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    lines: tuple[LineFault, ...] = ()
+    leds: tuple[LedFault, ...] = ()
+    frames: tuple[FrameFault, ...] = ()

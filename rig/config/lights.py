@@ -1,0 +1,77 @@
+"""The section ``[lights]`` of ``rig.toml``: where the controller is, where its LEDs stand."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import Field, FiniteFloat, field_validator, model_validator
+
+from classify import Lighting
+from classify.lighting import RING_TILTS_DEG
+from firmware_sim.firmware import (
+    WATCHDOG_DEFAULT_MS,
+    WATCHDOG_MAX_MS,
+    WATCHDOG_MIN_MS,
+)
+
+from .section import Degrees, Section
+
+__all__ = ["AUTO", "SIMULATED", "LightsConfig"]
+
+SIMULATED = "simulated"
+"""As `port`: the firmware runs here, on a pty."""
+AUTO = "auto"
+"""As `port`: wherever the controller is plugged in."""
+Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+
+
+class LightsConfig(Section):
+    """The LED controller and where its LEDs stand.
+
+    `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
+    the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
+    they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
+    the same if left out. `synchronisation` is who moves on from light to light: the ``software``;
+    the controller at each edge of the camera's ``strobe``; or the controller by time, which then
+    has to ``trigger`` the camera.
+    """
+
+    port: str = Field(default=SIMULATED, min_length=1)
+    serial_number: str | None = Field(default=None, min_length=1, max_length=200)
+    usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
+    baud: int = Field(default=115_200, ge=300, le=12_000_000)
+    tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
+    slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
+    intensities: tuple[Intensity, ...] = ()
+    settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
+    watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
+    synchronisation: Literal["software", "strobe", "trigger"] = "software"
+
+    @field_validator("usb_id", mode="before")
+    @classmethod
+    def _usb_id_in_small_letters(cls, usb_id: Any) -> Any:
+        return usb_id.lower() if isinstance(usb_id, str) else usb_id
+
+    @model_validator(mode="after")
+    def _is_looked_for_one_way(self) -> Self:
+        if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
+            raise ValueError(
+                f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "
+                "leave them out, or set that"
+            )
+        return self
+
+    @property
+    def lighting(self) -> Lighting:
+        """Where the lights stand, and how strong they are."""
+        ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
+        return Lighting(ring.directions, np.array(self.intensities))
+
+    @model_validator(mode="after")
+    def _one_intensity_each(self) -> Self:
+        if len(self.intensities) not in (0, len(self.tilts_deg)):
+            raise ValueError(
+                f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
+            )
+        return self

@@ -1,0 +1,199 @@
+"""``rig.toml``: the whole of it, and what its sections ask of each other."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from rig.errors import ConfigError
+
+from .camera import CameraConfig
+from .lights import SIMULATED, LightsConfig
+from .section import Section
+from .sequence_plan import SequencePlan, plan_sequence
+from .simulation import SimulationConfig
+
+__all__ = ["RigConfig", "load_config"]
+
+# An LED is steady when 1 % is missing: so many times its 10 to 90 % time after the switch.
+_STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
+_MAX_TOML_BYTES = 1 << 20
+
+
+class RigConfig(Section):
+    """A whole rig. ``RigConfig()`` is the simulated one."""
+
+    name: str = Field(default="rig", min_length=1, max_length=200)
+    lights: LightsConfig = LightsConfig()
+    camera: CameraConfig = CameraConfig()
+    simulation: SimulationConfig = SimulationConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _camera_is_as_real_as_the_lights(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        lights, camera = values.get("lights", {}), values.get("camera", {})
+        if not (isinstance(lights, dict) and isinstance(camera, dict)) or "kind" in camera:
+            return values
+        kind = "simulated" if lights.get("port", SIMULATED) == SIMULATED else "v4l2"
+        return {**values, "camera": {"kind": kind, **camera}}
+
+    @model_validator(mode="after")
+    def _camera_sees_the_lights(self) -> Self:
+        if self.camera.kind in ("v4l2", "opencv") and self.is_simulated:
+            raise ValueError(
+                f"camera.kind = {self.camera.kind!r} cannot see simulated LEDs; give lights.port a "
+                "real controller's, or set camera.kind = 'simulated'"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _simulated_readout_fits(self) -> Self:
+        if self.simulation.readout_ms > 1000.0 / self.camera.frame_rate_hz:
+            raise ValueError(
+                f"simulation.readout_ms = {self.simulation.readout_ms:g} does not fit into a frame "
+                f"at {self.camera.frame_rate_hz:g} Hz"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _faults_are_of_its_leds(self) -> Self:
+        faults = () if self.simulation.faults is None else self.simulation.faults.leds
+        for fault in faults:
+            for led in (fault.led, fault.other):
+                if led is not None and led >= len(self.lights.tilts_deg):
+                    raise ValueError(
+                        f"simulation.faults: there is no LED {led}; lights.tilts_deg names "
+                        f"{len(self.lights.tilts_deg)}"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _watchdog_waits_for_frames(self) -> Self:
+        period_ms = 1000.0 / self.camera.frame_rate_hz
+        needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms
+        if self.lights.watchdog_ms < needed_ms:
+            raise ValueError(
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would put the LEDs out while a "
+                f"frame is awaited; at this frame rate it must be at least {needed_ms:.0f}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _sequence_is_possible(self) -> Self:
+        plan = self.sequence_plan
+        if plan is not None and self.lights.watchdog_ms < 1e3 * plan.duration_s:
+            raise ValueError(
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would end a sequence of "
+                f"{1e3 * plan.duration_s:.0f} ms"
+            )
+        simulation = self.simulation
+        steady_ms = _STEADY_PER_10_90 * max(simulation.led_rise_ms, simulation.led_fall_ms)
+        if plan is not None and self.is_simulated and self.lights.settle_ms < steady_ms:
+            raise ValueError(
+                f"lights.settle_ms = {self.lights.settle_ms:g}, but these simulated LEDs take "
+                f"{steady_ms:.3g} ms until they are within 1 %"
+            )
+        return self
+
+    @property
+    def sequence_plan(self) -> SequencePlan | None:
+        """What the controller is asked to do for a set; None with ``software``.
+
+        Raises
+        ------
+        ValueError
+            If lights and camera leave no time to switch.
+        """
+        if self.lights.synchronisation == "software":
+            return None
+        if self.camera.kind == "opencv":
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
+                "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+            )
+        readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
+        if readout_ms is None:
+            raise ValueError(
+                f"lights.synchronisation = {self.lights.synchronisation!r} needs to know when the "
+                "last row is exposed; give camera.readout_ms, which is 0 for a global shutter"
+            )
+        return plan_sequence(
+            len(self.lights.tilts_deg),
+            triggers=self.lights.synchronisation == "trigger",
+            settle_s=self.lights.settle_ms / 1e3,
+            period_s=1.0 / self.camera.frame_rate_hz,
+            exposed_s=(self.camera.exposure_ms + readout_ms) / 1e3,
+        )
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether its lights, and so all it shows, are simulated."""
+        return self.lights.port == SIMULATED
+
+    def with_changes(self, **sections: dict[str, Any]) -> RigConfig:
+        """A copy with some fields of some sections replaced, validated as a whole.
+
+        Raises
+        ------
+        ConfigError
+            If the result is not a valid configuration.
+        """
+        values = self.model_dump()
+        for section, changes in sections.items():
+            values[section] = {**values[section], **changes}
+        return _validated(values, "rig configuration")
+
+
+def load_config(path: Path) -> RigConfig:
+    """Read a ``rig.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing, not TOML, has an unknown key or a value out of range.
+    """
+    values = _read_toml(path, "no such rig configuration (or use --rig sim)")
+    simulation = values.get("simulation", {})
+    camera = values.get("camera")
+    if isinstance(camera, dict) and isinstance(camera.get("set_file"), str):
+        camera["set_file"] = str(path.parent / camera["set_file"])
+    if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
+        simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
+    lights = values.get("lights", {})
+    if isinstance(lights, dict) and "port" not in lights:
+        # Left out it would be the simulated one, and nobody would have asked for that.
+        raise ConfigError(
+            f"{path}: lights.port is missing; give the light controller's port, or "
+            f"{SIMULATED!r} for a simulated rig"
+        )
+    return _validated(values, str(path))
+
+
+def _read_toml(path: Path, if_missing: str) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_TOML_BYTES:
+            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes; no configuration")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigError(f"{path}: {if_missing}") from error
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    # Besides its own error tomllib lets through those of deep nesting and of endless numbers.
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
+
+def _validated(values: dict[str, Any], source: str) -> RigConfig:
+    try:
+        return RigConfig.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        field = "".join(f"{part}." for part in first["loc"]).rstrip(".")
+        cause = first["msg"].removeprefix("Value error, ")
+        raise ConfigError(": ".join(filter(None, (source, field, cause)))) from error

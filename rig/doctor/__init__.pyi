@@ -1,0 +1,7 @@
+from .check import Check
+from .diagnosis import diagnose
+
+__all__ = [
+    "Check",
+    "diagnose",
+]

@@ -1,0 +1,120 @@
+"""Which cameras there are, and whether the rig's delivers what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rig.camera import Camera, Frame, FrameFlag
+from rig.config import CameraConfig
+from rig.errors import CameraError, ControlError
+from rig.v4l2 import ListedCamera, device_path
+from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
+from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
+
+from .check import Check
+from .serial_ports import check_access
+
+__all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
+
+_FRAMES, _FRAMES_TAKE_S = 30, 10.0
+_READ_TIMEOUT_S = 2.0
+_RATE_TOLERANCE = 0.05
+_MOST_FORMATS = 6
+
+
+def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) -> Iterator[Check]:
+    """One check for each camera of this machine; its permission where it is the rig's."""
+    for camera in cameras:
+        if camera.problem is not None:
+            yield Check("camera", "warning", camera.problem)
+            continue
+        formats = ", ".join(
+            f"{offered.fourcc} {' '.join(offered.sizes)}".strip()
+            for offered in camera.formats[:_MOST_FORMATS]
+        )
+        more = len(camera.formats) - _MOST_FORMATS
+        yield Check(
+            "camera",
+            "ok",
+            f"{camera.name} ({camera.driver}) at {camera.device}: {formats}"
+            + (f" and {more} formats more" if more > 0 else ""),
+        )
+    if config is not None and config.device is not None:
+        node = Path(device_path(config.device)).resolve()
+        wanted = [camera for camera in cameras if camera.node.resolve() == node]
+        if wanted:
+            yield check_access("permission", str(wanted[0].node))
+        else:
+            yield Check(
+                "camera.device",
+                "fault",
+                f"{config.device} is none of the {len(cameras)} cameras found",
+                "is it plugged in? Set camera.device to one of the names above",
+            )
+
+
+def check_controls(error: ControlError) -> Iterator[Check]:
+    """One fault for each control that keeps a camera from being opened."""
+    for fault in error.faults:
+        yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
+
+
+def check_frames(camera: Camera) -> Iterator[Check]:
+    """Frame rate reached against asked, lost and corrupt frames, over some seconds at most."""
+    info = camera.info
+    frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
+    taken: list[Frame] = []
+    # Those that waited in the queue say when they came, not how fast more do.
+    for number in range(info.queue_length + frames):
+        frame = camera.read(_READ_TIMEOUT_S + info.frame_period_s)
+        if number >= info.queue_length:
+            taken.append(frame)
+    steps = taken[-1].sequence - taken[0].sequence
+    elapsed_s = taken[-1].exposure_start_s - taken[0].exposure_start_s
+    if steps <= 0 or elapsed_s <= 0.0:
+        raise CameraError(
+            f"{frames} frames from number {taken[0].sequence} to {taken[-1].sequence} in "
+            f"{elapsed_s:.3f} s: the camera's numbers or time stamps do not advance"
+        )
+    rate_hz, asked_hz = steps / elapsed_s, 1.0 / info.frame_period_s
+    seen = f"{rate_hz:.2f} Hz reached, {asked_hz:.2f} Hz asked for"
+    if abs(rate_hz / asked_hz - 1.0) <= _RATE_TOLERANCE:
+        yield Check("frame rate", "ok", seen)
+    else:
+        yield Check(
+            "frame rate",
+            "warning",
+            seen,
+            "set camera.frame_rate_hz to what is reached; an exposure longer than a frame, dim "
+            "light with dynamic frame rate, or a full USB bus slow a camera down",
+        )
+    lost = steps + 1 - len(taken)
+    corrupt = sum(frame.flags != FrameFlag.GOOD for frame in taken)
+    seen = f"{lost} lost and {corrupt} corrupt of {steps + 1}"
+    if lost == 0 and corrupt == 0:
+        yield Check("frames", "ok", seen)
+    else:
+        yield Check(
+            "frames",
+            "warning",
+            seen,
+            "give the camera a USB port of its own, a shorter cable, or a lower frame rate",
+        )
+
+
+def longest_exposure_ms(
+    camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
+) -> float:
+    """What fits into a frame and the camera's own exposure control."""
+    longest_ms = 1e3 * camera.info.frame_period_s
+    if config.device is None:
+        return longest_ms
+    node = Path(device_path(config.device)).resolve()
+    limits = [
+        control.maximum / EXPOSURE_UNITS_PER_MS
+        for each in listed
+        for control, _ in each.controls
+        if each.node.resolve() == node and control.id == CID_EXPOSURE_ABSOLUTE
+    ]
+    return min([longest_ms, *limits])

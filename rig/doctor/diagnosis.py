@@ -1,0 +1,124 @@
+"""Everything there is to know about a rig before it is trusted, as a list of checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from classify.errors import Ps4rigError
+from rig.camera import Camera
+from rig.config import RigConfig, load_config
+from rig.errors import ConfigError, ControlError, HardwareError
+from rig.lights import LightController, list_serial_ports
+from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
+from rig.simulation import Simulation
+from rig.v4l2 import ListedCamera, list_cameras
+
+from .cameras import check_cameras, check_controls, check_frames, longest_exposure_ms
+from .check import Check, answered
+from .lights import check_lights
+from .pictures import check_pictures, take_pictures
+from .serial_ports import check_modem_manager, check_port, check_ports
+
+__all__ = ["diagnose"]
+
+Look = Callable[[], Iterator[Check]]
+
+
+def diagnose(rig: str | Path) -> Generator[Check]:
+    """Look at everything, one check after the other; none keeps the next from being made.
+
+    The LEDs are lit for the pictures, and out at the end, also if the caller stops listening.
+
+    Parameters
+    ----------
+    rig
+        ``"sim"``, or the path of a ``rig.toml``, which need not be there: then what is plugged in
+        is listed.
+    """
+    config: RigConfig | None = None
+    try:
+        config = RigConfig() if str(rig) == "sim" else load_config(Path(rig))
+    except ConfigError as error:
+        yield Check("configuration", "fault", str(error), "rig/README.md has all keys")
+    else:
+        told = "simulated" if config.is_simulated else f"lights at {config.lights.port}"
+        yield Check("configuration", "ok", f"{config.name}: {told}, camera {config.camera.kind}")
+    yield from answered(
+        "serial ports",
+        lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
+    )
+    yield check_modem_manager()
+    cameras: list[ListedCamera] = []
+
+    def look_for_cameras() -> Iterator[Check]:
+        cameras.extend(list_cameras())
+        yield from check_cameras(cameras, None if config is None else config.camera)
+
+    yield from answered("cameras", look_for_cameras)
+    if config is not None:
+        with ExitStack() as closing:
+            yield from _diagnose_open(config, cameras, closing)
+
+
+def _diagnose_open(
+    config: RigConfig, cameras: Sequence[ListedCamera], closing: ExitStack
+) -> Iterator[Check]:
+    simulation = None
+    if config.is_simulated:
+        try:
+            simulation = Simulation(config)
+        except Ps4rigError as error:
+            yield Check("simulation", "fault", str(error))
+            return
+        closing.callback(simulation.close)
+    lights: LightController | None = None
+    camera: Camera | None = None
+
+    def look_at_lights() -> Iterator[Check]:
+        nonlocal lights
+        if simulation is None:
+            port = port_of(config)
+            yield from check_port(port)
+        lights = closing.enter_context(open_lights(config, simulation))
+        yield from check_lights(lights, clock_of(simulation), config.lights)
+
+    def look_at_camera() -> Iterator[Check]:
+        nonlocal camera
+        try:
+            camera = open_camera(config, simulation)
+        except ControlError as error:
+            yield from check_controls(error)
+            return
+        closing.callback(camera.close)
+        info = camera.info
+        yield Check(
+            "measurement mode",
+            "ok",
+            f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
+            f"{1e3 * info.exposure_s:g} ms; every control that was set was read back",
+        )
+        yield from check_frames(camera)
+
+    def look_at_pictures() -> Iterator[Check]:
+        if lights is None or camera is None:
+            yield Check("pictures", "unknown", "there are no lights and camera to take them with")
+            return
+        with suppress(HardwareError):
+            lights.recover()
+        rig = Rig(config, clock_of(simulation), lights, camera, simulation)
+        yield from check_pictures(
+            take_pictures(rig),
+            rig.lighting,
+            1e3 * camera.info.exposure_s,
+            longest_exposure_ms(camera, cameras, config.camera),
+        )
+
+    looks: tuple[tuple[str, Look], ...] = (
+        ("light controller", look_at_lights),
+        ("camera", look_at_camera),
+        ("pictures", look_at_pictures),
+    )
+    for name, look in looks:
+        yield from answered(name, look)

@@ -1,0 +1,80 @@
+"""What an open light controller says of itself, and how it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from firmware_sim import Clock
+from firmware_sim.firmware import FIRMWARE_VERSION
+from rig.config import LightsConfig
+from rig.latency import measure_switch_latency
+from rig.lights import LightController
+
+from .check import Check
+
+__all__ = ["check_lights"]
+
+# More than this is a timer in a USB chip or a loaded machine, and goes into the time of each set.
+_SLOW_SWITCH_MS = 10.0
+
+
+def check_lights(lights: LightController, clock: Clock, config: LightsConfig) -> Iterator[Check]:
+    """Identity, number of LEDs, watchdog, time of a switch. LEDs are lit and put out again."""
+    yield _identity(lights)
+    yield _led_count(lights, config)
+    yield _watchdog(lights)
+    yield _latency(lights, clock)
+
+
+def _identity(lights: LightController) -> Check:
+    who = lights.identity
+    seen = (
+        f"{who.model} {who.serial_number} on {lights.port}, firmware {who.firmware_version}, "
+        f"protocol {who.protocol_version}"
+    )
+    if who.firmware_version != FIRMWARE_VERSION:
+        return Check(
+            "light controller",
+            "warning",
+            f"{seen}; with this program comes firmware {FIRMWARE_VERSION}",
+            "ps4rig rig flash",
+        )
+    return Check("light controller", "ok", seen)
+
+
+def _led_count(lights: LightController, config: LightsConfig) -> Check:
+    named = len(config.tilts_deg)
+    seen = f"the controller has {lights.led_count}, lights.tilts_deg names {named}"
+    if named > lights.led_count:
+        return Check("LEDs", "fault", seen, "correct lights.tilts_deg, or the board's LED_PINS")
+    return Check("LEDs", "ok", seen)
+
+
+def _watchdog(lights: LightController) -> Check:
+    if lights.trips_watchdog():
+        return Check("watchdog", "ok", "an LED went out by itself when no command came, as it must")
+    return Check(
+        "watchdog",
+        "fault",
+        "an LED stayed on although no command came",
+        "renew the firmware: ps4rig rig flash",
+    )
+
+
+def _latency(lights: LightController, clock: Clock) -> Check:
+    found = measure_switch_latency(lights, clock)
+    seen = (
+        f"median {found.median_ms:.2f} ms, worst {found.worst_ms:.2f} ms of {found.switches}, from "
+        "writing to acknowledge"
+    )
+    if found.median_ms <= _SLOW_SWITCH_MS:
+        return Check("switch latency", "ok", seen)
+    name = lights.port.rpartition("/")[2]
+    return Check(
+        "switch latency",
+        "warning",
+        seen,
+        "with an FTDI chip, lower its timer: "
+        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; else look for what "
+        "else loads the machine",
+    )

@@ -1,0 +1,118 @@
+"""What the system says of serial ports: which there are, who may use them and who does."""
+
+from __future__ import annotations
+
+import grp
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rig.lights import SerialPort
+from rig.lights.port_holders import port_holders
+
+from .check import Check
+
+__all__ = ["RULES_FILE", "check_modem_manager", "check_port", "check_ports", "installing_the_rules"]
+
+RULES_FILE = Path(__file__).with_name("70-ps4rig.rules")
+_RULES_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
+_PROC = Path("/proc")
+
+
+def installing_the_rules() -> str:
+    """The line that installs the udev rules which come with the program."""
+    return (
+        f"sudo install -m 644 {RULES_FILE} {_RULES_FOLDERS[0]}/ && "
+        "sudo udevadm control --reload && sudo udevadm trigger"
+    )
+
+
+def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Check]:
+    """One check for each serial port; a warning if none can be a light controller's."""
+    for port in ports:
+        holders = ", ".join(map(str, port_holders(port.device)))
+        said = (
+            str(port),
+            port.description,
+            port.by_id and f"also {port.by_id}",
+            f"in use by {holders}" if holders else "not in use",
+        )
+        kind = "may be a board" if port.may_be_a_microcontroller else "not known as a board"
+        yield Check("serial port", "ok", "; ".join(part for part in (*said, kind) if part))
+    if not is_simulated and not any(port.may_be_a_microcontroller for port in ports):
+        yield Check(
+            "serial ports",
+            "warning",
+            f"none of {len(ports)} is known as a board's",
+            "plug the light controller in; a cable that only charges shows no port",
+        )
+
+
+def check_port(device: str) -> Iterator[Check]:
+    """Whether the light controller's port is there, may be used, and is not in use."""
+    if "://" in device:
+        yield Check("port", "ok", f"{device} is not a device of this machine")
+        return
+    if not Path(device).exists():
+        yield Check(
+            "port",
+            "fault",
+            f"{device} does not exist",
+            'is the controller plugged in? With lights.port = "auto" it is found by itself',
+        )
+        return
+    yield check_access("permission", device)
+    holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
+    if holders:
+        yield Check(
+            "port in use",
+            "fault",
+            f"{device} is open in {', '.join(map(str, holders))}",
+            "close that program",
+        )
+    else:
+        yield Check("port in use", "ok", f"no program that can be seen has {device} open")
+
+
+def check_access(name: str, device: str) -> Check:
+    """Whether this user may read and write a device, and which group or rule is missing if not."""
+    if os.access(device, os.R_OK | os.W_OK):
+        return Check(name, "ok", f"{device} may be read and written")
+    status = Path(device).stat()
+    try:
+        group = grp.getgrgid(status.st_gid).gr_name
+    except KeyError:
+        group = str(status.st_gid)
+    own = "its group is one of yours, but " if status.st_gid in os.getgroups() else ""
+    return Check(
+        name,
+        "fault",
+        f"{device} belongs to group {group}, mode {status.st_mode & 0o777:o}; {own}you may not "
+        "read and write it",
+        f"sudo usermod -aG {group} $USER and log in again, or install the udev rules: "
+        + installing_the_rules(),
+    )
+
+
+def check_modem_manager(
+    proc: Path = _PROC, rules_folders: Sequence[Path] = _RULES_FOLDERS
+) -> Check:
+    """Whether ModemManager runs, which talks to every new serial port unless it is told not to."""
+    name = "ModemManager"
+    if not any(_is_modem_manager(path) for path in proc.glob("[0-9]*/comm")):
+        return Check(name, "ok", "is not running")
+    if any((folder / RULES_FILE.name).exists() for folder in rules_folders):
+        return Check(name, "ok", f"is running, and {RULES_FILE.name} keeps it away from boards")
+    return Check(
+        name,
+        "warning",
+        "is running, and takes a board for a modem for some seconds after it is plugged in",
+        installing_the_rules(),
+    )
+
+
+def _is_modem_manager(comm: Path) -> bool:
+    try:
+        return comm.read_text(encoding="utf-8", errors="replace").strip() == "ModemManager"
+    except OSError:  # it has just ended
+        return False

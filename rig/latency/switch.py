@@ -1,0 +1,42 @@
+"""How long a switch takes: from writing the command until it is acknowledged."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass
+
+from firmware_sim import Clock
+from rig.lights import LightController
+
+__all__ = ["SwitchLatency", "measure_switch_latency"]
+
+
+@dataclass(frozen=True)
+class SwitchLatency:
+    """Of so many switches, on the rig's clock."""
+
+    median_ms: float
+    worst_ms: float
+    switches: int
+
+
+def measure_switch_latency(
+    lights: LightController, clock: Clock, switches: int = 40
+) -> SwitchLatency:
+    """Switch through all LEDs and to darkness, and put them out.
+
+    Raises
+    ------
+    LightControllerError
+        If a switch fails.
+    """
+    taken_ms = []
+    try:
+        for number in range(switches):
+            led = number % (lights.led_count + 1)
+            asked_s = clock.now_s()
+            switch = lights.off() if led == lights.led_count else lights.select(led)
+            taken_ms.append(1e3 * (switch.acknowledged_s - asked_s))
+    finally:
+        lights.off()
+    return SwitchLatency(statistics.median(taken_ms), max(taken_ms), switches)

@@ -1,0 +1,217 @@
+"""Where the light controller is: by serial number, by USB id, or by asking who is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rig.config import AUTO, LightsConfig
+from rig.errors import LightControllerError
+
+from .link import ControllerIdentity, ControllerLink
+from .port_holders import port_holders
+
+__all__ = [
+    "SerialPort",
+    "find_controller",
+    "known_port",
+    "list_serial_ports",
+    "ports_to_try",
+    "who_is_there",
+]
+
+_BY_ID = Path("/dev/serial/by-id")
+# Vendors of microcontroller boards, and of the chips that give such boards a USB port. A modem or
+# an instrument of another vendor is asked nothing unless its USB id is given.
+_VENDORS = {
+    "0403": "FTDI",
+    "0483": "STMicroelectronics",
+    "04d8": "Microchip",
+    "067b": "Prolific",
+    "10c4": "Silicon Labs",
+    "16c0": "Teensy",
+    "1a86": "WCH",
+    "1b4f": "SparkFun",
+    "1d6b": "Linux gadget",
+    "1fc9": "NXP",
+    "2341": "Arduino",
+    "239a": "Adafruit",
+    "2a03": "Arduino",
+    "2e8a": "Raspberry Pi",
+    "303a": "Espressif",
+    "f055": "MicroPython",
+}
+
+
+@dataclass(frozen=True)
+class SerialPort:
+    """One serial port of this machine.
+
+    Attributes
+    ----------
+    device
+        As the kernel numbered it, which changes with the order of plugging.
+    usb_id
+        Vendor and product, such as ``2e8a:0005``; None if it is not on USB.
+    serial_number
+        Of the USB device, where it has one.
+    description
+        What the device says it is.
+    by_id
+        Its name in ``/dev/serial/by-id``, which does not change.
+    """
+
+    device: str
+    usb_id: str | None = None
+    serial_number: str | None = None
+    description: str = ""
+    by_id: str | None = None
+
+    @property
+    def may_be_a_microcontroller(self) -> bool:
+        """Whether its USB vendor makes boards, or chips that boards have."""
+        return self.usb_id is not None and self.usb_id[:4] in _VENDORS
+
+    def __str__(self) -> str:
+        said = (self.usb_id, self.serial_number and f"serial number {self.serial_number}")
+        known = ", ".join(part for part in said if part)
+        return f"{self.device} ({known})" if known else self.device
+
+
+Ask = Callable[[str], ControllerIdentity]
+
+
+def list_serial_ports() -> list[SerialPort]:
+    """All serial ports that the system shows, by name."""
+    from serial.tools.list_ports import comports
+
+    names = {path.resolve(): str(path) for path in sorted(_BY_ID.glob("*"))}
+    ports = [
+        SerialPort(
+            device=info.device,
+            usb_id=None if info.vid is None else f"{info.vid:04x}:{info.pid:04x}",
+            serial_number=info.serial_number or None,
+            description="" if info.description in (None, "n/a") else info.description,
+            by_id=names.get(Path(info.device).resolve()),
+        )
+        for info in comports()
+    ]
+    return sorted(ports, key=lambda port: port.device)
+
+
+def who_is_there(device: str, baud: int = 115_200) -> ControllerIdentity:
+    """Open a port, ask `*IDN?`, close it. Nothing else is written but an empty line.
+
+    Raises
+    ------
+    LightControllerError
+        If another program has the port, or no light controller answers there.
+    """
+    link = ControllerLink(device, baud)
+    link.close()
+    return link.identity
+
+
+def find_controller(
+    lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = who_is_there
+) -> str:
+    """The device name of the controller that ``lights.port = "auto"`` means.
+
+    USB serial number and USB id narrow the ports down as far as they are given; without a USB id
+    only ports of makers of microcontrollers remain. If more than one does, or it is the
+    controller's own serial number that was given, each is asked `*IDN?`.
+
+    Parameters
+    ----------
+    lights
+        With `serial_number` and `usb_id`, or neither.
+    ports
+        Of this machine, see `list_serial_ports`.
+    ask
+        Who answers at a device name.
+
+    Raises
+    ------
+    LightControllerError
+        If there is none, or more than one; the message says what there is and which key decides.
+    """
+    wanted = lights.serial_number
+    if lights.usb_id is None:
+        candidates = [port for port in ports if port.may_be_a_microcontroller]
+    else:
+        candidates = [port for port in ports if port.usb_id == lights.usb_id]
+    by_usb = [port for port in ports if wanted is not None and _same(port.serial_number, wanted)]
+    if lights.usb_id is not None:
+        by_usb = [port for port in by_usb if port in candidates]
+    candidates = by_usb or candidates
+    if len(candidates) == 1 and (by_usb or wanted is None):
+        return candidates[0].device  # opening it will show who is there
+    answered: list[tuple[SerialPort, ControllerIdentity]] = []
+    silent: list[str] = []
+    for port in candidates:
+        try:
+            identity = ask(port.device)
+        except LightControllerError as error:
+            silent.append(str(error))
+            continue
+        if wanted is None or by_usb or _same(identity.serial_number, wanted):
+            answered.append((port, identity))
+        else:
+            silent.append(f"{port.device}: light controller {identity.serial_number}")
+    if len(answered) == 1:
+        return answered[0][0].device
+    if answered:
+        raise LightControllerError(_ambiguous(answered))
+    raise LightControllerError(_nothing(lights, ports, silent))
+
+
+def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
+    """What is listed of a port, by whatever name it goes; its name alone if it is not listed."""
+    path = Path(port).resolve()
+    same = (each for each in ports if Path(each.device).resolve() == path)
+    return replace(next(same, SerialPort(port)), device=port)
+
+
+def ports_to_try(was: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
+    """Where a controller may be that was at the port `was`.
+
+    There, or on another port of the same USB id and serial number that no other program has.
+    """
+    others = [
+        port.device
+        for port in ports
+        if port.usb_id is not None
+        and (port.usb_id, port.serial_number) == (was.usb_id, was.serial_number)
+        and Path(port.device).resolve() != Path(was.device).resolve()
+        and not port_holders(port.device)
+    ]
+    return [was.device, *others]
+
+
+def _same(one: str | None, other: str) -> bool:
+    return one is not None and one.casefold() == other.casefold()
+
+
+def _ambiguous(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
+    named = ", ".join(f"{port.device} ({who.serial_number})" for port, who in answered)
+    numbers = {who.serial_number.casefold() for _, who in answered}
+    if len(numbers) == len(answered):
+        way_out = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
+    else:
+        first = answered[0][0]
+        way_out = f'set lights.port to one of them, such as "{first.by_id or first.device}"'
+    return f"{len(answered)} light controllers answer: {named}; {way_out}"
+
+
+def _nothing(lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]) -> str:
+    asked = [
+        f"serial number {lights.serial_number}" if lights.serial_number else "",
+        f"USB id {lights.usb_id}" if lights.usb_id else "",
+    ]
+    which = " and ".join(filter(None, asked))
+    found = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
+    return (
+        f'lights.port = "{AUTO}": no light controller{" with " + which if which else ""} was found '
+        f"({found}); is it plugged in? Or set lights.port to its device"
+    )

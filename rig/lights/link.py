@@ -1,0 +1,176 @@
+"""One open line to a light controller: who is there, and one reply to each command."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+
+from rig.errors import LightControllerError
+
+from .serial_line import SerialLine
+from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
+
+__all__ = ["PROTOCOL_VERSION", "REPLY_TIMEOUT_S", "ControllerIdentity", "ControllerLink"]
+
+PROTOCOL_VERSION = 2
+VENDOR = "PS4RIG"
+REPLY_TIMEOUT_S = 0.5
+_OPEN_TIMEOUT_S = 3.0
+# How the serial numbers of simulated boards begin.
+_SIMULATED = "SIM-"
+
+
+@dataclass(frozen=True)
+class ControllerIdentity:
+    """What the controller says of itself."""
+
+    vendor: str
+    model: str
+    serial_number: str
+    firmware_version: str
+    protocol_version: int
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it is the firmware on a simulated board, by whatever line it is reached."""
+        return self.serial_number.startswith(_SIMULATED)
+
+
+class ControllerLink:
+    """An exclusively opened port behind which a light controller has told who it is.
+
+    Nothing but an empty line and `*IDN?` is written before that is known.
+
+    Parameters
+    ----------
+    port
+        Device name or pyserial URL.
+    baud
+        Bits per second; USB serial ports ignore it.
+    timeout_s
+        How long to wait for an answer, a restart of the board included.
+    any_protocol
+        Whether a controller with another version of the protocol will do, to have its firmware
+        renewed.
+
+    Raises
+    ------
+    LightControllerError
+        If the port cannot be opened, or none answers there that this program can talk to.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        timeout_s: float | None = None,
+        *,
+        any_protocol: bool = False,
+    ) -> None:
+        self._any_protocol = any_protocol
+        # Not from 1: late replies to the program before must not look like replies to this one.
+        self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
+        self._line = SerialLine(port, baud, REPLY_TIMEOUT_S)
+        try:
+            self.identity = self._identify(_OPEN_TIMEOUT_S if timeout_s is None else timeout_s)
+        except BaseException:
+            self._line.close()
+            raise
+
+    @property
+    def port(self) -> str:
+        """The port it was opened on."""
+        return self._line.port
+
+    def ask(self, command: str) -> Reply:
+        """Send a command and wait for its reply, which may be a refusal.
+
+        Raises
+        ------
+        LightControllerError
+            If none comes in time, it is damaged, the controller restarts, or the port is gone.
+        """
+        return self._reply_to(command, self._send(command))
+
+    def end_line(self) -> None:
+        """End the half line that an interrupted write may have left, and take its reply."""
+        self._line.write(b"\n")
+        self._line.read_line(time.monotonic() + REPLY_TIMEOUT_S)
+
+    def close(self) -> None:
+        """Release the port; never raises, and may be called again."""
+        self._line.close()
+
+    def _identify(self, timeout_s: float) -> ControllerIdentity:
+        """Wait out a reset that opening the port may have caused, then ask who is there."""
+        deadline_s = time.monotonic() + timeout_s
+        # Ends whatever half line a previous program left in the controller.
+        self._line.write(b"\n")
+        heard = b""
+        while (now_s := time.monotonic()) < deadline_s:
+            sequence = self._send("*IDN?")
+            try_until_s = min(deadline_s, now_s + REPLY_TIMEOUT_S)
+            while (line := self._line.read_line(try_until_s)) is not None:
+                heard = line
+                if line.startswith(BANNER):
+                    break  # it has just started: what was sent before is lost, ask again
+                with suppress(Garbled):
+                    reply = decode_reply(line)
+                    if reply.sequence == sequence and reply.ok:
+                        return self._checked_identity(reply.text)
+        if heard:
+            said = heard[:40].decode("ascii", "replace")
+            raise LightControllerError(
+                f"{self.port}: no intact answer to *IDN? in {timeout_s:g} s; this is not a "
+                f"light controller, or the line is bad (it said {said!r})"
+            )
+        raise LightControllerError(
+            f"{self.port}: no answer in {timeout_s:g} s; is this the light controller, and "
+            "does it have power?"
+        )
+
+    def _checked_identity(self, text: str) -> ControllerIdentity:
+        fields = text.split(",")
+        if len(fields) < 5 or fields[0] != VENDOR or not fields[4].isdigit():
+            raise LightControllerError(
+                f"{self.port}: what is there is not a {VENDOR} light controller (it is {text!r})"
+            )
+        vendor, model, serial_number, firmware_version, protocol = fields[:5]
+        identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
+        if identity.protocol_version != PROTOCOL_VERSION and not self._any_protocol:
+            older = identity.protocol_version < PROTOCOL_VERSION
+            raise LightControllerError(
+                f"{self.port}: the controller speaks protocol version "
+                f"{identity.protocol_version}, this program version {PROTOCOL_VERSION}; "
+                + ("renew its firmware: ps4rig rig flash" if older else "update this program")
+            )
+        return identity
+
+    def _send(self, command: str) -> int:
+        self._sequence = self._sequence % MAX_SEQUENCE + 1
+        self._line.write(encode_command(self._sequence, command))
+        return self._sequence
+
+    def _reply_to(self, command: str, sequence: int) -> Reply:
+        deadline_s = time.monotonic() + REPLY_TIMEOUT_S
+        while (line := self._line.read_line(deadline_s)) is not None:
+            if line.startswith(BANNER):
+                raise LightControllerError(
+                    f"{self.port}: the controller restarted before it answered {command!r}"
+                )
+            try:
+                reply = decode_reply(line)
+            except Garbled as error:
+                raise LightControllerError(
+                    f"{self.port}: garbled reply to {command!r}: {line[:40]!r}"
+                ) from error
+            # Another's is the late answer to an exchange that was given up. None is of a line
+            # that arrived damaged.
+            if reply.sequence == sequence or (reply.sequence is None and not reply.ok):
+                return reply
+        raise LightControllerError(
+            f"{self.port}: no answer to {command!r} in {REPLY_TIMEOUT_S:g} s; "
+            "the controller hangs or has lost power"
+        )

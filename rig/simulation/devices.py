@@ -1,0 +1,155 @@
+"""The simulated rig as devices: its firmware on a serial line, its frames in a loopback device.
+
+Any program that opens the other end of the line and the loopback device finds a rig there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from firmware_sim import Server, serve_pty, serve_tty
+from firmware_sim.server import Device
+from rig.config import PIXEL_FORMAT_BITS, CameraConfig, RigConfig
+from rig.errors import ConfigError, LightControllerError
+from rig.v4l2 import PACKINGS, V4l2Output
+
+from .rig import Simulation
+
+__all__ = ["DeviceSimulation", "FrameCount"]
+
+
+@dataclass(frozen=True)
+class FrameCount:
+    """How many frames were written, and how many were left out because they came too late."""
+
+    written: int = 0
+    late: int = 0
+
+
+class DeviceSimulation:
+    """A simulated rig in real time, below devices of this machine.
+
+    Parameters
+    ----------
+    config
+        Where the lights stand, the camera, the part. Ports and devices in it are not looked at.
+    serial
+        The serial device at which the firmware answers, such as ``/dev/ttyGS0``; None makes a
+        pseudo-terminal.
+    video
+        The loopback device that the frames are written into; None writes none.
+
+    Raises
+    ------
+    LightControllerError, CameraError
+        If a device is missing, in use, or not of the kind that is needed.
+    ConfigError
+        For a pixel format that cannot be written, or a camera that is triggered or replays.
+    """
+
+    def __init__(self, config: RigConfig, *, serial: str | None, video: str | None) -> None:
+        if config.lights.synchronisation == "trigger":
+            raise ConfigError(
+                "lights.synchronisation = 'trigger', but frames come out of a loopback device at "
+                "their own rate; set 'software' or 'strobe'"
+            )
+        self.count = FrameCount()
+        self._period_s = 1.0 / config.camera.frame_rate_hz
+        self.pixel_format = _pixel_format(config.camera)
+        self._packing = PACKINGS[self.pixel_format]
+        real = config.with_changes(
+            simulation={"clock": "real"}, camera={"bits": PIXEL_FORMAT_BITS[self.pixel_format]}
+        )
+        self._simulation = Simulation(real, _served_at(serial, config))
+        try:
+            self._output = None if video is None else self._opened(video, config.camera)
+        except BaseException:
+            self._simulation.close()
+            raise
+
+    @property
+    def port(self) -> str:
+        """Where the firmware answers: the serial device, or the pseudo-terminal to open."""
+        return self._simulation.port
+
+    @property
+    def writes_frames(self) -> bool:
+        """Whether there is a video device."""
+        return self._output is not None
+
+    @property
+    def lit(self) -> tuple[int, ...]:
+        """The LEDs that are on."""
+        board, now_s = self._simulation.board, self._simulation.clock.now_s()
+        return tuple(led for led in range(board.led_count) if board.output(led, now_s) > 0.5)
+
+    def step(self) -> None:
+        """Wait for the end of the next frame and write it; without a video device just wait.
+
+        The frames follow the camera's own clock, so that delays do not add up. One that could
+        only be written more than a frame period late is left out: no burst follows a delay.
+        """
+        if self._output is None:
+            self._simulation.clock.sleep_s(self._period_s)
+            return
+        frame = self._simulation.frames.read(2.0 * self._period_s)
+        end_s = self._simulation.camera.frame_end_s(frame)
+        if self._simulation.clock.now_s() - end_s > self._period_s:
+            self.count = FrameCount(self.count.written, self.count.late + 1)
+            return
+        self._output.write(self._packing.to_bytes(frame.pixels), end_s)
+        self.count = FrameCount(self.count.written + 1, self.count.late)
+
+    def close(self) -> None:
+        """Take the devices away: LEDs out, no more frames. A second call does nothing."""
+        try:
+            self._simulation.close()
+        finally:
+            if self._output is not None:
+                self._output.close()
+
+    def _opened(self, video: str, camera: CameraConfig) -> V4l2Output:
+        return V4l2Output(
+            video,
+            fourcc=self._packing.fourcc,
+            width_px=camera.width_px,
+            height_px=camera.height_px,
+            bytes_per_line=camera.width_px * self._packing.bytes_per_px,
+            period_s=self._period_s,
+        )
+
+
+def _pixel_format(camera: CameraConfig) -> str:
+    if camera.kind == "replay":
+        raise ConfigError(
+            "camera.kind = 'replay' shows a set again and cannot be simulated as a device; set "
+            "'v4l2' or 'simulated'"
+        )
+    if camera.kind != "v4l2":
+        return "GREY" if camera.bits == 8 else "Y16"
+    if camera.pixel_format not in PACKINGS:
+        raise ConfigError(
+            f"camera.pixel_format = {camera.pixel_format!r} cannot be written; it can be "
+            + ", ".join(PACKINGS)
+        )
+    return camera.pixel_format
+
+
+def _served_at(serial: str | None, config: RigConfig) -> Callable[[Device], Server]:
+    if serial is None:
+        return serve_pty
+
+    def serve(controller: Device) -> Server:
+        try:
+            return serve_tty(controller, serial, config.lights.baud)
+        except BlockingIOError as error:
+            raise LightControllerError(f"{serial}: in use by another program") from error
+        except OSError as error:
+            raise LightControllerError(
+                f"{serial}: cannot be served as a serial device ({error.strerror})"
+            ) from error
+        except ValueError as error:
+            raise ConfigError(f"lights.baud: {error}") from error
+
+    return serve

@@ -1,0 +1,105 @@
+"""From light to digital numbers: full well, gain, shot and read noise, black level, saturation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.camera import Pixels
+
+__all__ = ["Sensor", "SensorModel"]
+
+
+class Sensor(Protocol):
+    """What makes pixel values of light; the noise model is None where it is not known."""
+
+    @property
+    def bit_depth(self) -> int: ...
+
+    @property
+    def gain_e_per_dn(self) -> float | None: ...
+
+    @property
+    def read_noise_dn(self) -> float | None: ...
+
+    @property
+    def black_level_dn(self) -> float | None: ...
+
+    def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator, /) -> Pixels:
+        """Pixel values for an exposure."""
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """A monochrome sensor of a common industrial camera.
+
+    Attributes
+    ----------
+    bit_depth
+        8, 10, 12 or 16.
+    full_well_e
+        Electrons at which a pixel, and the converter with it, saturates.
+    read_noise_e
+        rms noise of reading a pixel, electrons.
+    white_e_per_ms
+        Electrons per millisecond for a white surface that faces one LED at full level. The
+        default fills 85 % of the well in 20 ms.
+    black_level_fraction
+        Offset of the converter as a fraction of its range, so that noise around zero is not cut.
+    """
+
+    bit_depth: int = 12
+    full_well_e: float = 10_000.0
+    read_noise_e: float = 5.0
+    white_e_per_ms: float = 425.0
+    black_level_fraction: float = 1.0 / 64.0
+
+    @property
+    def full_scale_dn(self) -> int:
+        """Highest pixel value, 2^bit_depth - 1."""
+        return (1 << self.bit_depth) - 1
+
+    @property
+    def black_level_dn(self) -> float:
+        """Pixel value without light."""
+        return self.full_scale_dn * self.black_level_fraction
+
+    @property
+    def gain_e_per_dn(self) -> float:
+        """Electrons per step of the converter."""
+        return self.full_well_e / (self.full_scale_dn - self.black_level_dn)
+
+    @property
+    def read_noise_dn(self) -> float:
+        """Rms read noise in pixel values."""
+        return self.read_noise_e / self.gain_e_per_dn
+
+    def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator) -> Pixels:
+        """Pixel values for an exposure.
+
+        Parameters
+        ----------
+        light_ms
+            (H, W) float32 irradiance integrated over the exposure; 1.0 is a white surface that
+            faces one LED at full level for one millisecond.
+        rng
+            Source of the noise. Shot noise is drawn as Gaussian, which from some ten electrons
+            on differs from Poisson by less than the read noise.
+
+        Returns
+        -------
+        (H, W) uint8 for 8 bits, else uint16.
+        """
+        signal = light_ms * np.float32(self.white_e_per_ms)
+        noise = rng.standard_normal(light_ms.shape, dtype=np.float32)
+        noise *= np.sqrt(signal + np.float32(self.read_noise_e**2))
+        signal += noise
+        signal *= np.float32(1.0 / self.gain_e_per_dn)
+        signal += np.float32(self.black_level_dn + 0.5)
+        np.clip(signal, 0, self.full_scale_dn, out=signal)
+        if self.bit_depth == 8:
+            return signal.astype(np.uint8)
+        return signal.astype(np.uint16)

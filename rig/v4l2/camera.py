@@ -1,0 +1,178 @@
+"""A V4L2 camera set for measurement: nothing automatic, everything read back."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
+from rig.config import CameraConfig
+from rig.errors import CameraError
+from rig.frame_time import exposure_start_s, require_measured_mode
+
+from .camera_list import device_path
+from .controls import list_controls, read_control
+from .device import Capture, V4l2Device, VideoFormat
+from .measurement_mode import check_measurement_mode, set_measurement_mode
+from .pixel_formats import PIXEL_FORMATS, decode
+from .written_frames import WrittenFrames
+
+__all__ = ["V4l2Camera"]
+
+# Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
+_BUFFERS = 4
+_LUMA = ("YUYV", "UYVY")
+# By the standard 235, and drivers that round down stop one before.
+_LIMITED_WHITE = 234
+
+
+class V4l2Camera:
+    """An open, streaming V4L2 camera in measurement mode.
+
+    The driver's buffers are claimed before a control is touched, so a second program that opens
+    the camera is turned away without having changed anything.
+
+    Parameters
+    ----------
+    config
+        With ``kind = "v4l2"``.
+
+    Raises
+    ------
+    CameraError
+        If the camera is missing or in use, does not have the format, size or rate, or does not
+        hold a control; the message names it.
+    """
+
+    def __init__(self, config: CameraConfig) -> None:
+        if config.device is None:
+            raise CameraError("camera.device is missing; give the camera's path")
+        require_measured_mode(config)
+        self._config = config
+        self._written: WrittenFrames | None = None
+        self._pixel_format = PIXEL_FORMATS[config.pixel_format]
+        self._device = V4l2Device(device_path(config.device))
+        try:
+            device = self._device
+            self._format = device.set_format(
+                self._pixel_format.fourcc, config.width_px, config.height_px
+            )
+            self._period_s = device.set_frame_rate(config.frame_rate_hz)
+            self._queue_length = device.claim(_BUFFERS)
+            if config.timestamp_marks == "writer":
+                self._written = WrittenFrames(time.monotonic(), self._period_s)
+            mode = set_measurement_mode(device, config)
+            device.start()
+            # Some cameras load their own settings when they begin to stream.
+            check_measurement_mode(device, mode)
+            self._exposure_s = mode.exposure_s
+            self._controls = _record(device, self._format, config)
+        except BaseException:
+            self._device.close()
+            raise
+
+    @property
+    def info(self) -> CameraInfo:
+        """What holds for every frame."""
+        return CameraInfo(
+            kind="v4l2",
+            name=self._device.card,
+            width_px=self._format.width_px,
+            height_px=self._format.height_px,
+            bit_depth=self._pixel_format.bit_depth,
+            frame_period_s=self._period_s,
+            exposure_s=self._exposure_s,
+            queue_length=self._queue_length,
+            controls=self._controls,
+        )
+
+    def read(self, timeout_s: float) -> Frame:
+        """The oldest frame in the queue, or the next one to come.
+
+        A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
+        """
+        capture = self._next_capture(timeout_s)
+        start_s = exposure_start_s(
+            capture.timestamp_s,
+            capture.marks_exposure_start,
+            self._config,
+            self._period_s,
+            self._exposure_s,
+        )
+        return Frame(
+            pixels=self._blank() if capture.is_corrupt else self._decoded(capture),
+            bit_depth=self._pixel_format.bit_depth,
+            exposure_start_s=start_s,
+            exposure_end_s=start_s + self._exposure_s,
+            sequence=capture.sequence,
+            flags=FrameFlag.CORRUPT if capture.is_corrupt else FrameFlag.GOOD,
+        )
+
+    def close(self) -> None:
+        """Stop streaming and release the device; a second call does nothing."""
+        self._device.close()
+
+    def _next_capture(self, timeout_s: float) -> Capture:
+        capture = self._device.next_capture(timeout_s)
+        if self._written is not None:
+            deadline_s = time.monotonic() + timeout_s
+            while (number := self._written.number_of(capture.timestamp_s)) is None:
+                left_s = max(0.0, deadline_s - time.monotonic())
+                capture = self._device.next_capture(left_s)
+            return replace(capture, sequence=number)
+        if not capture.is_monotonic:
+            raise CameraError(
+                f"{self._device.path}: the time stamps of driver {self._device.driver} are not on "
+                "the monotonic clock, so a frame cannot be told from one before the light; use "
+                "another camera, or for a loopback device set camera.timestamp_marks = 'writer'"
+            )
+        return capture
+
+    def _decoded(self, capture: Capture) -> Pixels:
+        form = self._format
+        try:
+            pixels = decode(
+                self._pixel_format,
+                capture.data,
+                form.width_px,
+                form.height_px,
+                form.bytes_per_line,
+            )
+        except CameraError as error:
+            raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
+        if self._pixel_format.name in _LUMA and form.quantization != "full range":
+            # White ends there, and a saturated pixel must look like one.
+            pixels[pixels >= _LIMITED_WHITE] = 255
+        return pixels
+
+    def _blank(self) -> Pixels:
+        shape = (self._format.height_px, self._format.width_px)
+        if self._pixel_format.bit_depth == 8:
+            return np.zeros(shape, np.uint8)
+        return np.zeros(shape, np.uint16)
+
+
+def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict[str, Any]:
+    """What a set keeps of the camera's state: every control, and how pixels and times came."""
+    record: dict[str, Any] = {
+        control.slug: read_control(device, control)
+        for control in list_controls(device)
+        if control.is_readable
+    }
+    record["v4l2"] = {
+        "driver": device.driver,
+        "bus": device.bus,
+        "pixel_format": config.pixel_format,
+        "compressed": PIXEL_FORMATS[config.pixel_format].is_compressed,
+        "quantization": form.quantization,
+        "fixed_exposure": config.fixed_exposure,
+        "timestamp_marks": config.timestamp_marks or "frame_end",
+        "timestamp_offset_ms": config.timestamp_offset_ms,
+        "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
+        "readout_ms": config.readout_ms,
+        "timing_measured_at": config.timing_measured_at,
+    }
+    return record

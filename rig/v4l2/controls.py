@@ -1,0 +1,228 @@
+"""The controls of a V4L2 device, by numeric id: names change with the kernel, ids do not."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from rig.errors import ControlError, ControlFault
+
+from . import abi
+from .device import V4l2Device
+
+__all__ = [
+    "Control",
+    "check_control",
+    "find_control",
+    "list_controls",
+    "read_control",
+    "write_control",
+]
+
+_MENUS = (abi.CTRL_TYPE_MENU, abi.CTRL_TYPE_INTEGER_MENU)
+# What one whole number can hold; buttons, texts and arrays are nothing to read back.
+_READABLE = (
+    abi.CTRL_TYPE_INTEGER,
+    abi.CTRL_TYPE_BOOLEAN,
+    abi.CTRL_TYPE_INTEGER64,
+    abi.CTRL_TYPE_BITMASK,
+    *_MENUS,
+)
+# Of these errors a control is not the cause.
+_OF_THE_WHOLE_DEVICE = (errno.ENODEV, errno.ENXIO, errno.EBUSY)
+_OTHER = "use another camera, as images of this one cannot be measured"
+_MAX_CONTROLS = 1024
+_MAX_MENU = 256
+
+
+@dataclass(frozen=True)
+class Control:
+    """What a driver says of one control.
+
+    `menu` maps the values of a menu to their names; values in between may be missing.
+    """
+
+    id: int
+    kind: int
+    name: str
+    minimum: int
+    maximum: int
+    flags: int
+    menu: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def slug(self) -> str:
+        """The name in lower case with underscores, as tools print it."""
+        return re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether it has a value that is one whole number."""
+        return self.kind in _READABLE and not self.flags & abi.CTRL_FLAG_WRITE_ONLY
+
+    @property
+    def is_inactive(self) -> bool:
+        """Whether another control, mostly an automatic one, keeps it without effect."""
+        return bool(self.flags & abi.CTRL_FLAG_INACTIVE)
+
+    def allowed(self) -> str:
+        """What it may be set to, as text."""
+        if self.menu:
+            return ", ".join(f"{value} ({name})" for value, name in self.menu.items())
+        return f"{self.minimum} to {self.maximum}"
+
+
+def find_control(device: V4l2Device, control_id: int) -> Control | None:
+    """One control, None if the device does not have it or has it switched off."""
+    query = _query(device, control_id)
+    if query is None or query.flags & abi.CTRL_FLAG_DISABLED:
+        return None
+    return Control(
+        id=query.id,
+        kind=query.type,
+        name=abi.text(query.name),
+        minimum=query.minimum,
+        maximum=query.maximum,
+        flags=query.flags,
+        menu=dict(_menu(device, query)) if query.type in _MENUS else {},
+    )
+
+
+def list_controls(device: V4l2Device) -> Iterator[Control]:
+    """All controls, buttons included, in the order of their ids."""
+    after = 0
+    for _ in range(_MAX_CONTROLS):
+        query = _query(device, after | abi.CTRL_FLAG_NEXT_CTRL)
+        if query is None or query.id <= after:
+            return
+        after = query.id
+        control = find_control(device, query.id)
+        if control is not None:
+            yield control
+
+
+def read_control(device: V4l2Device, control: Control) -> int:
+    """The value the driver holds."""
+    item, simple = abi.ExtControl(id=control.id), abi.SimpleControl(id=control.id)
+    try:
+        if not _is_known(device, abi.VIDIOC_G_EXT_CTRLS, _single(item)):
+            device.try_call(abi.VIDIOC_G_CTRL, simple)
+            return int(simple.value)
+    except OSError as error:
+        device.fail(f"cannot read control {control.slug}", error)
+    wide = control.kind == abi.CTRL_TYPE_INTEGER64
+    return int(item.payload.value64 if wide else item.payload.value)
+
+
+def write_control(device: V4l2Device, control: Control, value: int) -> None:
+    """Set a control and read it back.
+
+    Raises
+    ------
+    ControlError
+        With the control's name, if it cannot be set to this value or does not keep it.
+    CameraError
+        If the camera is gone or in use.
+    """
+    # The kernel would clamp in silence.
+    allowed = value in control.menu if control.menu else control.minimum <= value <= control.maximum
+    if not allowed:
+        raise _error(
+            device,
+            control,
+            f"= {value} is not possible; it takes {control.allowed()}",
+            "ask for a value that it takes, or use another camera",
+        )
+    if control.flags & abi.CTRL_FLAG_READ_ONLY:
+        held = _held(device, control)
+        raise _error(device, control, f"is read-only{held}; it cannot be set to {value}", _OTHER)
+    item = abi.ExtControl(id=control.id)
+    if control.kind == abi.CTRL_TYPE_INTEGER64:
+        item.payload.value64 = value
+    else:
+        item.payload.value = value
+    try:
+        if not _is_known(device, abi.VIDIOC_S_EXT_CTRLS, _single(item)):
+            device.try_call(abi.VIDIOC_S_CTRL, abi.SimpleControl(id=control.id, value=value))
+    except OSError as error:
+        if error.errno in _OF_THE_WHOLE_DEVICE:
+            device.fail(f"control {control.slug} refuses {value}", error)
+        held = _held(device, control)
+        seen = f"refuses {value} ({error.strerror}){held}"
+        raise _error(device, control, seen, _by_hand(device)) from error
+    if control.is_readable:
+        check_control(device, control, value)
+
+
+def check_control(device: V4l2Device, control: Control, value: int) -> None:
+    """Raise a `ControlError` with the control's name if it does not hold `value`."""
+    held = read_control(device, control)
+    if held != value:
+        seen = f"was set to {value} and reads {held}"
+        raise _error(device, control, seen, _by_hand(device))
+
+
+def _error(device: V4l2Device, control: Control, seen: str, advice: str) -> ControlError:
+    fault = ControlFault(control.slug, f"control {control.slug} {seen}", advice)
+    return ControlError(device.path, fault)
+
+
+def _held(device: V4l2Device, control: Control) -> str:
+    return f" and reads {read_control(device, control)}" if control.is_readable else ""
+
+
+def _by_hand(device: V4l2Device) -> str:
+    return (
+        "the camera does not obey: close what else uses it; if v4l2-ctl -d "
+        f"{device.path} does not bring it to that either, {_OTHER}"
+    )
+
+
+def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:
+    """What the driver says of a control, or of the next one; None if there is none."""
+    for request, query in (
+        (abi.VIDIOC_QUERY_EXT_CTRL, abi.QueryExtCtrl(id=control_id)),
+        (abi.VIDIOC_QUERYCTRL, abi.QueryCtrl(id=control_id)),
+    ):
+        try:
+            if _is_known(device, request, query):
+                return query
+        except OSError as error:
+            if error.errno == errno.EINVAL:
+                return None
+            device.fail(f"cannot query control {control_id:#x}", error)
+    return None
+
+
+def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
+    """Do an ioctl that old drivers lack; False if this one does. May raise OSError."""
+    try:
+        device.try_call(request, argument)
+    except OSError as error:
+        if error.errno == errno.ENOTTY:
+            return False
+        raise
+    return True
+
+
+def _single(item: abi.ExtControl) -> abi.ExtControls:
+    return abi.ExtControls(count=1, controls=ctypes.pointer(item))
+
+
+def _menu(device: V4l2Device, query: abi.QueryExtCtrl | abi.QueryCtrl) -> Iterator[tuple[int, str]]:
+    for index in range(max(query.minimum, 0), min(query.maximum, _MAX_MENU) + 1):
+        entry = abi.QueryMenu(id=query.id, index=index)
+        try:
+            device.try_call(abi.VIDIOC_QUERYMENU, entry)
+        except OSError as error:
+            # Menus have holes.
+            if error.errno == errno.EINVAL:
+                continue
+            device.fail(f"cannot list the menu of control {query.id:#x}", error)
+        if query.type == abi.CTRL_TYPE_MENU:
+            yield index, abi.text(entry.item.name)
+        else:
+            yield index, str(entry.item.value)

@@ -1,0 +1,185 @@
+"""From a driver's bytes to an image (H, W) of known depth, for every pixel format we take.
+
+What a pixel value is, by kind of format:
+
+- grey (GREY, Y10, Y12, Y16): the sensor's value as it is;
+- YUYV, UYVY: the luma byte, the chroma dropped;
+- Bayer: the raw mosaic, one value per pixel, NOT demosaiced: each is what the sensor saw there,
+  while an interpolation would invent neighbours that slopes are computed from. The filters of
+  neighbours differ by a factor, which is in the albedo and not in the slopes;
+- RGB24, BGR24: luma of BT.601, 0.299 R + 0.587 G + 0.114 B, rounded;
+- MJPG: the luma that JPEG stores, decoded. Lossy, so it must be allowed in so many words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from rig.camera import Pixels
+from rig.errors import CameraError
+
+__all__ = ["PIXEL_FORMATS", "PixelFormat", "decode"]
+
+_Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """How one FourCC is laid out in memory.
+
+    Attributes
+    ----------
+    name
+        As in ``rig.toml``.
+    fourcc
+        The kernel's four characters.
+    bit_depth
+        True depth: a good pixel is below 2^bit_depth.
+    bytes_per_px
+        In memory; 0 for a compressed format.
+    to_pixels
+        From rows (H, W * bytes_per_px) without padding to the image. It may share their memory.
+    """
+
+    name: str
+    fourcc: str
+    bit_depth: int
+    bytes_per_px: int
+    to_pixels: Callable[[_Bytes], Pixels]
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether pixels went through a lossy code."""
+        return self.bytes_per_px == 0
+
+
+def decode(
+    pixel_format: PixelFormat,
+    data: bytearray | bytes,
+    width_px: int,
+    height_px: int,
+    bytes_per_line: int,
+) -> Pixels:
+    """The image in a buffer.
+
+    Parameters
+    ----------
+    pixel_format
+        One of `PIXEL_FORMATS`.
+    data
+        The filled part of the buffer. The image may share its memory.
+    width_px, height_px, bytes_per_line
+        As the driver gave them. Rows may be padded; 0 says that they are not.
+
+    Raises
+    ------
+    CameraError
+        If the buffer has not the size of such an image, holds values beyond the true depth, or
+        cannot be decompressed.
+    """
+    if pixel_format.is_compressed:
+        return _from_jpeg(data, width_px, height_px)
+    row_bytes = width_px * pixel_format.bytes_per_px
+    stride = bytes_per_line or row_bytes
+    if stride < row_bytes:
+        raise CameraError(
+            f"the driver says {stride} bytes per line, {pixel_format.name} of {width_px} px needs "
+            f"{row_bytes}"
+        )
+    # Some drivers do not count the padding of the last row.
+    shortest, longest = stride * (height_px - 1) + row_bytes, stride * height_px
+    if not shortest <= len(data) <= longest:
+        raise CameraError(
+            f"a {pixel_format.name} frame of {width_px} x {height_px} px came with {len(data)} "
+            f"bytes instead of {longest}"
+        )
+    # A view, so that the missing padding of the last row is never touched.
+    rows: _Bytes = np.lib.stride_tricks.as_strided(
+        np.frombuffer(data, np.uint8), (height_px, row_bytes), (stride, 1)
+    )
+    pixels = pixel_format.to_pixels(rows)
+    limit = 1 << pixel_format.bit_depth
+    if pixels.dtype == np.uint16 and limit <= int(pixels.max()):
+        raise CameraError(
+            f"the camera sends values up to {int(pixels.max())} as {pixel_format.name}, which ends "
+            f"at {limit - 1}; if they fill the 16 bits, it means Y16"
+        )
+    return pixels
+
+
+def _bytes_as_they_are(rows: _Bytes) -> Pixels:
+    return np.ascontiguousarray(rows)
+
+
+def _words(rows: _Bytes) -> Pixels:
+    words: Pixels = np.ascontiguousarray(rows).view(np.dtype("<u2"))
+    return words.astype(np.uint16, copy=False)
+
+
+def _first_of_two(rows: _Bytes) -> Pixels:
+    return np.ascontiguousarray(rows[:, 0::2])
+
+
+def _second_of_two(rows: _Bytes) -> Pixels:
+    return np.ascontiguousarray(rows[:, 1::2])
+
+
+def _luma_of(code: int) -> Callable[[_Bytes], Pixels]:
+    def luma(rows: _Bytes) -> Pixels:
+        colours = np.ascontiguousarray(rows).reshape(rows.shape[0], -1, 3)
+        return cv2.cvtColor(colours, code).astype(np.uint8, copy=False)
+
+    return luma
+
+
+def _from_jpeg(data: bytearray | bytes, width_px: int, height_px: int) -> Pixels:
+    image = None
+    if len(data):
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise CameraError(f"an MJPG frame of {len(data)} bytes cannot be decompressed")
+    if image.shape != (height_px, width_px):
+        rows, columns = image.shape
+        raise CameraError(
+            f"an MJPG frame is {columns} x {rows} px, the driver had said {width_px} x {height_px}"
+        )
+    return image.astype(np.uint8, copy=False)
+
+
+_BAYER_FOURCCS = {
+    "SRGGB": ("RGGB", "RG10", "RG12"),
+    "SGRBG": ("GRBG", "BA10", "BA12"),
+    "SGBRG": ("GBRG", "GB10", "GB12"),
+    "SBGGR": ("BA81", "BG10", "BG12"),
+}
+
+PIXEL_FORMATS = {
+    entry.name: entry
+    for entry in (
+        PixelFormat("GREY", "GREY", 8, 1, _bytes_as_they_are),
+        PixelFormat("Y10", "Y10 ", 10, 2, _words),
+        PixelFormat("Y12", "Y12 ", 12, 2, _words),
+        PixelFormat("Y16", "Y16 ", 16, 2, _words),
+        PixelFormat("YUYV", "YUYV", 8, 2, _first_of_two),
+        PixelFormat("UYVY", "UYVY", 8, 2, _second_of_two),
+        PixelFormat("RGB24", "RGB3", 8, 3, _luma_of(cv2.COLOR_RGB2GRAY)),
+        PixelFormat("BGR24", "BGR3", 8, 3, _luma_of(cv2.COLOR_BGR2GRAY)),
+        PixelFormat("MJPG", "MJPG", 8, 0, _bytes_as_they_are),
+        *(
+            PixelFormat(
+                f"{order}{depth}",
+                fourcc,
+                depth,
+                1 if depth == 8 else 2,
+                _bytes_as_they_are if depth == 8 else _words,
+            )
+            for order, fourccs in _BAYER_FOURCCS.items()
+            for depth, fourcc in zip((8, 10, 12), fourccs, strict=True)
+        ),
+    )
+}

@@ -1,0 +1,54 @@
+"""Which images are refused, by name and cause."""
+
+import numpy as np
+import pytest
+
+from capture import SetRejected
+from capture.acquisition.quality import check_images
+
+NAMES = ("LED 0", "LED 1", "LED 2", "LED 3")
+TOP = 4095
+
+
+def check(levels: tuple[float, ...], ambient: float = 80.0, saturated_pixels: int = 0) -> None:
+    images = np.stack([np.full((20, 50), level, np.uint16) for level in levels])
+    images[1].flat[:saturated_pixels] = TOP
+    check_images(images, np.full((20, 50), ambient, np.uint16), TOP, NAMES)
+
+
+def test_even_light_passes() -> None:
+    check((2000, 1800, 2100, 1500))
+
+
+def test_a_few_saturated_pixels_are_left_to_the_solver() -> None:
+    check((2000,) * 4, saturated_pixels=10)  # 1 % of 1000
+
+
+def test_more_saturated_pixels_than_that_are_not() -> None:
+    with pytest.raises(SetRejected, match=r"^set rejected: LED 1: 1\.1% of the pixels are satur"):
+        check((2000,) * 4, saturated_pixels=11)
+
+
+def test_darkness_is_measured_above_the_ambient_light() -> None:
+    with pytest.raises(SetRejected, match=r"LED 2: dark, 5\.0 of 4095 above ambient"):
+        check((2000, 2000, 1005, 2000), ambient=1000)
+
+
+def test_an_image_darker_than_the_ambient_one_is_dark() -> None:
+    with pytest.raises(SetRejected, match=r"LED 0: dark, -30\.0 of 4095"):
+        check((50, 2000, 2000, 2000))
+
+
+def test_an_led_far_weaker_than_the_brightest_is_named_with_its_share() -> None:
+    with pytest.raises(SetRejected, match=r"LED 3: only 5% of the brightest light"):
+        check((2080, 1080, 2080, 180))
+
+
+def test_all_causes_are_named_at_once() -> None:
+    with pytest.raises(SetRejected) as caught:
+        check((4095, 2000, 2100, 2050), ambient=2048)
+    causes = str(caught.value).removeprefix("set rejected: ").split("; ")
+    assert causes[0] == "ambient light fills 50% of the range"
+    assert [cause for cause in causes if cause.startswith("LED 0: 100.0% of the pixels")]
+    assert sum(": dark, " in cause for cause in causes) == 2
+    assert caught.value.exit_status == 1

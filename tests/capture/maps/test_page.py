@@ -1,0 +1,117 @@
+"""The page of maps: whole, self-contained, and nothing from a set becomes markup."""
+
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.maps import SurfaceMaps, map_page, map_views
+
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, and the text of the page."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text = ""
+        self.open: list[str] = []
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def page_of(captured: CapturedSet, method: str = "ps4") -> Page:
+    maps = SurfaceMaps.of(captured.solve(method))
+    page = Page(map_page(captured, maps, map_views(captured, maps)))
+    assert page.open == []
+    return page
+
+
+@pytest.fixture(scope="module")
+def page(sets: Path) -> Page:
+    return page_of(CapturedSet.load(sets / "rock-001.ome.tif"))
+
+
+def test_it_shows_every_map_with_its_name(page: Page) -> None:
+    titles = [image["alt"] for image in page.all("img")]
+    assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 5
+    for name in (
+        "p", "q", "albedo", "normals", "height", "raised", "mean_curvature",
+        "gaussian_curvature", "relit", "residual",
+    ):  # fmt: skip
+        assert f"{name}.tif" in page.text
+    for name in ("shadow.png", "dropped.png", "valid.png", "roughness.json"):
+        assert name in page.text
+
+
+def test_it_says_what_was_solved_and_how(page: Page) -> None:
+    assert "Simulated. No light, camera or part" in page.text
+    for fact in ("rock", "ps4", "128 x 128 px, 12 bit", "4, slant 45.0°", "1/px²", "(relative)"):
+        assert fact in page.text
+    for parameter in ("Sdq", "Sdr", "Sa", "Sq"):
+        assert parameter in page.text
+
+
+def test_it_needs_nothing_beside_it(page: Page) -> None:
+    assert not page.all("script")
+    assert not page.all("link")
+    assert not page.all("a")
+    assert all(
+        (image["src"] or "").startswith("data:image/jpeg;base64,") for image in page.all("img")
+    )
+    policies = [meta["content"] for meta in page.all("meta") if "http-equiv" in meta]
+    assert policies == ["default-src 'none'; img-src data:; style-src 'unsafe-inline'"]
+
+
+def test_colour_bars_run_from_lowest_to_highest(
+    made_set: Callable[..., CapturedSet],
+) -> None:
+    """A plane: p is 0.2 all over, and so its colours end at -0.2 and 0.2."""
+    set_ = made_set(np.full((4, 8, 8), 1000, np.uint16))
+    normal = np.array([-0.2, 0.0, 1.0]) / np.sqrt(1.04)
+    levels = np.rint(40_000 * set_.lighting.directions @ normal).astype(np.uint16)
+    text = page_of(made_set(np.tile(levels[:, None, None], (1, 8, 8)))).text
+    assert "\N{MINUS SIGN}0.200.2p = dz/dx" in text
+    assert "Simulated" not in text
+    assert "Captured set without a label" not in text
+
+
+def test_what_a_set_says_is_text_and_never_markup(made_set: Callable[..., CapturedSet]) -> None:
+    evil = "<script>alert(\"$title & 'x'\")</script>"
+    set_ = made_set(np.full((4, 8, 9), 1000, np.uint16), label=evil, created_utc=evil)
+    page = page_of(set_)
+    assert not page.all("script")
+    assert page.text.count(evil) == 3  # title, heading, date
+
+
+def test_a_set_without_label_or_valid_pixel_is_shown(made_set: Callable[..., CapturedSet]) -> None:
+    text = page_of(made_set(np.zeros((4, 1, 1), np.uint16), label=None)).text
+    assert "Captured set without a label" in text
+    assert "root mean square gradient-" in text
+
+
+def test_fifty_lights_do_not_make_fifty_pictures(made_set: Callable[..., CapturedSet]) -> None:
+    page = page_of(made_set(np.full((50, 8, 8), 1000, np.uint16)), "least_squares")
+    assert sum("tilt" in (image["alt"] or "") and "light" in (image["alt"] or "")
+               for image in page.all("img")) == 8  # fmt: skip
+    assert "42 more are not shown." in page.text

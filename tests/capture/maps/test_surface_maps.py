@@ -1,0 +1,53 @@
+"""Maps and roughness of a simulated capture against those of the true gradients."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture.maps import SurfaceMaps
+from classify import InputError, Lighting, photometric_stereo
+from rig.scene import render_frame, synthetic_surface
+from rig.simulation import SensorModel
+
+EXPOSURE_MS = np.float32(20.0)
+
+
+@pytest.fixture(scope="module", params=["rock", "sand"])
+def found_and_true(request: pytest.FixtureRequest) -> tuple[SurfaceMaps, SurfaceMaps]:
+    lighting = Lighting.ring(45.0)
+    scene = render_frame(synthetic_surface(request.param, 0, 512), lighting, 192)
+    sensor, rng = SensorModel(bit_depth=12), np.random.default_rng(0)
+    lit = [sensor.expose((light + scene.ambient) * EXPOSURE_MS, rng) for light in scene.lights]
+    ambient = sensor.expose(scene.ambient * EXPOSURE_MS, rng)
+    found = photometric_stereo(
+        np.stack(lit), lighting, ambient=ambient, full_scale=sensor.full_scale_dn
+    )
+    everywhere = np.ones(found.shape, bool)
+    p, q = scene.p.astype(np.float32), scene.q.astype(np.float32)
+    return SurfaceMaps.of(found), SurfaceMaps.of(replace(found, p=p, q=q, valid=everywhere))
+
+
+def test_maps_are_those_of_the_true_surface(
+    found_and_true: tuple[SurfaceMaps, SurfaceMaps],
+) -> None:
+    found, true = found_and_true
+    for name in ("height", "raised", "mean_curvature", "gaussian_curvature"):
+        pair = [getattr(maps, name).ravel() for maps in (found, true)]
+        assert np.corrcoef(*pair)[0, 1] > 0.97, name
+        assert pair[0].std() == pytest.approx(pair[1].std(), rel=0.05), name
+
+
+def test_roughness_is_that_of_the_true_surface(
+    found_and_true: tuple[SurfaceMaps, SurfaceMaps],
+) -> None:
+    found, true = (maps.roughness for maps in found_and_true)
+    assert found is not None
+    assert true is not None
+    for name in ("sdq", "sdr_percent", "sa_px", "sq_px"):
+        assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.03), name
+
+
+def test_one_light_is_asked_for(found_and_true: tuple[SurfaceMaps, SurfaceMaps]) -> None:
+    with pytest.raises(InputError, match="give one"):
+        SurfaceMaps.of(found_and_true[0].surface, Lighting.ring(45.0))

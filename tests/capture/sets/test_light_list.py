@@ -1,0 +1,208 @@
+"""Light directions from `.lp` and `.json`."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture.sets import load_light_list
+from classify import Lighting
+from classify.errors import InputError
+
+RING = Lighting.ring(30.0)
+NAMES = ("a.png", "b.png", "c.png", "d.png")
+PATHS = [Path("photos") / name for name in NAMES]
+
+
+def lp(folder: Path, content: str | bytes) -> Path:
+    path = folder / "lights.lp"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def rows(names: tuple[str, ...] = NAMES) -> list[str]:
+    return [
+        f"{name} {x:.17g} {y:.17g} {z:.17g}"
+        for name, (x, y, z) in zip(names, RING.directions, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\n\n", "  \n"])
+def test_an_lp_file_gives_the_lights_of_its_images_in_any_order(tmp_path: Path, end: str) -> None:
+    lights = load_light_list(lp(tmp_path, end.join(["4", *rows()]) + end))
+    assert lights.image_paths() == [tmp_path / name for name in NAMES]
+    assert lights.lighting_for(PATHS) == RING
+    backwards = lights.lighting_for(PATHS[::-1])
+    np.testing.assert_array_equal(backwards.directions, RING.directions[::-1])
+    assert len(lights.lighting_for(PATHS[1:3])) == 2
+
+
+@pytest.mark.parametrize(
+    "folder", ["", "C:\\Users\\me\\my photos\\", "/home/me/", "..\\", "\\\\server\\share\\", "x/y/"]
+)
+def test_folders_of_another_computer_and_blanks_in_names_do_no_harm(
+    tmp_path: Path, folder: str
+) -> None:
+    names = tuple(f"my  photo {name}" for name in NAMES)
+    lines = rows(tuple(folder + name for name in names))
+    lights = load_light_list(lp(tmp_path, "\r\n".join(["4", *lines])))
+    assert lights.image_paths() == [tmp_path / name for name in names]
+
+
+def test_a_byte_order_mark_is_no_part_of_the_count(tmp_path: Path) -> None:
+    content = "\n".join(["4", *rows()]).encode("utf-8-sig")
+    assert load_light_list(lp(tmp_path, content)).lighting_for(PATHS) == RING
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "line 1 must be the number of lights"),
+        ("a.png 0 0 1\n", "line 1 must be the number of lights"),
+        ("-1\n", "line 1 must be the number of lights"),
+        ("2\na.png 0 0 1\n", "announces 2 lights and lists 1"),
+        ("1\na.png 0 0 1\nb.png 0 0 1\n", "announces 1 lights and lists 2"),
+        ("9" * 5000 + "\na.png 0 0 1\n", "announces 999999999 lights and lists 1"),
+        ("0\n", "lists 0 lights; 1 to 255"),
+        ("1\na.png 0 0\n", "line 2 is not 'name x y z'"),
+        ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not 'name x y z'"),
+        ("2\na.png 0 0 1\nC:\\a.png 0 0 1\n", "names image a.png twice"),
+        (b"1\n\xff.png 0 0 1\n", "cannot be read"),
+    ],
+)
+def test_a_wrong_lp_file_is_refused_by_name_and_line(
+    tmp_path: Path, content: str | bytes, message: str
+) -> None:
+    with pytest.raises(InputError, match=rf"lights\.lp: {message}"):
+        load_light_list(lp(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    ("vector", "message"),
+    [
+        ("0 1 0", "light 0 stands at or below the horizon"),
+        ("0.5 0 -0.5", "light 0 stands at or below the horizon"),
+        ("nan 0 1", "not finite"),
+        ("inf 0 1", "not finite"),
+        ("0 0 0", "zero"),
+    ],
+)
+def test_a_light_that_cannot_shine_on_the_surface_is_refused_by_file(
+    tmp_path: Path, vector: str, message: str
+) -> None:
+    lights = load_light_list(lp(tmp_path, f"1\na.png {vector}\n"))
+    with pytest.raises(InputError, match=rf"lights\.lp: .*{message}"):
+        lights.lighting_for([Path("a.png")])
+
+
+def test_an_image_that_is_not_listed_is_named(tmp_path: Path) -> None:
+    lights = load_light_list(lp(tmp_path, "\n".join(["4", *rows()])))
+    with pytest.raises(InputError, match=r"lights\.lp: lists no light for e\.png"):
+        lights.lighting_for([*PATHS[:3], Path("e.png")])
+
+
+# json
+
+
+def as_json(folder: Path, content: Any) -> Path:
+    path = folder / "lights.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_json_may_list_vectors_in_the_order_of_the_images(tmp_path: Path) -> None:
+    lights = load_light_list(as_json(tmp_path, RING.directions.tolist()))
+    assert lights.lighting_for([Path(f"{n}.png") for n in range(4)]) == RING
+    with pytest.raises(InputError, match=r"4 lights for 3 images; give one each"):
+        lights.lighting_for(PATHS[:3])
+    with pytest.raises(InputError, match="gives no image names"):
+        lights.image_paths()
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
+    entries = [
+        {"file": f"D:\\x\\{name}", "direction": vector, "tilt_deg": 1}
+        for name, vector in zip(NAMES, RING.directions.tolist(), strict=True)
+    ]
+    content = {"name": "ring", "images": entries} if wrapped else entries
+    lights = load_light_list(as_json(tmp_path, content))
+    assert lights.image_paths() == [tmp_path / name for name in NAMES]
+    np.testing.assert_array_equal(
+        lights.lighting_for(PATHS[::-1]).directions, RING.directions[::-1]
+    )
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {},
+        3,
+        "null",
+        [[0, 0]],
+        [[0, 0, "up"]],
+        [[0, 0, None]],
+        "[[0, 0, NaN]]",
+        "[[0, 0, Infinity]]",
+        "[[0, 0, 1e999]]",
+        "[[0, 0, 1" + "0" * 400 + "]]",
+        "[" + "1" * 5000 + "]",
+        "[" * 100_000,
+        [{"file": "a.png"}],
+        [{"direction": [0, 0, 1]}],
+        {"images": {"a.png": [0, 0, 1]}},
+        [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],
+    ],
+)
+def test_json_of_another_form_is_refused_with_the_right_one(tmp_path: Path, content: Any) -> None:
+    with pytest.raises(InputError, match=r"lights\.json: not a list of lights; give \[\[x, y, z"):
+        load_light_list(as_json(tmp_path, content))
+
+
+def test_what_is_no_json_or_no_list_at_all(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"lights\.json: not JSON \(.*line 1 column 2"):
+        load_light_list(as_json(tmp_path, "[0, 0, 1"[:1] + "x"))
+    with pytest.raises(InputError, match="lists 0 lights"):
+        load_light_list(as_json(tmp_path, []))
+    (tmp_path / "lights.csv").write_text("0,0,1")
+    with pytest.raises(InputError, match=r"lights\.csv: light directions come as \.lp or \.json"):
+        load_light_list(tmp_path / "lights.csv")
+    with pytest.raises(InputError, match=r"none\.lp: no such file"):
+        load_light_list(tmp_path / "none.lp")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_light_list(tmp_path)
+    (tmp_path / "large.lp").write_bytes(b" " * (5 << 20))
+    with pytest.raises(InputError, match="larger than"):
+        load_light_list(tmp_path / "large.lp")
+
+
+@given(st.text(max_size=200), st.sampled_from([".lp", ".json"]))
+def test_any_text_is_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, text: str, suffix: str
+) -> None:
+    path = tmp_path_factory.getbasetemp() / f"any{suffix}"
+    path.write_text(text, encoding="utf-8", errors="replace")
+    try:
+        load_light_list(path)
+    except InputError as error:
+        message = str(error)
+        assert path.name in message
+
+
+def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_path: Path) -> None:
+    path = tmp_path / "lights.json"
+    lights = [
+        {"file": f"{name}.png", "direction": [x, y, 1], "intensity": intensity}
+        for name, x, y, intensity in (("a", 1, 0, 1.0), ("b", 0, 1, 2.0), ("c", -1, 0, 0.5))
+    ]
+    path.write_text(json.dumps(lights), encoding="utf-8")
+    lighting = load_light_list(path).lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
+    assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
+    lights[0]["intensity"] = 0
+    path.write_text(json.dumps(lights), encoding="utf-8")
+    with pytest.raises(InputError, match="not a list of lights"):
+        load_light_list(path)

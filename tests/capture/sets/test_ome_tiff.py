@@ -1,0 +1,297 @@
+"""The OME-TIFF of a captured set: what goes in comes out, or the reader says why not."""
+
+import json
+import os
+import stat
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from capture import CapturedSet, capture_set
+from capture.sets.metadata import ImageRecord
+from classify import Lighting
+from classify.errors import InputError
+from rig import Rig
+
+MadeSet = Callable[..., CapturedSet]
+OME = "{http://www.openmicroscopy.org/Schemas/OME/2016-06}"
+
+printable = st.text(max_size=30).filter(str.isprintable)
+planes = st.tuples(st.integers(4, 9), st.integers(1, 24), st.integers(1, 24)).flatmap(
+    lambda shape: hnp.arrays(np.uint16, shape)
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("sets")
+
+
+@pytest.fixture
+def path(tmp_path: Path, made_set: MadeSet) -> Path:
+    """A file with a small set."""
+    images = np.arange(5 * 6 * 7, dtype=np.uint16).reshape(5, 6, 7)
+    made_set(images[:4], images[4]).save(tmp_path / "oak.ome.tif")
+    return tmp_path / "oak.ome.tif"
+
+
+def with_metadata(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Edit the JSON inside the file, as a person with a script would."""
+    with tifffile.TiffFile(path) as tiff:
+        root = ET.fromstring(tiff.pages.first.description)
+        pixels = tiff.asarray(key=range(len(tiff.pages)))
+    value = root.find(f".//{OME}CommentAnnotation/{OME}Value")
+    assert value is not None
+    assert value.text is not None
+    fields = json.loads(value.text)
+    change(fields)
+    value.text = json.dumps(fields)
+    tifffile.imwrite(path, pixels, photometric="minisblack", description=ET.tostring(root),
+                     metadata=None)  # fmt: skip
+
+
+# there and back
+
+
+@settings(max_examples=60, deadline=None)
+@given(images=planes, with_ambient=st.booleans(), label=st.none() | printable)
+def test_pixels_and_metadata_come_back_as_they_were(
+    folder: Path, made_set: MadeSet, images: Any, with_ambient: bool, label: str | None
+) -> None:
+    ambient = images[-1] if with_ambient else None
+    written = made_set(images[:-1] if with_ambient else images, ambient, label=label)
+    written.save(folder / "x.ome.tif")
+    read = CapturedSet.load(folder / "x.ome.tif")
+    assert read.metadata == written.metadata
+    assert read.lighting == written.lighting
+    np.testing.assert_array_equal(read.images, written.images)
+    if ambient is None:
+        assert read.ambient is None
+    else:
+        np.testing.assert_array_equal(read.ambient, ambient)
+
+
+@pytest.mark.parametrize("label", ["chêne 3 µm", "橡木", "<&>\"'", "a~b", "]]>", "", "x" * 5000])
+def test_labels_of_any_script_come_back(path: Path, made_set: MadeSet, label: str) -> None:
+    made_set(np.ones((4, 2, 2), np.uint16), label=label).save(path)
+    assert CapturedSet.load(path).label == label
+
+
+def test_names_that_xml_could_not_hold_come_back(path: Path, made_set: MadeSet) -> None:
+    names = ["a\x01.png", "\uffff.png", "tab\t.png", "\u2028.png"]
+    records = tuple(ImageRecord(light=i, source_file=name) for i, name in enumerate(names))
+    made_set(np.ones((4, 2, 2), np.uint16), images=records).save(path)
+    assert [image.source_file for image in CapturedSet.load(path).metadata.images] == names
+
+
+def test_a_captured_set_comes_back_with_all_its_records(rig: Rig, tmp_path: Path) -> None:
+    captured = capture_set(rig, label="oak", average=2)
+    captured.save(tmp_path / "a.ome.tif")
+    assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
+
+
+# for other readers
+
+
+def test_any_tiff_reader_sees_channels_named_by_tilt(path: Path) -> None:
+    with tifffile.TiffFile(path) as tiff:
+        assert tiff.is_ome
+        assert tiff.series[0].axes == "CYX"
+        assert tiff.series[0].shape == (5, 6, 7)
+        np.testing.assert_array_equal(
+            tiff.asarray(), np.arange(5 * 6 * 7, dtype=np.uint16).reshape(5, 6, 7)
+        )
+        assert tiff.pages.first.compression == tifffile.COMPRESSION.NONE
+        root = ET.fromstring(tiff.ome_metadata or "")
+    names = [channel.get("Name") for channel in root.iter(f"{OME}Channel")]
+    assert names == ["tilt 0 deg", "tilt 90 deg", "tilt 180 deg", "tilt 270 deg", "ambient"]
+
+
+def test_the_ome_xml_has_the_structure_of_the_2016_schema(path: Path) -> None:
+    with tifffile.TiffFile(path) as tiff:
+        root = ET.fromstring(tiff.pages.first.description)
+    assert root.tag == f"{OME}OME"
+    assert [child.tag for child in root] == [f"{OME}Image", f"{OME}StructuredAnnotations"]
+    image, annotations = root
+    # An xsd:sequence: the order of these is prescribed.
+    assert [child.tag.removeprefix(OME) for child in image] == [
+        "AcquisitionDate", "Pixels", "AnnotationRef",
+    ]  # fmt: skip
+    pixels = image[1]
+    assert [child.tag.removeprefix(OME) for child in pixels] == ["Channel"] * 5 + ["TiffData"]
+    assert {name: pixels.get(name) for name in ("DimensionOrder", "Type", "SizeX", "SizeC")} == {
+        "DimensionOrder": "XYCZT", "Type": "uint16", "SizeX": "7", "SizeC": "5",
+    }  # fmt: skip
+    assert image[2].get("ID") == annotations[0].get("ID") == "Annotation:0"
+    assert image.get("Name") == "oak"
+
+
+def test_the_description_is_plain_ascii(path: Path, made_set: MadeSet) -> None:
+    made_set(np.ones((4, 2, 2), np.uint16), label="橡木").save(path)
+    with tifffile.TiffFile(path) as tiff:
+        assert tiff.pages.first.description.isascii()
+
+
+# files that are refused
+
+
+def test_a_file_cut_off_anywhere_is_refused_by_name(path: Path, tmp_path: Path) -> None:
+    whole = path.read_bytes()
+    # The last 20 bytes tell the resolution of the last page; a set is whole without them.
+    last = len(whole) - 20
+    cut = tmp_path / "cut.ome.tif"
+    lengths = {*range(0, 400, 7), *range(0, last, 97), *range(last - 200, last)}
+    for length in sorted(lengths):
+        cut.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"cut\.ome\.tif: "):
+            CapturedSet.load(cut)
+
+
+@settings(max_examples=150, deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_is_refused_or_changes_no_pixel(
+    folder: Path, made_set: MadeSet, place: float, bit: int
+) -> None:
+    images = np.arange(4 * 40 * 40, dtype=np.uint16).reshape(4, 40, 40)
+    path = folder / "flipped.ome.tif"
+    made_set(images).save(path)
+    content = bytearray(path.read_bytes())
+    content[int(place * len(content))] ^= 1 << bit
+    path.write_bytes(content)
+    with suppress(InputError):
+        np.testing.assert_array_equal(CapturedSet.load(path).images, images)
+
+
+def test_an_edited_pixel_is_noticed(path: Path) -> None:
+    with tifffile.TiffFile(path) as tiff:
+        (start,) = tiff.pages[2].dataoffsets
+    content = bytearray(path.read_bytes())
+    content[start + 5] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"do not match their SHA-256.*use the original"):
+        CapturedSet.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f.update(schema_version=2), "captured-set version 2, .* reads up to 1; use a n"),
+        (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
+        (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
+        (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
+        (lambda f: f.update(bit_depth="many"), "metadata field bit_depth: "),
+        (lambda f: f["images"].pop(), "holds 5 images, its metadata name 4"),
+        (lambda f: f["images"].reverse(), "images does not list the 4 lights in order"),
+        (lambda f: f["lighting"]["directions"].pop(), "lights? in order|intensities for 3 lights"),
+        (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands at or below"),
+        (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "must be positive"),
+        (lambda f: f.update(pixels_sha256="00"), "do not match their SHA-256"),
+    ],
+)
+def test_edited_metadata_are_refused_by_file_and_field(
+    path: Path, change: Callable[[dict[str, Any]], object], message: str
+) -> None:
+    with_metadata(path, change)
+    with pytest.raises(InputError, match=rf"oak\.ome\.tif: .*{message}"):
+        CapturedSet.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b'{"schema', b'["schema', "the metadata are not JSON"),
+        (b"<Value>", b"<value>", "a TIFF, but not a captured set"),
+        (b"ps4rig/captured-set", b"ps4rig/captured-cat", "a TIFF, but not a captured set"),
+    ],
+)
+def test_metadata_that_cannot_be_read_are_refused(
+    path: Path, old: bytes, new: bytes, message: str
+) -> None:
+    path.write_bytes(path.read_bytes().replace(old, new))
+    with pytest.raises(InputError, match=rf"oak\.ome\.tif: {message}"):
+        CapturedSet.load(path)
+
+
+def test_other_tiffs_and_other_files_are_told_apart(tmp_path: Path) -> None:
+    plain, text, empty = (tmp_path / name for name in ("p.tif", "t.ome.tif", "e.ome.tif"))
+    tifffile.imwrite(plain, np.zeros((4, 5, 6), np.uint16), photometric="minisblack")
+    text.write_text("no image at all")
+    empty.touch()
+    for path, message in (
+        (plain, "a TIFF, but not a captured set; ps4rig import makes one"),
+        (text, "not a readable TIFF"),
+        (empty, "not a readable TIFF"),
+        (tmp_path, "cannot be read: Is a directory"),
+        (tmp_path / "none.ome.tif", "no such file"),
+    ):
+        with pytest.raises(InputError, match=f"{path.name}: {message}"):
+            CapturedSet.load(path)
+
+
+# writing
+
+
+def test_another_suffix_is_refused(tmp_path: Path, made_set: MadeSet) -> None:
+    with pytest.raises(InputError, match=r"a\.tif: .*let its name end in \.ome\.tif"):
+        made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "a.tif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path, made_set: MadeSet) -> None:
+    with pytest.raises(InputError, match=r"none/a\.ome\.tif: cannot be written: No such file"):
+        made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "none" / "a.ome.tif")
+
+
+def test_a_folder_in_the_place_of_the_file_stays(tmp_path: Path, made_set: MadeSet) -> None:
+    (tmp_path / "a.ome.tif").mkdir()
+    with pytest.raises(InputError, match=r"a\.ome\.tif: cannot be written"):
+        made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "a.ome.tif")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ome.tif"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_failed_write_leaves_the_old_file_and_nothing_else(
+    path: Path, made_set: MadeSet, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    before = path.read_bytes()
+
+    def half(target: Path, *_: object, **__: object) -> None:
+        target.write_bytes(b"II*\0 half")
+        raise error
+
+    monkeypatch.setattr(tifffile, "imwrite", half)
+    expected = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else InputError
+    with pytest.raises(expected):
+        made_set(np.ones((4, 2, 2), np.uint16)).save(path)
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_new_file_has_the_permissions_of_any_other(path: Path) -> None:
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
+
+
+def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> None:
+    lighting = Lighting.ring(45.0, list(np.arange(255) * 360 / 255))
+    images = np.ones((255, 2, 3), np.uint16)
+    made_set(images, images[0], lighting).save(tmp_path / "many.ome.tif")
+    assert len(CapturedSet.load(tmp_path / "many.ome.tif").images) == 255
+
+
+def test_metadata_of_other_pixels_are_not_written(tmp_path: Path, made_set: MadeSet) -> None:
+    whole = made_set(np.ones((4, 2, 2), np.uint16))
+    other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
+    with pytest.raises(InputError, match="the pixels are not those of the metadata"):
+        other.save(tmp_path / "other.ome.tif")
+    assert list(tmp_path.iterdir()) == []

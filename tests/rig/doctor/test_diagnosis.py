@@ -1,0 +1,370 @@
+"""The doctor on simulated rigs that are well, and on such that are ill in every way."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from classify import Lighting
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import ListedCamera, RigConfig, open_rig
+from rig.config import CameraConfig
+from rig.doctor import Check, diagnose
+from rig.doctor import diagnosis as doctor_module
+from rig.doctor import lights as light_checks_module
+from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
+from rig.doctor.pictures import Pictures, check_pictures, take_pictures
+from rig.doctor.serial_ports import (
+    RULES_FILE,
+    check_access,
+    check_modem_manager,
+    check_port,
+    check_ports,
+)
+from rig.latency import measure_switch_latency
+from rig.lights import LightController, SerialPort
+from rig.lights import link as link_module
+from rig.lights.discovery import _VENDORS
+from rig.v4l2 import Control, OfferedFormat
+from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
+
+SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'\n"
+
+
+@pytest.fixture
+def ill(tmp_path: Path) -> Any:
+    """The checks of a simulated rig with these lines in its rig.toml, by name."""
+
+    def examine(lines: str = "", text: str = SMALL) -> dict[str, Check]:
+        path = tmp_path / "rig.toml"
+        path.write_text(text + lines)
+        return {check.name: check for check in diagnose(path)}
+
+    return examine
+
+
+def led_fault(kind: str, led: int, more: str = "") -> str:
+    return f"[[simulation.faults.leds]]\nkind = '{kind}'\nled = {led}\n{more}\n"
+
+
+def test_a_rig_that_is_well(ill: Any) -> None:
+    checks = ill()
+    bad = {name: check for name, check in checks.items() if check.status in ("fault", "unknown")}
+    assert bad == {}
+    assert {
+        "configuration", "light controller", "LEDs", "watchdog", "switch latency",
+        "measurement mode", "frame rate", "frames", "ambient light", "LED 0", "LED 1", "LED 2",
+        "LED 3", "saturation", "exposure", "LED order", "ModemManager",
+    } <= {*checks}  # fmt: skip
+    assert "protocol 2" in checks["light controller"].seen
+    assert checks["frame rate"].seen == "30.00 Hz reached, 30.00 Hz asked for"
+    assert checks["switch latency"].seen.startswith("median 1.00 ms, worst 1.00 ms of 40")
+
+
+ILLNESSES = [
+    (led_fault("swapped", 1, "other = 3"), "LED order", "fault", "LEDs 1 and 3 are exchanged"),
+    *(
+        pytest.param(*illness, marks=pytest.mark.slow)
+        for illness in (
+            (led_fault("swapped", 0, "other = 1"), "LED order", "fault", "LEDs 0 and 1 are"),
+            (led_fault("dead", 2), "LED 2", "fault", "dead"),
+            (led_fault("dim", 1, "share = 0.7"), "LED 1", "warning", "weak"),
+            (led_fault("stuck_on", 0, "share = 1.0"), "ambient light", "warning", "full scale"),
+            (
+                "[[simulation.faults.frames]]\nkind = 'dropped'\nwhen = {probability = 0.2}",
+                "frames",
+                "warning",
+                "lost",
+            ),
+            ("[simulation]\nambient = 0.3", "ambient light", "warning", "full scale"),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("fault", "name", "status", "seen"), ILLNESSES)
+def test_each_illness_is_found(ill: Any, fault: str, name: str, status: str, seen: str) -> None:
+    checks = ill(fault)
+    assert checks[name].status == status
+    assert seen in checks[name].seen
+    assert checks[name].advice
+
+
+def test_a_camera_that_fails_leaves_all_that_is_not_its_own(ill: Any) -> None:
+    checks = ill("[[simulation.faults.frames]]\nkind = 'gone'")
+    assert checks["watchdog"].status == "ok"
+    assert checks["camera"].status == "fault"
+    assert checks["pictures"].status == "fault"
+
+
+def test_without_a_controller_the_camera_is_still_looked_at(ill: Any) -> None:
+    text = (
+        "[lights]\nport = '/dev/ttyNONE'\n"
+        "[camera]\nkind = 'v4l2'\ndevice = '/dev/video-none'\npixel_format = 'GREY'\n"
+    )
+    checks = ill(text=text)
+    assert checks["port"].status == "fault"
+    assert checks["light controller"].status == "fault"
+    assert checks["camera.device"].status == "fault"
+    assert checks["camera"].status == "fault"
+    assert checks["pictures"].status == "unknown"
+
+
+def test_a_simulation_of_nothing_is_one_fault(ill: Any) -> None:
+    checks = ill("[simulation.placement]\nsurface = 'no-such-folder'\n")
+    assert checks["simulation"].status == "fault"
+    assert "no-such-folder" in checks["simulation"].seen
+
+
+def test_of_a_slow_camera_few_frames_are_awaited() -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 0.5},
+        lights={"watchdog_ms": 60_000},
+    )
+    with open_rig(config) as rig:
+        began_s = rig.clock.now_s()
+        rate, frames = check_frames(rig.camera)
+        assert (rate.status, frames.status) == ("ok", "ok")
+        assert rig.clock.now_s() - began_s < 25.0
+
+
+def test_without_a_configuration_what_is_plugged_in_is_listed(tmp_path: Path) -> None:
+    names = [check.name for check in diagnose(tmp_path / "none.toml")]
+    assert names[0] == "configuration"
+    assert "ModemManager" in names
+
+
+def test_the_leds_are_out_however_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Watched(doctor_module.Simulation):  # type: ignore[misc]
+        def close(self) -> None:
+            now_s = self.clock.now_s()
+            lit.append(max(self.board.output(led, now_s) for led in range(4)))
+            super().close()
+
+    lit: list[float] = []
+    monkeypatch.setattr(doctor_module, "Simulation", Watched)
+    config = tmp_path / "rig.toml"
+    config.write_text(SMALL)
+    for _ in diagnose(config):
+        pass
+    listening = diagnose(config)
+    while next(listening).name != "watchdog":
+        pass
+    listening.close()
+    assert lit == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+# one by one
+
+
+def test_a_watchdog_that_does_not_work_is_found(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        assert lights.trips_watchdog()
+        assert lights.state().led is None
+        lights._clock = VirtualClock()  # time passes for us and not for the controller
+        assert not lights.trips_watchdog()
+        assert light_checks_module._watchdog(lights).status == "fault"
+
+
+def test_switch_latency_is_on_the_rigs_clock_and_leaves_darkness() -> None:
+    clock = VirtualClock()
+    board = SimulatedBoard(clock)
+    with (
+        serve_pty(SimulatedController(board, clock, link_delay_ms=12.0)) as server,
+        LightController(server.address, clock=clock) as lights,
+    ):
+        found = measure_switch_latency(lights, clock, switches=7)
+        assert (found.median_ms, found.worst_ms) == pytest.approx((12.0, 12.0))
+        check = light_checks_module._latency(lights, clock)
+        assert check.status == "warning"
+        assert "latency_timer" in check.advice
+        assert lights.state().led is None
+
+
+def test_old_firmware_is_to_be_renewed(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(light_checks_module, "FIRMWARE_VERSION", "99.0")
+    with LightController(bench.port, clock=bench.clock) as lights:
+        check, count, *_ = light_checks_module.check_lights(
+            lights, bench.clock, RigConfig().lights.model_copy(update={"tilts_deg": (0.0,) * 5})
+        )
+    assert (check.status, check.advice) == ("warning", "ps4rig rig flash")
+    assert count.status == "fault"
+
+
+def test_a_port_in_use_is_found_with_its_holder(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = os.openpty()
+    name = os.ttyname(slave)
+    pid = os.getpid()
+    assert {check.name: check.status for check in check_port(name)}["port in use"] == "ok"
+    # as another program sees it
+    monkeypatch.setattr("rig.doctor.serial_ports.os.getpid", lambda: -1)
+    checks = {check.name: check for check in check_port(name)}
+    assert checks["permission"].status == "ok"
+    assert checks["port in use"].status == "fault"
+    assert f"(process {pid})" in checks["port in use"].seen
+    os.close(slave)
+    os.close(master)
+    assert [check.status for check in check_port("socket://127.0.0.1:1")] == ["ok"]
+
+
+def test_a_missing_permission_names_the_group_and_the_rule(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = tmp_path / "ttyACM0"
+    port.touch(mode=0o060)
+    # The superuser may do everything.
+    monkeypatch.setattr("rig.doctor.serial_ports.os.access", lambda *_: False)
+    check = check_access("permission", str(port))
+    assert check.status == "fault"
+    assert "belongs to group" in check.seen
+    assert "usermod -aG" in check.advice
+    assert str(RULES_FILE) in check.advice
+
+
+def test_the_udev_rules_ship_and_come_before_udev_grants_what_they_tag() -> None:
+    rules = RULES_FILE.read_text()
+    assert RULES_FILE.name < "73-seat-late.rules"
+    assert 'ENV{ID_MM_DEVICE_IGNORE}="1", TAG+="uaccess"' in rules
+    assert all(vendor in rules for vendor in _VENDORS)
+
+
+def test_modem_manager(tmp_path: Path) -> None:
+    proc, rules = tmp_path / "proc", tmp_path / "rules.d"
+    (proc / "17").mkdir(parents=True)
+    rules.mkdir()
+    (proc / "17" / "comm").write_text("systemd\n")
+    assert check_modem_manager(proc, [rules]).status == "ok"
+    (proc / "17" / "comm").write_text("ModemManager\n")
+    check = check_modem_manager(proc, [rules])
+    assert check.status == "warning"
+    assert "udevadm control --reload" in check.advice
+    (rules / RULES_FILE.name).touch()
+    assert check_modem_manager(proc, [rules]).status == "ok"
+
+
+def test_ports_are_listed_with_what_is_known() -> None:
+    ports = [
+        SerialPort("/dev/ttyS0"),
+        SerialPort("/dev/ttyACM0", "2e8a:0005", "E66", "Board in FS mode", "/dev/serial/by-id/x"),
+    ]
+    first, second = check_ports(ports, is_simulated=False)
+    assert "not known as a board" in first.seen
+    assert "2e8a:0005, serial number E66" in second.seen
+    assert "also /dev/serial/by-id/x" in second.seen
+    *_, last = check_ports(ports[:1], is_simulated=False)
+    assert last.status == "warning"
+    assert len([*check_ports(ports[:1], is_simulated=True)]) == 1
+
+
+def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.touch()
+    formats = tuple(OfferedFormat(f"F{n}", "", ("640x480",)) for n in range(8))
+    listed = [
+        ListedCamera(node, (), "Camera", "uvcvideo", "usb-1", formats),
+        ListedCamera(tmp_path / "video2", (), problem="video2: no permission"),
+    ]
+    config = CameraConfig(kind="v4l2", device=str(node))
+    first, second, permission = check_cameras(listed, config)
+    assert "F0 640x480" in first.seen
+    assert "and 2 formats more" in first.seen
+    assert second.status == "warning"
+    assert permission.status == "ok"
+    *_, missing = check_cameras(listed, CameraConfig(kind="v4l2", device="/dev/video9"))
+    assert (missing.name, missing.status) == ("camera.device", "fault")
+
+
+def test_the_longest_exposure_is_that_of_frame_and_camera(tmp_path: Path) -> None:
+    node = tmp_path / "video0"
+    node.touch()
+    exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
+    listed = [ListedCamera(node, (), controls=((exposure, 50),))]
+    config = CameraConfig(kind="v4l2", device=str(node))
+    with open_rig(RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})) as rig:
+        assert longest_exposure_ms(rig.camera, listed, config) == 20.0
+        assert longest_exposure_ms(rig.camera, [], config) == pytest.approx(33.33, abs=0.01)
+        assert longest_exposure_ms(rig.camera, listed, rig.config.camera) > 33.0
+
+
+@pytest.fixture(scope="module")
+def pictures() -> Iterator[Pictures]:
+    config = RigConfig().with_changes(camera={"width_px": 160, "height_px": 160})
+    with open_rig(config) as rig:
+        yield take_pictures(rig)
+        assert rig.lights.state().led is None
+
+
+def checked(pictures: Pictures, scale: float, longest_ms: float = 33.0) -> dict[str, Check]:
+    black = float(pictures.dark.min())
+    lit = np.clip((pictures.lit - black) * scale + black, 0, pictures.full_scale)
+    scaled = Pictures(pictures.dark, lit.astype(np.uint16), pictures.full_scale)
+    found = check_pictures(scaled, Lighting.ring(), 20.0, longest_ms)
+    return {check.name: check for check in found}
+
+
+def test_the_exposure_that_is_suggested_does_not_saturate(pictures: Pictures) -> None:
+    dim = checked(pictures, 0.25, longest_ms=200.0)
+    assert dim["exposure"].status == "warning"
+    wanted_ms = float(dim["exposure"].advice.rpartition("= ")[2])
+    again = checked(pictures, 0.25 * wanted_ms / 20.0)
+    assert again["exposure"].status == "ok"
+    assert "at 80%" in again["exposure"].seen
+    assert again["saturation"].status == "ok"
+
+
+def test_an_exposure_longer_than_a_frame_is_not_suggested(pictures: Pictures) -> None:
+    advice = checked(pictures, 0.25, longest_ms=33.0)["exposure"].advice
+    assert advice.startswith("set camera.exposure_ms = 33, the longest at this frame rate")
+
+
+def test_saturation_is_a_fault_and_shortens_the_exposure(pictures: Pictures) -> None:
+    bright = checked(pictures, 4.0)
+    assert bright["saturation"].status == "fault"
+    assert bright["exposure"].advice == "set camera.exposure_ms = 8 and look again"
+
+
+def test_strengths_of_unlike_leds_are_told_as_the_line_to_set(pictures: Pictures) -> None:
+    alike = checked(pictures, 1.0)["LED strengths"]
+    assert alike.status == "ok"
+    strengths = np.array([1.0, 0.8, 1.0, 1.0])
+    dark = pictures.dark.astype(np.float64)
+    lit = np.rint((pictures.lit - dark) * strengths[:, None, None] + dark)
+    weak = Pictures(pictures.dark, lit.astype(np.uint16), pictures.full_scale)
+    found = {check.name: check for check in check_pictures(weak, Lighting.ring(), 20.0, 33.0)}
+    unlike = found["LED strengths"]
+    assert unlike.status == "warning"
+    told = [float(each) for each in unlike.advice.partition("[")[2].rstrip("]").split(",")]
+    np.testing.assert_allclose(told, strengths, atol=0.01)
+    corrected = Lighting(Lighting.ring().directions, np.array(told))
+    again = {check.name: check for check in check_pictures(weak, corrected, 20.0, 33.0)}
+    assert again["LED strengths"].status == "ok"
+
+
+def test_a_level_part_does_not_tell_the_order(pictures: Pictures) -> None:
+    flat = Pictures(pictures.dark, np.full_like(pictures.lit, 2000), pictures.full_scale)
+    order = {check.name: check for check in check_pictures(flat, Lighting.ring(), 20.0, 33.0)}
+    assert order["LED order"].status == "unknown"
+    three = Pictures(pictures.dark, pictures.lit[:3], pictures.full_scale)
+    lights = Lighting.ring(tilts_deg=(0.0, 120.0, 240.0))
+    order = {check.name: check for check in check_pictures(three, lights, 20.0, 33.0)}
+    assert order["LED order"].status == "unknown"
+
+
+def test_leds_that_all_moved_on_by_one_are_named(pictures: Pictures) -> None:
+    moved = Pictures(pictures.dark, pictures.lit[[1, 2, 3, 0]], pictures.full_scale)
+    found = {check.name: check for check in check_pictures(moved, Lighting.ring(), 20.0, 33.0)}
+    assert found["LED order"].status == "fault"
+    assert "where 0 should be is 1" in found["LED order"].seen
+
+
+def test_a_silent_controller_is_one_fault_among_checks(
+    ill: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.1)
+    checks = ill("[[simulation.faults.lines]]\nkind = 'lose'\ndirection = 'to_host'")
+    assert checks["light controller"].status == "fault"
+    assert checks["frame rate"].status == "ok"
+    assert checks["pictures"].status == "unknown"

@@ -1,0 +1,239 @@
+"""`rig latency` on simulated cameras of which all is known, and the rule that comes of it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
+from rig.latency import CameraLatency, measure_latency, without_timing
+from rig.latency.fit import lit_share
+
+SIZE = {"width_px": 32, "height_px": 48}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A camera, and what is true of it."""
+
+    rate_hz: float = 30.0
+    exposure_ms: float = 20.0
+    lag_ms: float = 24.0
+    jitter_ms: float = 0.0
+    readout_ms: float = 0.0
+    rise_ms: float = 0.5
+    fall_ms: float = 0.3
+    clock: str = "virtual"
+
+    @property
+    def config(self) -> RigConfig:
+        return RigConfig().with_changes(
+            camera={**SIZE, "frame_rate_hz": self.rate_hz, "exposure_ms": self.exposure_ms},
+            simulation={
+                "clock": self.clock,
+                "stamp_lag_ms": self.lag_ms,
+                "stamp_jitter_ms": self.jitter_ms,
+                "readout_ms": self.readout_ms,
+                "led_rise_ms": self.rise_ms,
+                "led_fall_ms": self.fall_ms,
+            },
+        )
+
+    @property
+    def offset_ms(self) -> float:
+        """From the stamp, if it comes as early as it may, to the end of the last row's exposure."""
+        return self.exposure_ms + self.readout_ms - self.lag_ms
+
+
+def measured(truth: Truth, steps: int = 40) -> CameraLatency:
+    with open_rig(without_timing(truth.config)) as rig:
+        return measure_latency(rig, steps=steps)
+
+
+def calibrated(truth: Truth, found: CameraLatency) -> RigConfig:
+    settle_ms = max(truth.config.lights.settle_ms, found.settle_ms)
+    return truth.config.with_changes(camera=dict(found.camera), lights={"settle_ms": settle_ms})
+
+
+def number(found: CameraLatency, key: str) -> float:
+    value = found.camera[key]
+    assert isinstance(value, float)
+    return value
+
+
+def check_stored_values(truth: Truth, found: CameraLatency) -> None:
+    offset_ms, uncertainty_ms = (
+        number(found, f"timestamp_{name}_ms") for name in ("offset", "uncertainty")
+    )
+    earliest_ms, latest_ms = truth.offset_ms - truth.jitter_ms, truth.offset_ms
+    # Never later than the truth, whatever the jitter, and not earlier by more than is said.
+    assert offset_ms - uncertainty_ms <= earliest_ms + 0.02
+    assert offset_ms + uncertainty_ms >= latest_ms - 0.02
+    error_ms = max(5.0 * 1e3 * found.fit.readout_error_s, 0.1)
+    assert number(found, "readout_ms") == pytest.approx(truth.readout_ms, abs=error_ms)
+    rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
+    # Jitter looks like light that is slow.
+    within_ms = 0.3 + truth.jitter_ms
+    assert rise_ms == pytest.approx(truth.rise_ms, abs=within_ms, rel=0.3)
+    assert fall_ms == pytest.approx(truth.fall_ms, abs=within_ms, rel=0.3)
+
+
+def light_in(rig: Rig, frame: Frame, readout_ms: float) -> np.ndarray:
+    """(4, 2): share of each LED's light in the first and the last row, by the board's account."""
+    assert rig.simulation is not None
+    info = rig.camera.info
+    # The camera was opened at 0 or later; its first exposure began with its stream.
+    begun_s = rig.simulation.camera._start_s(frame.sequence)
+    rows = (begun_s, begun_s + readout_ms / 1e3)
+    return np.array(
+        [
+            [
+                rig.simulation.board.output_integral_s(led, row_s, row_s + info.exposure_s)
+                / info.exposure_s
+                for row_s in rows
+            ]
+            for led in range(4)
+        ]
+    )
+
+
+def check_no_frame_is_stale_or_mixed(truth: Truth, config: RigConfig, switches: int) -> list[int]:
+    """Take the first frame that the rule believes after each of many switches; count frames."""
+    rng = np.random.default_rng(3)
+    frames_per_switch = []
+    with open_rig(config) as rig:
+        period_s = rig.camera.info.frame_period_s
+        for count in range(switches):
+            led = None if count % 5 == 4 else count % 5
+            rig.clock.sleep_s(rng.uniform(0.0, period_s))
+            switch = rig.lights.off() if led is None else rig.lights.select(led)
+            not_before_s = switch.acknowledged_s + config.lights.settle_ms / 1e3
+            taken = 1
+            while (frame := rig.camera.read(1.0)).exposure_start_s < not_before_s:
+                taken += 1
+            light = light_in(rig, frame, truth.readout_ms)
+            expected = np.zeros((4, 2))
+            if led is not None:
+                expected[led] = 1.0
+            # Settled is a thousandth; over an exposure far less than that is missing.
+            np.testing.assert_allclose(light, expected, atol=1.1e-3)
+            frames_per_switch.append(taken)
+    return frames_per_switch
+
+
+CAMERAS = [
+    Truth(rate_hz=60.0, exposure_ms=10.0, lag_ms=14.0),
+    Truth(lag_ms=0.0, readout_ms=30.0, rise_ms=4.0, fall_ms=2.0),
+    Truth(lag_ms=24.0, jitter_ms=3.0, readout_ms=8.0),
+]
+MORE_CAMERAS = [
+    Truth(rate_hz=10.0, exposure_ms=2.0, lag_ms=6.0),
+    Truth(),
+    Truth(readout_ms=15.0, lag_ms=39.0),
+    Truth(exposure_ms=4.0, lag_ms=8.0, readout_ms=33.0),
+]
+
+
+@pytest.mark.parametrize(
+    "truth",
+    [*CAMERAS, *(pytest.param(truth, marks=pytest.mark.slow) for truth in MORE_CAMERAS)],
+    ids=str,
+)
+def test_what_is_stored_is_true_and_no_stale_or_mixed_frame_passes(truth: Truth) -> None:
+    found = measured(truth)
+    check_stored_values(truth, found)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 25)
+
+
+@pytest.mark.slow
+@settings(max_examples=25, deadline=None)
+@given(
+    truth=st.builds(
+        Truth,
+        rate_hz=st.sampled_from([10.0, 30.0, 60.0]),
+        exposure_ms=st.floats(3.0, 16.0),
+        lag_ms=st.floats(-5.0, 60.0),
+        jitter_ms=st.floats(0.0, 1.0),
+        readout_ms=st.floats(0.0, 16.0),
+        rise_ms=st.floats(0.05, 5.0),
+        fall_ms=st.floats(0.05, 5.0),
+    )
+)
+def test_any_camera(truth: Truth) -> None:
+    found = measured(truth)
+    check_stored_values(truth, found)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
+
+
+@pytest.mark.slow
+def test_on_the_real_clock() -> None:
+    truth = Truth(60.0, 8.0, lag_ms=20.0, jitter_ms=1.0, readout_ms=8.0, clock="real")
+    found = measured(truth, steps=30)
+    check_stored_values(truth, found)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
+
+
+def test_a_measured_camera_needs_fewer_frames_than_one_of_which_nothing_is_known() -> None:
+    truth = Truth()
+    unknown = check_no_frame_is_stale_or_mixed(truth, without_timing(truth.config), 25)
+    known = check_no_frame_is_stale_or_mixed(truth, calibrated(truth, measured(truth)), 25)
+    assert np.mean(known) <= np.mean(unknown) - 0.8
+
+
+def test_first_and_last_row_are_told_apart() -> None:
+    found = measured(Truth(readout_ms=15.0))
+    # The last row is exposed 15 ms later, so it sooner has a change that came within the frame.
+    difference_ms = found.first_row.typical_ms - found.last_row.typical_ms
+    assert difference_ms == pytest.approx(15.0, abs=4.0)
+    assert found.first_row.most_ms <= 2 * 1e3 / 30 + 20.0 + 15.0 + 4.0
+    assert found.first_row.most_frames <= 3
+
+
+def test_lights_that_a_controller_switches_by_itself_are_switched_by_us() -> None:
+    truth = Truth()
+    config = truth.config.with_changes(lights={"synchronisation": "trigger"})
+    with open_rig(without_timing(config)) as rig:
+        check_stored_values(truth, measure_latency(rig))
+
+
+def test_a_led_that_the_camera_does_not_see_is_no_measurement() -> None:
+    config = without_timing(RigConfig().with_changes(camera=SIZE))
+    with open_rig(config) as rig:
+        rig.lights.set_level(0, 0)
+        with pytest.raises(CameraError, match="makes no difference in the picture"):
+            measure_latency(rig, steps=5)
+
+
+def test_a_saturated_picture_is_no_measurement() -> None:
+    config = without_timing(RigConfig().with_changes(camera={**SIZE, "exposure_ms": 33.0}))
+    with open_rig(config) as rig, pytest.raises(CameraError, match=r"saturated.*shorten"):
+        measure_latency(rig, steps=5)
+
+
+def test_other_light_that_changes_is_found_out() -> None:
+    plan = {"leds": [{"kind": "unsteady", "led": 0}]}
+    config = without_timing(RigConfig().with_changes(camera=SIZE, simulation={"faults": plan}))
+    with open_rig(config) as rig, pytest.raises(CameraError, match="does not follow LED 0"):
+        measure_latency(rig, steps=10)
+
+
+def test_a_camera_without_time_stamps_cannot_be_measured() -> None:
+    config = RigConfig.model_validate(
+        {"lights": {"port": "/dev/ttyACM0"}, "camera": {"kind": "opencv", "device": 0}}
+    )
+    with pytest.raises(ConfigError, match="no time stamps"):
+        without_timing(config)
+
+
+@given(left_ms=st.floats(-10.0, 60.0), exposure_ms=st.floats(1.0, 30.0), tau=st.floats(0.01, 5.0))
+def test_the_share_of_a_step_is_the_integral_over_the_exposure(
+    left_ms: float, exposure_ms: float, tau: float
+) -> None:
+    # Time since the step at 2000 places of the exposure.
+    since = left_ms - exposure_ms * (np.arange(2000) + 0.5) / 2000
+    mean = float(np.where(since > 0, -np.expm1(-np.maximum(since, 0.0) / tau), 0.0).mean())
+    share = float(lit_share(np.array([left_ms]), exposure_ms, tau)[0])
+    assert math.isclose(share, mean, abs_tol=2e-3)

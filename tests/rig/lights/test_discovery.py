@@ -1,0 +1,284 @@
+"""Where the controller is: real ptys with the real firmware, listed as if on USB."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import ConfigError, LightControllerError, RigConfig
+from rig.config import LightsConfig
+from rig.lights import (
+    ControllerIdentity,
+    LightController,
+    SerialPort,
+    find_controller,
+    known_port,
+    list_serial_ports,
+    ports_to_try,
+)
+from rig.lights import discovery as discovery_module
+from rig.lights import link as link_module
+from rig.lights.discovery import who_is_there
+from rig.lights.port_holders import port_holders
+
+PICO, UNKNOWN = "2e8a:0005", "1234:5678"
+
+
+@pytest.fixture
+def plug_in() -> Iterator[Callable[..., SerialPort]]:
+    """Plug in a controller; its own serial number, and what USB says of it."""
+    with ExitStack() as stack:
+
+        def start(own: str, usb_id: str | None = PICO, serial: str | None = None) -> SerialPort:
+            clock = VirtualClock()
+            board = SimulatedBoard(clock, serial_number=own)
+            server = stack.enter_context(serve_pty(SimulatedController(board, clock)))
+            return SerialPort(server.address, usb_id, serial)
+
+        yield start
+
+
+@pytest.fixture
+def silent_port() -> Iterator[tuple[int, SerialPort]]:
+    """A port at which nobody answers: the other end's descriptor, and how it is listed."""
+    master, slave = os.openpty()
+    os.set_blocking(master, False)
+    port = SerialPort(os.ttyname(slave), PICO)
+    os.close(slave)
+    yield master, port
+    os.close(master)
+
+
+def auto(**keys: str) -> LightsConfig:
+    return LightsConfig(port="auto", **keys)  # type: ignore[arg-type]
+
+
+def nobody(device: str) -> ControllerIdentity:
+    raise AssertionError(f"{device} was asked")
+
+
+def test_the_only_board_is_taken_without_a_question() -> None:
+    ports = [SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyACM3", PICO)]
+    assert find_controller(auto(), ports, nobody) == "/dev/ttyACM3"
+
+
+def test_a_usb_serial_number_decides_before_all_else() -> None:
+    ports = [SerialPort("/dev/ttyACM0", PICO, "A1"), SerialPort("/dev/ttyUSB1", UNKNOWN, "b2")]
+    assert find_controller(auto(serial_number="B2"), ports, nobody) == "/dev/ttyUSB1"
+    assert find_controller(auto(serial_number="a1"), ports, nobody) == "/dev/ttyACM0"
+
+
+def test_a_usb_id_decides_also_among_ports_that_are_not_known_as_boards() -> None:
+    ports = [SerialPort("/dev/ttyACM0", PICO), SerialPort("/dev/ttyUSB1", UNKNOWN)]
+    assert find_controller(auto(usb_id="1234:5678"), ports, nobody) == "/dev/ttyUSB1"
+    assert find_controller(auto(usb_id="2E8A:0005"), ports, nobody) == "/dev/ttyACM0"
+
+
+def test_the_one_that_answers_among_several(
+    plug_in: Callable[..., SerialPort],
+    silent_port: tuple[int, SerialPort],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.3)
+    master, silent = silent_port
+    there = plug_in("A-1")
+    assert find_controller(auto(), [silent, there]) == there.device
+    said = os.read(master, 4096)
+    # It was asked, and nothing else was written to what is not ours.
+    assert said.replace(b"\n", b"").startswith(b"#")
+    lines = [line for line in said.split(b"\n") if line]
+    assert all(b" *IDN?~" in line for line in lines)
+
+
+def test_the_controllers_own_serial_number_where_usb_has_none(
+    plug_in: Callable[..., SerialPort],
+) -> None:
+    ports = [plug_in("A-1"), plug_in("B-2")]
+    assert find_controller(auto(serial_number="B-2"), ports) == ports[1].device
+    with pytest.raises(LightControllerError, match=r"serial number C-3 was found .*controller A-1"):
+        find_controller(auto(serial_number="C-3"), ports)
+
+
+def test_several_are_an_error_that_names_them_and_the_key(
+    plug_in: Callable[..., SerialPort],
+) -> None:
+    ports = [plug_in("A-1"), plug_in("B-2")]
+    with pytest.raises(LightControllerError) as raised:
+        find_controller(auto(), ports)
+    message = str(raised.value)
+    assert all(text in message for text in (ports[0].device, ports[1].device, "A-1", "B-2"))
+    assert 'set lights.serial_number, such as "A-1"' in message
+    twins = [plug_in("SAME"), plug_in("SAME")]
+    with pytest.raises(LightControllerError, match=r"set lights\.port to one of them"):
+        find_controller(auto(usb_id=PICO), twins)
+
+
+@pytest.mark.parametrize(
+    ("ports", "message"),
+    [
+        ([], "no light controller was found .there are no serial ports"),
+        ([SerialPort("/dev/ttyS0")], "no light controller was found ./dev/ttyS0"),
+        ([SerialPort("/dev/ttyUSB0", UNKNOWN, "7")], "1234:5678, serial number 7"),
+    ],
+)
+def test_none_at_all(ports: list[SerialPort], message: str) -> None:
+    with pytest.raises(LightControllerError, match=message):
+        find_controller(auto(), ports, nobody)
+    with pytest.raises(LightControllerError, match="with serial number X and USB id 2e8a:0005"):
+        find_controller(auto(serial_number="X", usb_id=PICO), ports, nobody)
+
+
+def test_a_serial_port_that_is_no_board_is_never_asked(plug_in: Callable[..., SerialPort]) -> None:
+    there = plug_in("A-1")
+    modem = SerialPort("/dev/ttyMODEM", "12d1:1001", "Z")
+    asked: list[str] = []
+
+    def ask(device: str) -> ControllerIdentity:
+        asked.append(device)
+        return who_is_there(device)
+
+    find_controller(auto(serial_number="A-1"), [modem, there], ask)
+    assert asked == [there.device]
+
+
+_HOLDS = (
+    "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print(1, flush=True); input()"
+)
+
+
+@pytest.fixture
+def held() -> Iterator[Callable[[str], int]]:
+    """Have another program open a device; returns its process id."""
+    programs: list[subprocess.Popen[bytes]] = []
+
+    def hold(device: str) -> int:
+        program = subprocess.Popen(
+            [sys.executable, "-c", _HOLDS, device], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        programs.append(program)
+        assert program.stdout is not None
+        assert program.stdout.readline() == b"1\n"
+        return program.pid
+
+    yield hold
+    for program in programs:
+        program.communicate(b"\n")
+
+
+def test_a_port_that_another_program_holds_is_not_written_to(
+    silent_port: tuple[int, SerialPort], held: Callable[[str], int]
+) -> None:
+    master, port = silent_port
+    os.set_blocking(master, False)
+    pid = held(port.device)
+    assert [holder.pid for holder in port_holders(port.device)] == [pid]
+    with pytest.raises(LightControllerError, match=r"in use by .*process \d+.; close that first"):
+        who_is_there(port.device)
+    with pytest.raises(BlockingIOError):
+        os.read(master, 1)
+    assert ports_to_try(SerialPort("/dev/ttyACM9", PICO), [port]) == ["/dev/ttyACM9"]
+
+
+_LOCKS = """
+import sys
+sys.path[:] = {path!r}
+from rig.lights import LightController
+with LightController({port!r}):
+    print(1, flush=True)
+    input()
+"""
+
+
+def test_the_error_of_a_second_opener_names_the_first(bench: object) -> None:
+    port = bench.port  # type: ignore[attr-defined]
+    script = _LOCKS.format(path=sys.path, port=port)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", script], **pipes) as program:  # type: ignore[call-overload]
+        assert program.stdout.readline() == b"1\n"
+        with pytest.raises(
+            LightControllerError, match=rf"in use by \S+ .process {program.pid}.; close that first"
+        ):
+            LightController(port)
+        program.communicate(b"\n")
+
+
+def test_a_port_that_was_opened_by_a_program_that_does_not_mind_company(
+    plug_in: Callable[..., SerialPort], held: Callable[[str], int]
+) -> None:
+    port = plug_in("A-1").device
+    pid = held(port)
+    with pytest.raises(LightControllerError, match=rf"in use by .* .process {pid}.; close that"):
+        LightController(port)
+
+
+def test_holders_are_seen_through_links_and_gone_when_they_end(
+    tmp_path: Path, held: Callable[[str], int]
+) -> None:
+    file, link = tmp_path / "port", tmp_path / "by-id"
+    file.touch()
+    link.symlink_to(file)
+    assert port_holders(str(link)) == []
+    pid = held(str(file))
+    (holder,) = port_holders(str(link))
+    assert holder.pid == pid
+    assert str(holder) == f"{holder.name} (process {pid})"
+    assert holder.name.startswith("python")
+
+
+def test_holders_without_proc(tmp_path: Path) -> None:
+    assert port_holders("/dev/null", tmp_path / "none") == []
+    (tmp_path / "12").mkdir()
+    assert port_holders("/dev/null", tmp_path) == []
+
+
+def test_where_a_controller_is_looked_for_again(plug_in: Callable[..., SerialPort]) -> None:
+    here, there, twin = plug_in("A-1"), plug_in("B-2"), plug_in("A-1", serial="E66")
+    was = SerialPort("/dev/ttyACM9", PICO, "E66")
+    assert ports_to_try(was, [here, there, twin]) == [was.device, twin.device]
+    assert ports_to_try(here, [here, there, twin]) == [here.device, there.device]
+    assert ports_to_try(SerialPort("/dev/mine"), [SerialPort("/dev/ttyS0")]) == ["/dev/mine"]
+
+
+def test_a_port_is_known_by_any_of_its_names(tmp_path: Path) -> None:
+    device, link = tmp_path / "ttyACM0", tmp_path / "by-id"
+    device.touch()
+    link.symlink_to(device)
+    listed = SerialPort(str(device), PICO, "E66")
+    assert known_port(str(link), [listed]) == SerialPort(str(link), PICO, "E66")
+    assert known_port("socket://127.0.0.1:7", [listed]) == SerialPort("socket://127.0.0.1:7")
+    assert ports_to_try(known_port(str(link), [listed]), [listed]) == [str(link)]
+
+
+def test_the_systems_own_list_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Info:
+        def __init__(self, device: str, vid: int | None, serial_number: str | None) -> None:
+            self.device, self.vid, self.pid = device, vid, 5
+            self.serial_number, self.description = serial_number, "Board in FS mode"
+
+    infos = [Info("/dev/ttyUSB9", 0x0403, ""), Info("/dev/ttyS4", None, None)]
+    assert isinstance(list_serial_ports(), list)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: infos)
+    assert list_serial_ports() == [
+        SerialPort("/dev/ttyS4", None, None, "Board in FS mode"),
+        SerialPort("/dev/ttyUSB9", "0403:0005", None, "Board in FS mode"),
+    ]
+    assert str(list_serial_ports()[1]) == "/dev/ttyUSB9 (0403:0005)"
+    assert not discovery_module.list_serial_ports()[0].may_be_a_microcontroller
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"port": "/dev/ttyACM0", "serial_number": "1"}, "are for port = 'auto'"),
+        ({"port": "auto", "usb_id": "2e8a"}, "usb_id"),
+        ({"port": "auto", "serial_number": ""}, "serial_number"),
+    ],
+)
+def test_keys_that_do_not_fit(keys: dict[str, str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        RigConfig().with_changes(lights=keys, camera={"kind": "v4l2", "device": "x"})

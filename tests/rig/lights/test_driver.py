@@ -1,0 +1,469 @@
+"""The driver of the light controller against the real firmware on a real pty."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from firmware_sim import (
+    PROTOCOL_VERSION,
+    RealClock,
+    SimulatedBoard,
+    SimulatedController,
+    VirtualClock,
+    crc8,
+    serve_pty,
+)
+from rig import LightControllerError
+from rig.lights import LightController
+from rig.lights import link as link_module
+from rig.lights.driver import LightState
+
+Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Deadlines short enough to be waited for, and longer than a busy machine stands still."""
+    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.4)
+    monkeypatch.setattr(link_module, "REPLY_TIMEOUT_S", 0.5)
+
+
+def sealed(text: str) -> bytes:
+    body = text.encode()
+    return body + b"~%02X\n" % crc8(body)
+
+
+def sequence_of(line: str) -> str:
+    return line.split()[0]
+
+
+# what it does
+
+
+def test_identity_is_what_the_firmware_says(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        identity = lights.identity
+        assert (identity.vendor, identity.model) == ("PS4RIG", "LED4")
+        assert identity.serial_number == "SIM-0001"
+        assert identity.protocol_version == PROTOCOL_VERSION == link_module.PROTOCOL_VERSION
+        assert lights.led_count == 4
+
+
+def test_opening_puts_the_leds_out_and_forgets_levels(bench: Any) -> None:
+    bench.controller.feed(b"LED:LEV 1,30\nLED:SEL 1\n")
+    assert bench.lit() == [0.0, 0.3, 0.0, 0.0]
+    with LightController(bench.port, clock=bench.clock) as lights:
+        assert bench.lit() == [0.0] * 4
+        assert lights.state().levels_percent == (100, 100, 100, 100)
+
+
+def test_select_lights_one_led_and_no_other(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        for led in (2, 0, 3, 1):
+            assert lights.select(led).led == led
+            assert bench.lit() == [float(other == led) for other in range(4)]
+            assert lights.state().led == led
+        assert lights.off().led is None
+        assert bench.lit() == [0.0] * 4
+
+
+def test_an_acknowledge_lies_after_the_change_of_the_led_on_the_rig_clock(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        for led in range(4):
+            before_s = bench.clock.now_s()
+            switch = lights.select(led)
+            changed_s = switch.controller_time_us / 1e6  # the board booted at time 0
+            assert before_s < changed_s <= switch.acknowledged_s <= bench.clock.now_s()
+            assert bench.board.output(led, changed_s) == 0.0
+            bench.clock.sleep_s(0.01)
+            assert bench.board.output(led, changed_s + 0.001) > 0.5
+
+
+def test_a_level_holds_and_dims_the_led(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.set_level(1, 25)
+        lights.select(1)
+        assert bench.lit() == [0.0, 0.25, 0.0, 0.0]
+        state = lights.state()
+        assert state == LightState(1, (100, 25, 100, 100), state.controller_time_us)
+
+
+@pytest.mark.parametrize(("led", "percent"), [(0, 101), (4, 50), (-1, 50), (0, -5)])
+def test_a_level_out_of_range_is_refused_by_the_controller(
+    bench: Any, led: int, percent: int
+) -> None:
+    with (
+        LightController(bench.port, clock=bench.clock) as lights,
+        pytest.raises(LightControllerError, match="was refused"),
+    ):
+        lights.set_level(led, percent)
+
+
+def test_an_led_that_is_not_there_is_refused_and_nothing_is_lit(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        with pytest.raises(LightControllerError, match=r"LED:SEL 4.*refused.*out of range"):
+            lights.select(4)
+        assert bench.lit() == [0.0] * 4
+        assert lights.select(3).led == 3
+
+
+def test_the_watchdog_time_asked_for_is_the_one_in_force(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
+        lights.select(0)
+        bench.clock.sleep_s(0.65)
+        lights.confirm(0)
+        bench.clock.sleep_s(0.75)
+        with pytest.raises(LightControllerError, match=r"LED 0 should be lit but no LED is.*watch"):
+            lights.confirm(0)
+
+
+# the end
+
+
+def test_close_puts_the_leds_out_and_may_be_called_again(bench: Any) -> None:
+    lights = LightController(bench.port, clock=bench.clock)
+    lights.select(2)
+    lights.close()
+    lights.close()
+    assert bench.lit() == [0.0] * 4
+    with pytest.raises(LightControllerError):
+        lights.select(1)
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_any_exception_puts_the_leds_out(bench: Any, error: type[BaseException]) -> None:
+    def fail_while_lit() -> None:
+        with LightController(bench.port, clock=bench.clock) as lights:
+            lights.select(1)
+            raise error
+
+    with pytest.raises(error):
+        fail_while_lit()
+    assert bench.lit() == [0.0] * 4
+
+
+def test_the_port_is_free_again_after_a_failed_opening(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(link_module, "VENDOR", "SOMEBODY")
+        with pytest.raises(LightControllerError, match="not a SOMEBODY light controller"):
+            LightController(bench.port, clock=bench.clock)
+    with LightController(bench.port, clock=bench.clock) as lights:
+        assert lights.select(0).led == 0
+
+
+# the port
+
+
+def test_a_second_opener_is_told_that_the_port_is_in_use(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        with pytest.raises(LightControllerError, match="in use by another program; close that"):
+            LightController(bench.port, clock=bench.clock)
+        assert lights.select(1).led == 1
+
+
+_AS_NOBODY = """
+import os, sys
+sys.path[:] = {path!r}
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig.lights import LightController
+import serial, serial.serialposix
+if os.getuid() == 0:
+    os.setuid(65534)  # the superuser is let in by the kernel
+clock = VirtualClock()
+with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
+    for _ in range(3):
+        with LightController(server.address, clock=clock) as lights:
+            lights.select(0)
+            try:
+                os.close(os.open(server.address, os.O_RDWR | os.O_NOCTTY))
+                print("let in")
+            except OSError as error:
+                print(error.errno)
+"""
+
+
+def test_the_kernel_lets_no_other_program_in_until_the_port_is_closed() -> None:
+    program = _AS_NOBODY.format(path=sys.path)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.stdout.split(), done.stderr) == (["16"] * 3, "")  # EBUSY, at each of three visits
+
+
+def test_a_port_that_does_not_exist() -> None:
+    with pytest.raises(LightControllerError, match=r"^/dev/ttyNONE: no such port"):
+        LightController("/dev/ttyNONE")
+
+
+def test_a_plain_file_or_folder_is_no_port_and_stays_as_it_was(tmp_path: Path) -> None:
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    for path in (file, tmp_path):
+        with pytest.raises(LightControllerError, match="cannot be opened as a serial port"):
+            LightController(str(path))
+    assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize("url", ["nonsense://x", "socket://127.0.0.1:1", "socket://x", "\0"])
+def test_a_url_that_leads_nowhere(url: str) -> None:
+    with pytest.raises(LightControllerError, match="cannot be opened"):
+        LightController(url)
+
+
+@pytest.fixture
+def bare_pty() -> Iterator[tuple[int, str]]:
+    """A terminal with nobody behind it: the master's descriptor and the port."""
+    master, slave = os.openpty()
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_port_where_nobody_answers_is_given_up(bare_pty: tuple[int, str]) -> None:
+    started_s = time.monotonic()
+    with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
+        LightController(bare_pty[1])
+    assert time.monotonic() - started_s < 1.0
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("chatter", "message"),
+    [
+        (b"$GPGGA,123519,4807.038,N\r\n", "this is not a light controller.*GPGGA"),
+        (b"\x00\xff" * 40, "512 bytes without a line end"),
+        (b"#1 OK\n\n~\n~~~00\nREADY \n", "this is not a light controller"),
+    ],
+)
+def test_a_port_that_chatters_is_given_up(
+    bare_pty: tuple[int, str], chatter: bytes, message: str
+) -> None:
+    master, port = bare_pty
+    os.set_blocking(master, False)
+    stopping = threading.Event()
+
+    def talk() -> None:
+        while not stopping.wait(0.001):
+            try:
+                os.write(master, chatter)
+                os.read(master, 4096)
+            except BlockingIOError:
+                pass
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    started_s = time.monotonic()
+    try:
+        with pytest.raises(LightControllerError, match=message):
+            LightController(port)
+    finally:
+        stopping.set()
+        thread.join()
+    assert time.monotonic() - started_s < 1.5
+
+
+# somebody else, or another version
+
+
+@pytest.mark.parametrize(
+    ("identity", "message"),
+    [
+        ("PS4RIG,LED4,SIM-0001,1.0.0,1", "this program version 2; renew its firmware: ps4rig"),
+        ("PS4RIG,LED4,SIM-0001,9.0.0,3", "speaks protocol version 3.*; update this program"),
+        ("ACME,LED4,1,1.0,1", "not a PS4RIG light controller .it is 'ACME"),
+        ("PS4RIG,LED4,SIM-0001", "not a PS4RIG light controller"),
+        ("PS4RIG,LED4,SIM-0001,1.0,one", "not a PS4RIG light controller"),
+        ("", "not a PS4RIG light controller"),
+    ],
+)
+def test_another_controller_is_refused_before_anything_is_switched(
+    damaged_line: Line, identity: str, message: str
+) -> None:
+    asked: list[str] = []
+
+    def other(command: str, reply: bytes) -> Iterator[bytes]:
+        asked.append(command)
+        if "*IDN?" in command:
+            yield sealed(f"{sequence_of(command)} OK {identity}".rstrip())
+        else:
+            yield reply
+
+    with pytest.raises(LightControllerError, match=message):
+        LightController(damaged_line(other))
+    assert all("IDN" in command or command == "" for command in asked)
+
+
+# replies that are damaged, late, doubled or in pieces
+
+
+def only(wanted: str, damage: Callable[[str, bytes], Iterable[bytes]]) -> Callable[..., Any]:
+    """Damage the replies to one command and leave all others whole."""
+
+    def tamper(command: str, reply: bytes) -> Iterable[bytes]:
+        return damage(command, reply) if wanted in command else [reply]
+
+    return tamper
+
+
+def test_replies_that_come_byte_by_byte_are_put_together(damaged_line: Line) -> None:
+    def dribble(_: str, reply: bytes) -> Iterator[bytes]:
+        for index in range(len(reply)):
+            time.sleep(0.0005)
+            yield reply[index : index + 1]
+
+    with LightController(damaged_line(dribble)) as lights:
+        assert lights.select(2).led == 2
+        assert lights.state().led == 2
+
+
+def test_a_garbled_reply_is_an_error_and_the_next_exchange_is_in_step(damaged_line: Line) -> None:
+    def garble(_: str, reply: bytes) -> Iterator[bytes]:
+        yield reply.replace(b"OK 1", b"OK 2")
+
+    with LightController(damaged_line(only("LED:SEL 1", garble))) as lights:
+        with pytest.raises(LightControllerError, match="garbled reply to 'LED:SEL 1'"):
+            lights.select(1)
+        assert lights.select(3).led == 3
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_lost_reply_is_an_error_with_a_deadline(damaged_line: Line) -> None:
+    with LightController(damaged_line(only("LED:SEL 1", lambda *_: []))) as lights:
+        with pytest.raises(LightControllerError, match=r"no answer to 'LED:SEL 1' in 0.5 s"):
+            lights.select(1)
+        assert lights.select(3).led == 3
+
+
+@pytest.mark.usefixtures("impatient")
+def test_half_a_reply_is_never_taken_for_one(damaged_line: Line) -> None:
+    def cut(_: str, reply: bytes) -> Iterator[bytes]:
+        yield reply[:-4]
+
+    with LightController(damaged_line(only("LED:SEL 1", cut))) as lights:
+        with pytest.raises(LightControllerError, match="no answer"):
+            lights.select(1)
+        # The half that is left stands before the next reply, whose checksum then fails.
+        with pytest.raises(LightControllerError, match="garbled"):
+            lights.select(2)
+        assert lights.select(3).led == 3
+
+
+@pytest.mark.usefixtures("impatient")
+def test_a_late_reply_is_not_taken_for_the_next_one(damaged_line: Line) -> None:
+    def late(_: str, reply: bytes) -> Iterator[bytes]:
+        time.sleep(0.7)
+        yield reply
+
+    with LightController(damaged_line(only("LED:SEL 1", late))) as lights:
+        with pytest.raises(LightControllerError, match="no answer"):
+            lights.select(1)
+        assert lights.select(2).led == 2
+
+
+def test_a_doubled_reply_is_taken_once(damaged_line: Line) -> None:
+    with LightController(damaged_line(lambda _, reply: [reply, reply])) as lights:
+        for led in (0, 1, 2, 3):
+            assert lights.select(led).led == led
+            assert lights.state().led == led
+
+
+def test_a_reply_that_names_another_led_is_an_error(damaged_line: Line) -> None:
+    def other(command: str, _: bytes) -> Iterator[bytes]:
+        yield sealed(f"{sequence_of(command)} OK 3,1000")
+
+    with (
+        LightController(damaged_line(only("LED:SEL 1", other))) as lights,
+        pytest.raises(LightControllerError, match="asked for LED 1, it lit LED 3"),
+    ):
+        lights.select(1)
+
+
+@pytest.mark.parametrize("fields", ["", " 5", " 1,2", " a,b,c", " 1,,100,7"])
+def test_an_intact_reply_of_another_form_is_an_error(damaged_line: Line, fields: str) -> None:
+    asked = 0
+
+    def strange(command: str, reply: bytes) -> Iterator[bytes]:
+        nonlocal asked
+        asked += 1
+        # The first is part of opening.
+        yield reply if asked == 1 else sealed(f"{sequence_of(command)} OK{fields}")
+
+    with (
+        LightController(damaged_line(only("STAT?", strange))) as lights,
+        pytest.raises(LightControllerError, match="unexpected reply"),
+    ):
+        lights.state()
+
+
+# a controller that restarts or goes away
+
+
+def test_a_restart_in_an_exchange_is_noticed(damaged_line: Line) -> None:
+    def restart(_command: str, _reply: bytes) -> Iterator[bytes]:
+        yield b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
+
+    with (
+        LightController(damaged_line(only("LED:SEL 1", restart))) as lights,
+        pytest.raises(LightControllerError, match="restarted before it answered 'LED:SEL 1'"),
+    ):
+        lights.select(1)
+
+
+def test_a_restart_between_exchanges_is_noticed(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.select(1)
+        bench.controller.reset()
+        bench.clock.sleep_s(0.5)
+        with pytest.raises(LightControllerError, match="restarted"):
+            lights.confirm(1)
+        assert bench.lit() == [0.0] * 4
+
+
+def test_a_controller_unplugged_between_two_leds_is_gone_at_once(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.select(2)
+        bench.server.stop()
+        assert bench.lit() == [0.0] * 4
+        started_s = time.monotonic()
+        with pytest.raises(LightControllerError, match=f"{bench.port}: the light controller is go"):
+            lights.select(3)
+        assert time.monotonic() - started_s < 0.5
+
+
+def test_a_board_that_resets_when_it_is_opened_is_waited_for() -> None:
+    clock = RealClock()
+    board = SimulatedBoard(clock)
+    controller = SimulatedController(board, clock, resets_on_open=True, boot_ms=700.0)
+    with serve_pty(controller) as server, LightController(server.address, clock=clock) as lights:
+        assert lights.select(1).led == 1
+
+
+def test_half_a_line_that_another_program_left_does_no_harm() -> None:
+    clock = VirtualClock()
+    controller = SimulatedController(SimulatedBoard(clock), clock)
+    controller.feed(b"LED:SEL ")
+    with serve_pty(controller) as server, LightController(server.address, clock=clock) as lights:
+        assert lights.state().led is None
+
+
+def test_a_write_interrupted_in_mid_line_does_not_keep_the_led_on(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.select(2)
+        lights._link._line.write(b"#9 LED:S")
+    assert bench.lit() == [0.0] * 4
+
+
+def test_late_replies_to_the_program_before_fit_no_sequence_number_of_this_one(bench: Any) -> None:
+    first = []
+    for _ in range(6):
+        with LightController(bench.port, clock=bench.clock) as lights:
+            first.append(lights._link._sequence)
+    assert len(set(first)) > 3

@@ -1,0 +1,101 @@
+"""Flashing into the folder of a drive, and which folders are none."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from classify.errors import InputError
+from firmware_sim.firmware import FIRMWARE_VERSION
+from rig.errors import LightControllerError
+from rig.lights import SerialPort, flash
+from rig.lights.flash import (
+    BoardFile,
+    board_files,
+    find_board,
+    find_drives,
+    flash_folder,
+    flash_port,
+)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_main_comes_last():
+    assert [file.name for file in board_files()] == ["firmware.py", "pico_board.py", "main.py"]
+
+
+def test_a_drive_gets_the_files(tmp_path):
+    (tmp_path / "firmware.py").write_text('FIRMWARE_VERSION = "0.9.1"\n')
+    (tmp_path / "notes.txt").write_text("mine")
+    assert flash_folder(tmp_path, board_files(), dry_run=True).after == "0.9.1"
+    flashed = flash_folder(tmp_path, board_files())
+    assert (flashed.before, flashed.after) == ("0.9.1", FIRMWARE_VERSION)
+    expected = {file.name: file.data for file in board_files()}
+    assert contents(tmp_path) == expected | {"notes.txt": b"mine"}
+
+
+def test_what_is_read_back_is_compared(tmp_path, monkeypatch):
+    (tmp_path / "main.py").write_text("old")
+    monkeypatch.setattr(Path, "read_bytes", lambda _: b"something else")
+    with pytest.raises(LightControllerError, match="read back"):
+        flash_folder(tmp_path, [BoardFile("main.py", tmp_path / "source", b"new")])
+    assert (tmp_path / "main.py").read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    ("mark", "way_out"),
+    [("INFO_UF2.TXT", "Copy MicroPython's UF2"), ("boot_out.txt", "Hold its BOOTSEL button")],
+)
+def test_other_drives_are_refused_with_the_way_out(tmp_path, mark, way_out):
+    (tmp_path / mark).write_text("")
+    with pytest.raises(InputError, match=way_out):
+        flash_folder(tmp_path, board_files())
+    assert list(contents(tmp_path)) == [mark]
+
+
+def test_mounted_drives_are_found(tmp_path, monkeypatch):
+    mounts = tmp_path / "mounts"
+    boards, stick = tmp_path / "a board", tmp_path / "stick"
+    for folder in (boards, stick):
+        folder.mkdir()
+    (boards / "INFO_UF2.TXT").write_text("")
+    lines = [f"/dev/sdb1 {str(boards).replace(' ', chr(92) + '040')} vfat rw 0 0"]
+    lines += [f"/dev/sdc1 {stick} vfat rw 0 0", f"/dev/sda1 {boards} ext4 rw 0 0"]
+    mounts.write_text("\n".join(lines))
+    monkeypatch.setattr(flash, "_MOUNTS", mounts)
+    assert find_drives() == [boards]
+
+
+def test_only_a_pico_with_micropython_is_found():
+    pico = SerialPort("/dev/ttyACM0", "2e8a:0005", "e66118604b842a21")
+    others = [SerialPort("/dev/ttyUSB0", "0403:6001"), SerialPort("/dev/ttyS0")]
+    assert find_board([*others, pico]) == "/dev/ttyACM0"
+    with pytest.raises(LightControllerError, match=r"no Raspberry Pi Pico .*ttyUSB0 \(0403:6001\)"):
+        find_board(others)
+    with pytest.raises(LightControllerError, match="2 boards are plugged in"):
+        find_board([pico, pico])
+
+
+def test_without_mpremote_it_says_how_to_get_it(monkeypatch):
+    monkeypatch.setattr(flash, "find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"pip install 'ps4rig\[flash\]'"):
+        flash_port("/dev/ttyACM0", board_files())
+
+
+def test_the_command_reports_in_one_line(tmp_path):
+    command = [sys.executable, "-m", "capture", "rig", "flash"]
+    done = subprocess.run(
+        [*command, "--to", str(tmp_path / "none")], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "no such folder" in done.stderr
+    done = subprocess.run(
+        [*command, "--to", str(tmp_path)], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0
+    assert f"has firmware {FIRMWARE_VERSION}; before: none that ran" in done.stdout

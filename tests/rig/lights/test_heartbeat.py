@@ -1,0 +1,209 @@
+"""The watchdog stays quiet while the program lives, in simulated and in real time."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import LightControllerError, RigConfig, open_rig
+from rig.lights import LightController, TendedClock
+from rig.lights import driver as lights_module
+from rig.lights.heartbeat import Heartbeat
+
+SMALL = RigConfig().with_changes(
+    camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}
+)
+
+
+def output(rig: Any, led: int) -> float:
+    return float(rig.simulation.board.output(led, rig.clock.now_s()))
+
+
+def test_a_rig_held_open_keeps_its_led_in_simulated_time() -> None:
+    with open_rig(SMALL) as rig:
+        rig.lights.select(2)
+        rig.clock.sleep_s(5.0)
+        assert output(rig, 2) == 1.0
+        assert rig.lights.confirm(2).led == 2
+
+
+def test_frames_may_be_read_for_longer_than_the_watchdog_waits() -> None:
+    with open_rig(SMALL) as rig:
+        rig.lights.select(1)
+        for _ in range(40):
+            rig.camera.read(1.0)
+        assert rig.lights.confirm(1).led == 1
+
+
+def test_a_program_that_has_forgotten_its_lights_loses_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lights_module, "ATTENDED_S", 20.0)
+    with open_rig(SMALL) as rig:
+        rig.lights.select(2)
+        rig.clock.sleep_s(19.0)
+        assert output(rig, 2) == 1.0
+        rig.clock.sleep_s(2.0)
+        assert output(rig, 2) == 0.0
+        with pytest.raises(LightControllerError, match="LED 2 should be lit but no LED is"):
+            rig.lights.confirm(2)
+
+
+def test_without_a_rig_around_it_the_driver_leaves_time_to_its_caller(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=300) as lights:
+        lights.select(0)
+        for _ in range(5):
+            bench.clock.sleep_s(0.14)
+            assert 0.0 < lights.tend() <= 0.15
+            bench.clock.sleep_s(0.011)
+            assert lights.tend() == 0.15
+        assert lights.confirm(0).led == 0
+
+
+def test_no_heartbeat_for_a_thread_that_has_ended(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=300) as lights:
+        thread = threading.Thread(target=lights.select, args=(3,))
+        thread.start()
+        thread.join()
+        for _ in range(4):
+            bench.clock.sleep_s(0.1)
+            lights.tend()
+        assert bench.lit() == [0.0] * 4
+
+
+def test_no_heartbeat_while_an_exchange_is_under_way(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=1000) as lights:
+        lights.select(1)
+        bench.clock.sleep_s(0.9)
+        with lights._lock:
+            thread = threading.Thread(target=lambda: waits.append(lights.tend()))
+            waits: list[float] = []
+            thread.start()
+            thread.join()
+        assert waits == [0.5]
+        bench.clock.sleep_s(0.2)
+        with pytest.raises(LightControllerError, match="watchdog may have tripped"):
+            lights.confirm(1)
+
+
+def test_a_heartbeat_that_fails_is_raised_by_the_next_exchange_once() -> None:
+    with open_rig(SMALL) as rig:
+        assert rig.simulation is not None
+        rig.lights.select(0)
+        rig.simulation.unplug_lights()
+        rig.clock.sleep_s(1.0)
+        with pytest.raises(LightControllerError, match=r"while nobody switched: .*gone"):
+            rig.lights.select(1)
+        rig.simulation.replug_lights()
+        rig.lights.recover()
+        assert rig.lights.select(1).led == 1
+
+
+def test_a_controller_that_restarted_unseen_is_noticed(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
+        bench.clock.sleep_s(1.0)
+        lights.state()
+        bench.controller.reset()
+        bench.clock.sleep_s(0.5)
+        bench.controller.take_output()  # the banner went to nobody
+        lights.tend()
+        with pytest.raises(LightControllerError, match=r"while nobody switched: .*restarted"):
+            lights.select(1)
+
+
+def test_nothing_beats_after_a_failure_so_that_the_watchdog_works(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
+        lights.select(3)
+        lights._has_failed = True
+        for _ in range(4):
+            bench.clock.sleep_s(0.15)
+            lights.tend()
+        assert bench.lit() == [0.0] * 4
+
+
+def test_in_real_time_a_thread_beats_until_the_rig_is_closed() -> None:
+    config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 300})
+    with open_rig(config) as rig:
+        rig.lights.select(1)
+        time.sleep(0.8)
+        assert rig.lights.confirm(1).led == 1
+        assert [thread.name for thread in threading.enumerate()].count("light heartbeat") == 1
+    assert "light heartbeat" not in [thread.name for thread in threading.enumerate()]
+
+
+def test_a_heartbeat_is_stopped_also_in_mid_call_and_by_itself() -> None:
+    calls: list[float] = []
+    beats = Heartbeat(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
+    time.sleep(0.1)
+    beats.stop(1.0)
+    count = len(calls)
+    assert count > 1
+    time.sleep(0.05)
+    assert len(calls) == count
+
+
+def test_a_tended_clock_keeps_the_time_of_the_clock_inside() -> None:
+    inner = VirtualClock(5.0)
+    clock = TendedClock(inner)
+    clock.sleep_s(0.25)
+    asked: list[float] = []
+
+    def tend() -> float:
+        asked.append(inner.now_s())
+        return 0.0 if len(asked) == 3 else 0.1
+
+    clock.attend(tend)
+    clock.sleep_s(0.25)
+    assert clock.now_s() == inner.now_s() == pytest.approx(5.5, abs=1e-8)
+    assert asked == pytest.approx([5.25, 5.35, 5.45, 5.45], abs=1e-8)
+    clock.attend(None)
+    clock.sleep_s(-1.0)
+    assert clock.now_s() == inner.now_s()
+
+
+_HOLDS_AN_LED = """
+import sys, time
+sys.path[:] = {path!r}
+from rig.lights import LightController
+lights = LightController({port!r}, watchdog_ms=300)
+lights.keep_alive()
+lights.select(2)
+print("lit", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        pytest.param(signal.SIGSTOP, id="hangs"),
+        pytest.param(signal.SIGKILL, id="dies", marks=pytest.mark.slow),
+    ],
+)
+def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -> None:
+    clock = RealClock()
+    board = SimulatedBoard(clock)
+    with serve_pty(SimulatedController(board, clock)) as server:
+        script = _HOLDS_AN_LED.format(path=sys.path, port=server.address)
+        program = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE)
+        try:
+            assert program.stdout is not None
+            assert program.stdout.readline() == b"lit\n"
+            time.sleep(0.7)
+            assert board.output(2, clock.now_s()) > 0.99
+            os.kill(program.pid, end)
+            deadline_s = time.monotonic() + 2.0
+            while board.output(2, clock.now_s()) > 0.01 and time.monotonic() < deadline_s:
+                time.sleep(0.02)
+            assert board.output(2, clock.now_s()) < 0.01
+        finally:
+            program.kill()
+            program.wait()
+            assert program.stdout is not None
+            program.stdout.close()

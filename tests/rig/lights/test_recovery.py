@@ -1,0 +1,212 @@
+"""After a failure the link comes back between sets, to the same controller and to no other."""
+
+import string
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, suppress
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture import capture_set
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import LightControllerError, RigConfig, open_rig
+from rig.lights import LightController
+from rig.lights import driver as lights_module
+from rig.lights import link as link_module
+
+SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 0.3)
+
+
+def test_without_a_failure_nothing_is_done(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        lights.select(1)
+        link = lights._link
+        lights.recover()
+        assert lights._link is link
+        assert bench.lit() == [0.0, 1.0, 0.0, 0.0]
+
+
+def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock) as lights:
+        with pytest.raises(LightControllerError, match="refused"):
+            lights.select(9)
+        link = lights._link
+        lights.recover()
+        assert lights._link is link
+
+
+def test_unplugged_and_plugged_in_again_elsewhere() -> None:
+    with open_rig(SMALL) as rig:
+        assert rig.simulation is not None
+        rig.lights.set_level(2, 98)
+        capture_set(rig)
+        rig.simulation.unplug_lights()
+        with pytest.raises(LightControllerError, match="gone"):
+            capture_set(rig)
+        rig.simulation.replug_lights()
+        capture_set(rig)
+        assert rig.lights.port == rig.simulation.port
+        assert rig.lights.state().levels_percent == (100, 100, 98, 100)
+        assert rig.lights.state().led is None
+
+
+@pytest.mark.usefixtures("impatient")
+def test_while_it_is_unplugged_it_is_named_as_missing() -> None:
+    with open_rig(SMALL) as rig:
+        assert rig.simulation is not None
+        rig.simulation.unplug_lights()
+        with pytest.raises(LightControllerError):
+            rig.lights.off()
+        with pytest.raises(LightControllerError, match="SIM-0001 is not plugged in any more"):
+            rig.lights.recover()
+        rig.simulation.replug_lights()
+        rig.lights.recover()
+        assert rig.lights.select(3).led == 3
+
+
+def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
+    with open_rig(SMALL) as rig:
+        assert rig.simulation is not None
+        rig.lights.select(1)
+        controller: Any = rig.simulation._controller
+        controller.reset()
+        with pytest.raises(LightControllerError, match=r"restarted|no answer"):
+            rig.lights.confirm(1)
+        rig.lights.recover()
+        assert rig.lights.state().led is None
+
+
+def test_a_controller_that_lost_its_settings_gets_them_again(bench: Any) -> None:
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
+        lights.set_level(1, 30)
+        lights.select(1)
+        bench.clock.sleep_s(0.2)
+        bench.controller.reset()
+        bench.clock.sleep_s(0.4)
+        bench.controller.take_output()  # the banner went to nobody
+        with pytest.raises(LightControllerError, match="should be lit but no LED is"):
+            lights.confirm(1)
+        lights.recover()
+        assert lights.state().levels_percent == (100, 30, 100, 100)
+        lights.select(1)
+        bench.clock.sleep_s(0.9)
+        assert lights.state().led is None  # of 0.7 s again, not of 5
+
+
+@pytest.fixture
+def devices() -> Iterator[Callable[[str], str]]:
+    """Plug in a controller of this serial number; returns its port."""
+    with ExitStack() as stack:
+
+        def plug_in(serial_number: str) -> str:
+            clock = VirtualClock()
+            board = SimulatedBoard(clock, serial_number=serial_number)
+            return stack.enter_context(serve_pty(SimulatedController(board, clock))).address
+
+        yield plug_in
+
+
+def fail(lights: LightController) -> None:
+    lights._link._line.close()
+    with pytest.raises(LightControllerError):
+        lights.off()
+
+
+def test_among_several_the_same_one_is_found(devices: Callable[[str], str]) -> None:
+    first, other, again = devices("A-1"), devices("B-2"), devices("A-1")
+    with LightController(first, whereabouts=lambda: ("/dev/ttyNONE", other, again)) as lights:
+        fail(lights)
+        lights.recover()
+        assert lights.port == again
+        assert lights.identity.serial_number == "A-1"
+
+
+@pytest.mark.usefixtures("impatient")
+def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str]) -> None:
+    first, other = devices("A-1"), devices("B-2")
+    with LightController(first, whereabouts=lambda: (other,)) as lights:
+        fail(lights)
+        with pytest.raises(LightControllerError, match="controller B-2 is there in place of A-1"):
+            lights.recover()
+        with pytest.raises(LightControllerError):
+            lights.select(0)
+    with LightController(other) as lights:  # and it was let go
+        assert lights.identity.serial_number == "B-2"
+
+
+@pytest.mark.usefixtures("impatient")
+def test_plugged_in_nowhere(devices: Callable[[str], str]) -> None:
+    with LightController(devices("A-1"), whereabouts=lambda: ()) as lights:
+        fail(lights)
+        with pytest.raises(LightControllerError, match="A-1 is not plugged in any more"):
+            lights.recover()
+
+
+class Damage:
+    """What becomes of the replies while it is on."""
+
+    def __init__(self) -> None:
+        self.plan: list[tuple[str, int]] = []
+        self.late: list[bytes] = []
+
+    def __call__(self, _command: str, reply: bytes) -> Iterable[bytes]:
+        held, self.late = self.late, []
+        if not self.plan or not reply:
+            return [*held, reply]
+        kind, number = self.plan.pop(0)
+        if kind == "late":  # comes before the answer to the next command
+            self.late = [reply]
+            return held
+        if kind == "doubled":
+            return [*held, reply, reply]
+        if kind == "truncated":
+            return [*held, reply[: number % len(reply)]]
+        if kind == "garbled":
+            at = number % len(reply)
+            letter = string.printable[number % 97].encode()
+            return [*held, reply[:at] + letter + reply[at + 1 :]]
+        if kind == "noise":
+            return [*held, bytes([number % 256]) * (number % 7), reply]
+        if kind == "banner":
+            return [*held, b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n", reply]
+        return [*held, reply]
+
+
+KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "banner", "whole"])
+
+
+@pytest.mark.parametrize("switches", [8])
+def test_damage_is_an_error_or_does_no_harm_and_is_over_after_recovery(
+    switches: int, damaged_device: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any damage to any replies: no acknowledge of a switch that did not happen."""
+    monkeypatch.setattr(link_module, "REPLY_TIMEOUT_S", 0.03)
+    damage = Damage()
+    line = damaged_device(damage)
+    monkeypatch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 5.0)
+
+    @settings(max_examples=25, deadline=None, derandomize=True)
+    @given(st.lists(st.tuples(KINDS, st.integers(0, 10_000)), max_size=6))
+    def play(plan: list[tuple[str, int]]) -> None:
+        damage.plan, damage.late = list(plan), []
+        for number in range(switches):
+            led = number % 4
+            with suppress(LightControllerError):
+                assert lights.select(led).led == led
+                # What is acknowledged has happened, whatever was on the line before.
+                line.clock.sleep_s(0.01)
+                assert line.board.output(led, line.clock.now_s()) > 0.99
+        damage.plan, damage.late = [], []
+        lights.recover()
+        assert lights.select(3).led == 3
+        assert lights.off().led is None
+
+    with LightController(line.port) as lights:
+        play()

@@ -1,0 +1,160 @@
+"""Sequences from the host's side: what is planned, what is refused, whose clock says what."""
+
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig import ConfigError, LightControllerError, Rig, RigConfig, RunningSequence, open_rig
+from rig.config import SequencePlan, plan_sequence
+from rig.config.sequence_plan import REACTION_S
+from rig.lights.driver import Answer
+from rig.lights.sequence import ClockRelation
+
+SMALL = {"width_px": 16, "height_px": 16}
+
+
+def config(synchronisation: str = "strobe", **changes: dict[str, object]) -> RigConfig:
+    lights = {"synchronisation": synchronisation, **changes.pop("lights", {})}
+    camera = {**SMALL, **changes.pop("camera", {})}
+    return RigConfig().with_changes(lights=lights, camera=camera, **changes)
+
+
+@pytest.fixture(params=["strobe", "trigger"])
+def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+    with open_rig(config(request.param)) as opened:
+        yield opened
+
+
+def plan_of(rig: Rig) -> SequencePlan:
+    plan = rig.config.sequence_plan
+    assert plan is not None
+    return plan
+
+
+def finish(rig: Rig, sequence: RunningSequence) -> None:
+    while sequence.is_running():
+        rig.clock.sleep_s(0.01)
+
+
+@given(
+    settle_ms=st.floats(0.0, 200.0),
+    period_ms=st.floats(2.0, 200.0),
+    exposed_share=st.floats(0.01, 0.7),
+    triggers=st.booleans(),
+)
+def test_a_plan_leaves_time_to_settle(settle_ms, period_ms, exposed_share, triggers):
+    exposed_s = exposed_share * period_ms / 1e3
+    plan = plan_sequence(
+        4,
+        triggers=triggers,
+        settle_s=settle_ms / 1e3,
+        period_s=period_ms / 1e3,
+        exposed_s=exposed_s,
+    )
+    assert plan.lights == (None, 0, 1, 2, 3)
+    step_s = plan.wait_us / 1e6 if triggers else plan.frames_per_step * period_ms / 1e3
+    assert step_s >= exposed_s + REACTION_S + settle_ms / 1e3 - 1e-9
+    if not triggers and plan.frames_per_step > 1:  # and no exposure more is passed over than must
+        assert step_s - period_ms / 1e3 < exposed_s + REACTION_S + settle_ms / 1e3
+    assert plan.command.endswith(",-1,0,1,2,3")
+    assert len(f"#65535 {plan.command}~FF") <= 64
+
+
+def test_what_does_not_fit_is_refused_with_its_numbers():
+    with pytest.raises(ConfigError, match=r"33 ms of a frame period of 33.33 ms.*no pause"):
+        config(camera={"exposure_ms": 33.0})
+    with pytest.raises(ConfigError, match=r"settle_ms = 5, but these simulated LEDs take 8.38 ms"):
+        config(simulation={"led_rise_ms": 4.0})
+    with pytest.raises(ConfigError, match="16 steps, too few for 16 lights"):
+        config(lights={"tilts_deg": [360.0 * n / 16 for n in range(16)]})
+    with pytest.raises(ConfigError, match="watchdog_ms = 200 would end a sequence of 238 ms"):
+        config(lights={"watchdog_ms": 200})
+    with pytest.raises(ConfigError, match=r"needs to know.*camera.readout_ms"):
+        config(
+            lights={"port": "/dev/ttyACM0"},
+            camera={"kind": "v4l2", "device": "/dev/video0", "bits": 8},
+        )
+    assert config("software", simulation={"led_rise_ms": 4.0}).sequence_plan is None
+
+
+def test_a_longer_settle_time_takes_every_other_frame():
+    assert plan_of_config(config(lights={"settle_ms": 12.0})).frames_per_step == 1
+    assert plan_of_config(config(lights={"settle_ms": 13.0})).frames_per_step == 2
+    assert plan_of_config(config(simulation={"readout_ms": 9.0})).frames_per_step == 2
+
+
+def plan_of_config(config: RigConfig) -> SequencePlan:
+    assert config.sequence_plan is not None
+    return config.sequence_plan
+
+
+def test_the_report_is_true(rig: Rig) -> None:
+    plan = plan_of(rig)
+    sequence = RunningSequence(rig.lights, plan)
+    finish(rig, sequence)
+    report = sequence.report()
+    assert report.cause is None
+    assert tuple(step.light for step in report.steps) == plan.lights
+    assert report.clock.uncertainty_s < 0.001
+    for step in report.steps:
+        # the simulated clock and the board's are the same one
+        for at_us in (step.lit_us, step.begun_us, step.ended_us):
+            assert at_us is not None
+            assert abs(report.clock.on_rig_s(at_us) - at_us / 1e6) <= report.clock.uncertainty_s
+        assert (step.triggered_us is not None) == plan.triggers
+        assert rig.simulation is not None
+        exposed = (step.begun_us / 1e6, step.ended_us / 1e6)
+        for led in range(4):
+            lit_s = rig.simulation.board.output_integral_s(led, *exposed)
+            expected_s = exposed[1] - exposed[0] if led == step.light else 0.0
+            assert lit_s == pytest.approx(expected_s, abs=1e-6)
+
+
+def test_a_sequence_that_was_ended_says_so(rig: Rig) -> None:
+    sequence = RunningSequence(rig.lights, plan_of(rig))
+    rig.clock.sleep_s(0.05)
+    rig.lights.off()
+    assert not sequence.is_running()
+    assert sequence.report().cause == "Sequence aborted"
+
+
+def test_another_sequence_in_its_place_is_noticed(rig: Rig) -> None:
+    sequence = RunningSequence(rig.lights, plan_of(rig))
+    rig.lights.off()
+    finish(rig, RunningSequence(rig.lights, plan_of(rig)))
+    with pytest.raises(LightControllerError, match="did it restart"):
+        sequence.is_running()
+
+
+def keep_lit(rig: Rig, led: int, for_s: float) -> None:
+    rig.lights.select(led)
+    until_s = rig.clock.now_s() + for_s
+    while rig.clock.now_s() < until_s:
+        rig.clock.sleep_s(2.0)
+        rig.lights.state()
+
+
+def test_an_led_that_must_rest_is_named(rig: Rig) -> None:
+    keep_lit(rig, 2, for_s=80.0)
+    rig.lights.off()
+    with pytest.raises(LightControllerError, match="LED must rest"):
+        RunningSequence(rig.lights, plan_of(rig))
+
+
+def test_a_light_that_reached_its_limit_is_reported_with_the_cause(rig: Rig) -> None:
+    keep_lit(rig, 2, for_s=121.0)
+    with pytest.raises(LightControllerError, match=r"LED 2 should be lit.*On-time limit"):
+        rig.lights.confirm(2)
+
+
+def test_clocks_are_as_far_apart_as_every_exchange_allows():
+    first = Answer((1_000_000,), sent_s=10.000, received_s=10.004)
+    second = Answer((2_000_000,), sent_s=10.999, received_s=11.001)
+    relation = ClockRelation.of([(1_000_000, first), (2_000_000, second)])
+    assert relation.offset_s == pytest.approx(9.0005)
+    assert 0.0005 <= relation.uncertainty_s < 0.001
+    restarted = Answer((500,), sent_s=12.0, received_s=12.001)
+    with pytest.raises(LightControllerError, match="restart"):
+        ClockRelation.of([(1_000_000, first), (500, restarted)])

@@ -1,0 +1,101 @@
+"""The host's lines against the firmware's own envelope."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_sim import Firmware, SimulatedBoard, VirtualClock, crc8
+from rig.lights.wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
+
+sequences = st.integers(1, MAX_SEQUENCE)
+commands = st.one_of(
+    st.sampled_from(
+        ["*IDN?", "*RST", "LED:OFF", "LED:STAT?", "SYST:ERR?", "LED:SEL 9", "NONSENSE"]
+    ),
+    st.builds("LED:SEL {}".format, st.integers(0, 3)),
+    st.builds("LED:LEV {},{}".format, st.integers(0, 3), st.integers(0, 100)),
+)
+
+
+def replies_of_firmware(data: bytes) -> list[bytes]:
+    board = SimulatedBoard(VirtualClock())
+    firmware = Firmware(board)
+    board.take_output()
+    board.receive(data)
+    firmware.poll()
+    return board.take_output().splitlines()
+
+
+@given(sequences, commands)
+def test_the_firmware_understands_every_line_and_its_reply_is_intact(
+    sequence: int, command: str
+) -> None:
+    (line,) = replies_of_firmware(encode_command(sequence, command))
+    reply = decode_reply(line)
+    assert reply.sequence == sequence
+    assert reply.ok == (command not in ("LED:SEL 9", "NONSENSE"))
+    if command.startswith("LED:LEV"):
+        assert reply.text == command.removeprefix("LED:LEV ")
+
+
+@given(sequences, commands, st.data())
+def test_a_damaged_byte_in_a_reply_is_noticed(
+    sequence: int, command: str, data: st.DataObject
+) -> None:
+    (line,) = replies_of_firmware(encode_command(sequence, command))
+    place = data.draw(st.integers(0, len(line) - 1))
+    damaged = bytearray(line)
+    damaged[place] ^= data.draw(st.integers(1, 255))
+    with pytest.raises(Garbled):
+        decode_reply(bytes(damaged))
+
+
+@given(sequences, st.integers(0, 3), st.data())
+def test_a_damaged_byte_in_a_command_changes_no_led(
+    sequence: int, led: int, data: st.DataObject
+) -> None:
+    line = bytearray(encode_command(sequence, f"LED:SEL {led}"))
+    place = data.draw(st.integers(0, len(line) - 1))
+    line[place] ^= data.draw(st.integers(1, 255))
+    board = SimulatedBoard(VirtualClock(), rise_ms=0.0)
+    firmware = Firmware(board)
+    board.receive(bytes(line) + b"\n")
+    firmware.poll()
+    # A line whose ~ is gone has no checksum to fail: only the driver's refusal of replies
+    # without one is left then, and the command must not have been the one that was sent.
+    shown = [index for index in range(4) if board.output(index, 0.0) > 0.0]
+    assert shown in ([], [led])
+
+
+@given(st.binary(max_size=40))
+def test_noise_is_garbled_or_an_intact_reply_by_its_own_checksum(noise: bytes) -> None:
+    try:
+        decode_reply(noise)
+    except Garbled:
+        return
+    body, _, crc = noise.rpartition(b"~")
+    assert crc8(body) == int(crc, 16)
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"OKAY", b"# OK", b"#1 OK\x00", b"#123456 OK", b"#1  OK", b"ok", b"#1 OK\n"]
+)
+def test_what_is_no_reply_is_garbled_even_with_a_right_checksum(body: bytes) -> None:
+    with pytest.raises(Garbled):
+        decode_reply(body + b"~%02X" % crc8(body))
+
+
+def test_the_written_examples_of_the_protocol() -> None:
+    assert encode_command(7, "LED:SEL 2") == b"#7 LED:SEL 2~E0\n"
+    assert decode_reply(b"#7 OK 2,2000~7D") == Reply(sequence=7, ok=True, text="2,2000")
+    assert decode_reply(b'ERR -360,"Communication error"~AD') == Reply(
+        sequence=None, ok=False, text='-360,"Communication error"'
+    )
+    with pytest.raises(Garbled):
+        decode_reply(b"#7 OK 2,1000")
+
+
+def test_the_banner_of_the_firmware_starts_as_the_driver_expects() -> None:
+    board = SimulatedBoard(VirtualClock())
+    Firmware(board)
+    assert board.take_output().startswith(BANNER)

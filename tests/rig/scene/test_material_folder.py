@@ -1,0 +1,238 @@
+"""Material folders: what is read from them, at which scale, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from classify.errors import InputError
+from rig.scene import PeriodicSurface, bundled_materials, load_material, synthetic_surface
+from rig.scene.surfaces import rms_slope
+
+
+@pytest.fixture(scope="module")
+def truth() -> PeriodicSurface:
+    """A surface without anything the readers' band limit would take away, 64 x 128."""
+    rows, cols = np.mgrid[:64, :128]
+    height = 3 * np.sin(2 * np.pi * (3 * cols / 128 - 2 * rows / 64)) + np.cos(
+        2 * np.pi * (9 * cols / 128 + 4 * rows / 64)
+    )
+    return PeriodicSurface.from_height(height, np.ones((64, 128)), "truth")
+
+
+def write_height(folder: Path, surface: PeriodicSurface, dtype: type = np.uint16) -> float:
+    """Write height.png, black to white over the whole relief; gives that relief in pixels."""
+    white = np.iinfo(dtype).max
+    units = (surface.height - surface.height.min()) / surface.relief_px
+    cv2.imwrite(str(folder / "height.png"), np.round(units * white).astype(dtype))
+    return surface.relief_px
+
+
+def write_normal(
+    folder: Path, surface: PeriodicSurface, name: str = "normal.png", white: int = 255
+) -> None:
+    normal = np.stack([-surface.p, -surface.q, np.ones_like(surface.p)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    rgb = np.round((normal + 1) / 2 * white).astype(np.uint8 if white == 255 else np.uint16)
+    # Without the colours at full resolution a JPEG loses a good part of the slopes.
+    full = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+    cv2.imwrite(str(folder / name), rgb[..., ::-1], [*full, cv2.IMWRITE_JPEG_QUALITY, 98])
+
+
+def test_height_with_known_relief(tmp_path: Path, truth: PeriodicSurface) -> None:
+    relief_px = write_height(tmp_path, truth)
+    notes = {"size_mm": 64.0, "relief_mm": relief_px / 2}  # 128 px are 64 mm
+    (tmp_path / "material.json").write_text(json.dumps(notes))
+    surface = load_material(tmp_path)
+    assert surface.name == tmp_path.name
+    assert np.ptp(surface.height) == pytest.approx(relief_px, rel=1e-4)
+    np.testing.assert_allclose(surface.p, truth.p, atol=1e-3)
+    np.testing.assert_allclose(surface.q, truth.q, atol=1e-3)
+
+
+@pytest.mark.parametrize("notes", [None, {"size_mm": 10}, {"relief_mm": 2.0}, {}])
+def test_height_without_known_relief_gets_the_default_slope(
+    tmp_path: Path, truth: PeriodicSurface, notes: dict[str, float] | None
+) -> None:
+    write_height(tmp_path, truth, np.uint8)
+    if notes is not None:
+        (tmp_path / "material.json").write_text(json.dumps(notes))
+    surface = load_material(tmp_path)
+    assert rms_slope(surface.p, surface.q) == pytest.approx(0.30, rel=0.01)
+    assert np.corrcoef(surface.p.ravel(), truth.p.ravel())[0, 1] > 0.99
+    np.testing.assert_allclose(surface.albedo, 0.8, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "white", "bound"),
+    [("normal.png", 255, 0.02), ("normal.png", 65535, 1e-3), ("normal.jpg", 255, 0.1)],
+)
+def test_normal_map_alone(
+    tmp_path: Path, truth: PeriodicSurface, name: str, white: int, bound: float
+) -> None:
+    write_normal(tmp_path, truth, name, white)
+    surface = load_material(tmp_path)
+    np.testing.assert_allclose(surface.p, truth.p, atol=bound)
+    np.testing.assert_allclose(surface.q, truth.q, atol=bound)
+    level = truth.height - truth.height.mean()
+    assert np.abs(surface.height - level).max() < 0.05 * truth.relief_px
+
+
+def test_normal_map_is_the_truth_and_height_takes_its_scale(
+    tmp_path: Path, truth: PeriodicSurface
+) -> None:
+    relief_px = write_height(tmp_path, truth)
+    write_normal(tmp_path, truth)
+    assert np.ptp(load_material(tmp_path).height) == pytest.approx(relief_px, rel=0.01)
+    meta = {"height": {"scale_px_per_unit": 2.5}, "rms_slope": 0.1}
+    (tmp_path / "meta.json").write_text(json.dumps(meta))
+    surface = load_material(tmp_path)
+    assert np.ptp(surface.height) == pytest.approx(2.5, rel=1e-3)
+    np.testing.assert_allclose(surface.p, truth.p, atol=0.02)
+    # material.json is the user's word and comes first
+    (tmp_path / "material.json").write_text('{"size_mm": 128, "relief_mm": 7}')
+    assert np.ptp(load_material(tmp_path).height) == pytest.approx(7.0, rel=1e-3)
+
+
+def test_normals_along_the_surface_are_limited(tmp_path: Path) -> None:
+    normal = np.full((32, 32, 3), (255, 128, 128), np.uint8)  # B, G, R
+    normal[10, 10] = (128, 128, 255)
+    normal[20, 20] = (0, 0, 0)
+    cv2.imwrite(str(tmp_path / "normal.png"), normal)
+    surface = load_material(tmp_path)
+    assert np.isfinite(surface.p).all()
+    assert np.hypot(surface.p, surface.q).max() <= 10.0
+
+
+def test_albedo_is_linear_luminance(tmp_path: Path, truth: PeriodicSurface) -> None:
+    write_height(tmp_path, truth)
+    for bgr, expected in (((188, 188, 188), 0.503), ((0, 0, 255), 0.2126), ((0, 255, 0), 0.7152)):
+        cv2.imwrite(str(tmp_path / "albedo.png"), np.full((64, 128, 3), bgr, np.uint8))
+        np.testing.assert_allclose(load_material(tmp_path).albedo, expected, atol=1e-3)
+
+
+def test_flat_height_is_a_flat_surface(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "height.png"), np.full((32, 32), 77, np.uint8))
+    surface = load_material(tmp_path)
+    assert not surface.p.any()
+    assert not surface.q.any()
+
+
+def test_band_limit_takes_only_what_turning_would_alias() -> None:
+    rows, cols = np.mgrid[:64, :64]
+    low = np.cos(2 * np.pi * 20 * cols / 64)  # 0.31 cycles/px
+    diagonal = np.cos(2 * np.pi * 28 * (cols + rows) / 64)  # 0.62 cycles/px
+    both = PeriodicSurface.from_height(low + diagonal, np.ones((64, 64)), "both")
+    np.testing.assert_allclose(both.band_limited().height, low, atol=1e-5)
+
+
+def test_materials_are_band_limited(tmp_path: Path) -> None:
+    rows, cols = np.mgrid[:64, :64]
+    height = np.cos(2 * np.pi * 8 * cols / 64) + np.cos(2 * np.pi * 28 * (cols + rows) / 64)
+    cv2.imwrite(str(tmp_path / "height.png"), np.round(16000 * (height + 2)).astype(np.uint16))
+    surface = load_material(tmp_path)
+    assert np.abs(surface.q).max() < 1e-3 * np.abs(surface.p).max()
+
+
+def test_bundled_materials_are_whole_and_stated_free() -> None:
+    folders = bundled_materials()
+    assert len(folders) == 8
+    licence = (next(iter(folders.values())).parent / "LICENSE.md").read_text()
+    for name, folder in folders.items():
+        surface = load_material(folder)
+        assert surface.height.shape == (512, 512)
+        assert 0.05 < rms_slope(surface.p, surface.q) < 0.6
+        assert 0.03 < surface.albedo.mean() < 0.9
+        assert name in licence
+    assert sum(f.stat().st_size for d in folders.values() for f in d.iterdir()) < 2.5e6
+
+
+def picture(side: int = 32) -> np.ndarray:
+    return (40 * synthetic_surface("malv", 0, side).height + 128).clip(0, 255).astype(np.uint8)
+
+
+def _two_normals(folder: Path) -> None:
+    for name in ("normal.png", "normal.jpg"):
+        cv2.imwrite(str(folder / name), np.full((32, 32, 3), (255, 128, 128), np.uint8))
+
+
+def _height_against_normals(folder: Path) -> None:
+    surface = synthetic_surface("sand", 0, 64)
+    write_height(folder, surface)
+    flipped = PeriodicSurface(surface.height, -surface.p, -surface.q, surface.albedo, "flipped")
+    write_normal(folder, flipped)
+
+
+BAD_FOLDERS = {
+    "no picture at all": (lambda _: None, r"no height\.png and no normal"),
+    "not an image": (
+        lambda d: (d / "height.png").write_text("hello"), r"height\.png: not a PNG or JPEG"
+    ),
+    "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a PNG"),
+    "other size": (
+        lambda d: cv2.imwrite(str(d / "albedo.png"), picture(16)), r"albedo\.png: 16 x 16 px, but"
+    ),
+    "too small": (
+        lambda d: cv2.imwrite(str(d / "height.png"), picture()[:4]), "32 x 4 px; the sides"
+    ),
+    "too large": (
+        lambda d: cv2.imwrite(str(d / "height.png"), np.zeros((8, 8200), np.uint8)), "8 to 8192"
+    ),
+    "malformed JSON": (
+        lambda d: (d / "material.json").write_text("{"), r"material\.json: not valid JSON"
+    ),
+    "not UTF-8": (lambda d: (d / "material.json").write_bytes(b"\xff\xfe{"), "not valid JSON"),
+    "wrong type": (
+        lambda d: (d / "material.json").write_text('{"size_mm": "3"}'), r"material\.json: size_mm"
+    ),
+    "true is no size": (
+        lambda d: (d / "material.json").write_text('{"size_mm": true}'), "material.json: size_mm"
+    ),
+    "not positive": (
+        lambda d: (d / "material.json").write_text('{"relief_mm": 0}'), "relief_mm: .*greater"
+    ),
+    "infinite": (
+        lambda d: (d / "material.json").write_text('{"relief_mm": Infinity}'), "relief_mm: "
+    ),
+    "a list": (lambda d: (d / "material.json").write_text("[1]"), r"material\.json: the file"),
+    "scale of the wrong type": (
+        lambda d: (d / "meta.json").write_text('{"height": {"scale_px_per_unit": "3"}}'),
+        r"meta\.json: height\.scale_px_per_unit",
+    ),
+    "two normal maps": (_two_normals, "normal.png and normal.jpg are both there"),
+    "height against normals": (_height_against_normals, "falls where the normal map rises"),
+    "normals from behind": (
+        lambda d: cv2.imwrite(str(d / "normal.png"), np.zeros((32, 32, 3), np.uint8)),
+        "point away from the viewer",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_FOLDERS)
+def test_bad_folders_are_refused_by_name(tmp_path: Path, case: str) -> None:
+    spoil, words = BAD_FOLDERS[case]
+    if "picture" not in case:
+        cv2.imwrite(str(tmp_path / "height.png"), picture())
+    spoil(tmp_path)
+    with pytest.raises(InputError, match=words) as caught:
+        load_material(tmp_path)
+    assert str(tmp_path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such material folder"):
+        load_material(tmp_path / "absent")
+
+
+def test_material_json_may_hold_more_than_is_read(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "height.png"), picture())
+    notes = {"name": "oak", "licence": "CC0 1.0", "size_mm": 100, "relief_mm": 2.0}
+    (tmp_path / "material.json").write_text(json.dumps(notes), encoding="utf-8")
+    known = load_material(tmp_path).height
+    (tmp_path / "material.json").write_text('{"size_mm": 100, "relief_mm": 2}', encoding="utf-8")
+    assert np.array_equal(known, load_material(tmp_path).height)

@@ -1,0 +1,280 @@
+"""Frame timing, stale buffers and light of the simulated camera."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from firmware_sim import Clock, RealClock, SimulatedBoard, VirtualClock
+from rig import CameraError, Frame
+from rig.scene import SceneImages
+from rig.simulation import SensorModel
+from rig.simulation.camera import SimulatedCamera
+
+SHAPE = (32, 48)
+AMBIENT = 0.05
+# What LED k alone puts on the white board: all different, so that a mixture can be told.
+LIGHTS = (0.4, 0.5, 0.6, 0.7)
+
+
+def flat_scene(lights: tuple[float, ...] = LIGHTS) -> SceneImages:
+    plane = np.zeros(SHAPE, np.float32)
+    return SceneImages(
+        lights=np.stack([np.full(SHAPE, light, np.float32) for light in lights]),
+        ambient=np.full(SHAPE, AMBIENT, np.float32),
+        shadowed=np.zeros((len(lights), *SHAPE), np.bool_),
+        p=plane,
+        q=plane,
+        albedo=plane + 1,
+    )
+
+
+@dataclass(frozen=True)
+class Setup:
+    clock: Clock
+    board: SimulatedBoard
+    sensor: SensorModel
+    camera: SimulatedCamera
+
+    def light_ms(self, frame: Frame) -> float:
+        """What the frame's mean says about the light in it."""
+        signal = float(frame.pixels.mean()) - self.sensor.black_level_dn
+        return signal * self.sensor.gain_e_per_dn / self.sensor.white_e_per_ms
+
+
+def setup(
+    clock: Clock | None = None,
+    *,
+    bits: int = 12,
+    rate_hz: float = 30.0,
+    exposure_ms: float = 20.0,
+    seed: int = 1,
+    readout_ms: float = 0.0,
+) -> Setup:
+    clock = clock or VirtualClock()
+    board = SimulatedBoard(clock)
+    sensor = SensorModel(bit_depth=bits)
+    camera = SimulatedCamera(
+        board,
+        clock,
+        flat_scene(),
+        sensor,
+        frame_period_s=1.0 / rate_hz,
+        exposure_s=exposure_ms / 1e3,
+        seed=seed,
+        readout_s=readout_ms / 1e3,
+    )
+    return Setup(clock, board, sensor, camera)
+
+
+# timing
+
+
+def test_frames_come_at_the_frame_rate_on_a_virtual_clock_in_no_time() -> None:
+    rig = setup()
+    started_s = time.monotonic()
+    frames = [rig.camera.read(1.0) for _ in range(300)]
+    assert time.monotonic() - started_s < 2.0
+    assert [frame.sequence for frame in frames] == list(range(300))
+    starts = np.array([frame.exposure_start_s for frame in frames])
+    np.testing.assert_allclose(np.diff(starts), 1 / 30, atol=1e-9)
+    ends = np.array([frame.exposure_end_s for frame in frames])
+    np.testing.assert_allclose(ends - starts, 0.02, atol=1e-12)
+
+
+def test_frames_come_at_the_frame_rate_on_the_real_clock() -> None:
+    rig = setup(RealClock(), rate_hz=50.0, exposure_ms=5.0)
+    rig.camera.read(1.0)
+    started_s = time.monotonic()
+    frames = [rig.camera.read(1.0) for _ in range(10)]
+    assert time.monotonic() - started_s == pytest.approx(0.2, abs=0.05)
+    assert frames[-1].exposure_end_s < time.monotonic() < frames[-1].exposure_end_s + 0.1
+
+
+def test_a_frame_is_handed_out_only_after_its_exposure() -> None:
+    rig = setup()
+    for _ in range(20):
+        assert rig.camera.read(1.0).exposure_end_s <= rig.clock.now_s()
+
+
+def test_after_a_pause_the_oldest_frames_come_first_and_a_gap_shows_what_was_lost() -> None:
+    rig = setup()
+    first = rig.camera.read(1.0)
+    rig.clock.sleep_s(1.0)
+    now_s = rig.clock.now_s()
+    stale = [rig.camera.read(1.0) for _ in range(rig.camera.info.queue_length)]
+    assert rig.clock.now_s() == now_s  # they were there already
+    assert [frame.sequence for frame in stale] == [first.sequence + n for n in (1, 2, 3, 4)]
+    assert stale[0].exposure_start_s < now_s - 0.9
+    fresh = rig.camera.read(1.0)
+    assert fresh.sequence > stale[-1].sequence + 20
+    assert fresh.exposure_end_s > now_s
+    assert rig.camera.read(1.0).sequence == fresh.sequence + 1
+
+
+def test_a_buffer_that_was_given_back_is_filled_with_the_next_frame_only() -> None:
+    rig = setup()
+    rig.clock.sleep_s(1.0)
+    rig.camera.read(1.0)
+    rig.clock.sleep_s(1 / 30)
+    sequences = [rig.camera.read(1.0).sequence for _ in range(4)]
+    assert sequences[:3] == [1, 2, 3]
+    assert 28 <= sequences[3] <= 31
+
+
+def test_no_frame_in_time_is_an_error_after_that_time() -> None:
+    rig = setup(rate_hz=1.0)
+    with pytest.raises(CameraError, match=r"no frame from the camera in 0\.01 s"):
+        rig.camera.read(0.01)
+    assert rig.clock.now_s() == pytest.approx(0.01)
+    assert rig.camera.read(1.0).sequence == 0
+
+
+def test_a_closed_camera_gives_no_frame() -> None:
+    rig = setup()
+    rig.clock.sleep_s(1.0)
+    rig.camera.close()
+    rig.camera.close()
+    with pytest.raises(CameraError, match="closed"):
+        rig.camera.read(1.0)
+
+
+# light
+
+
+def test_a_frame_across_a_switch_is_a_mixture_in_the_share_of_the_light() -> None:
+    rig = setup()
+    rig.board.set_led(0, 100)
+    rig.camera.read(1.0)
+    rig.clock.sleep_s(1 / 30 - 0.004 - 0.02 + 0.008)  # 8 ms into the next exposure
+    rig.board.set_led(0, 0)
+    rig.board.set_led(3, 100)
+    frame = rig.camera.read(1.0)
+    start_s, end_s = frame.exposure_start_s, frame.exposure_end_s
+    before_ms = 1e3 * rig.board.output_integral_s(0, start_s, end_s)
+    after_ms = 1e3 * rig.board.output_integral_s(3, start_s, end_s)
+    assert before_ms == pytest.approx(8.0, abs=0.3)
+    assert after_ms == pytest.approx(12.0, abs=0.3)
+    expected_ms = AMBIENT * 20.0 + LIGHTS[0] * before_ms + LIGHTS[3] * after_ms
+    assert rig.light_ms(frame) == pytest.approx(expected_ms, rel=2e-3)
+
+
+def test_with_a_rolling_shutter_each_row_has_its_own_share_of_the_light() -> None:
+    rig = setup(readout_ms=12.0)
+    rig.board.set_led(0, 100)
+    rig.camera.read(1.0)
+    rig.clock.sleep_s(1 / 30 - 0.016 - 0.02 + 0.010)  # 10 ms into the next exposure
+    rig.board.set_led(0, 0)
+    rig.board.set_led(3, 100)
+    frame = rig.camera.read(1.0)
+    shares = []
+    for row, pixels in enumerate(frame.pixels):
+        start_s = frame.exposure_start_s + row / (SHAPE[0] - 1) * 0.012
+        lit_ms = [1e3 * rig.board.output_integral_s(led, start_s, start_s + 0.02) for led in (0, 3)]
+        expected_ms = AMBIENT * 20.0 + LIGHTS[0] * lit_ms[0] + LIGHTS[3] * lit_ms[1]
+        shares.append(lit_ms[1] / 20.0)
+        signal = float(pixels.mean()) - rig.sensor.black_level_dn
+        light_ms = signal * rig.sensor.gain_e_per_dn / rig.sensor.white_e_per_ms
+        assert light_ms == pytest.approx(expected_ms, rel=0.02)
+    # The first row saw the new LED for half of its exposure, the last one, 12 ms later, for all.
+    assert shares[0] == pytest.approx(0.5, abs=0.03)
+    assert shares[-1] > 0.98
+
+
+def test_a_rolling_frame_is_handed_out_after_the_exposure_of_its_last_row() -> None:
+    rig = setup(readout_ms=12.0)
+    for _ in range(5):
+        frame = rig.camera.read(1.0)
+        assert rig.clock.now_s() >= frame.exposure_end_s + 0.012
+
+
+def test_steady_light_looks_the_same_through_both_shutters() -> None:
+    frames = []
+    for readout_ms in (0.0, 12.0):
+        rig = setup(readout_ms=readout_ms)
+        rig.board.set_led(2, 100)
+        frames += [[rig.camera.read(1.0) for _ in range(4)][-1]]
+    np.testing.assert_array_equal(frames[0].pixels, frames[1].pixels)
+
+
+def test_a_frame_taken_too_early_shows_the_old_light() -> None:
+    rig = setup()
+    rig.board.set_led(1, 100)
+    rig.camera.read(1.0)
+    rig.clock.sleep_s(0.5)
+    rig.board.set_led(1, 0)
+    switched_s = rig.clock.now_s()
+    early = rig.camera.read(1.0)
+    assert early.exposure_end_s < switched_s
+    assert rig.light_ms(early) == pytest.approx(20.0 * (AMBIENT + LIGHTS[1]), rel=5e-3)
+    while (frame := rig.camera.read(1.0)).exposure_start_s < switched_s + 0.005:
+        pass
+    assert rig.light_ms(frame) == pytest.approx(20.0 * AMBIENT, rel=1e-2)
+
+
+def test_several_leds_add_up_with_their_levels() -> None:
+    rig = setup()
+    rig.board.set_led(0, 100)
+    rig.board.set_led(2, 50)
+    rig.clock.sleep_s(0.05)
+    for _ in range(3):
+        frame = rig.camera.read(1.0)
+    expected = 20.0 * (AMBIENT + LIGHTS[0] + 0.5 * LIGHTS[2])
+    assert rig.light_ms(frame) == pytest.approx(expected, rel=2e-3)
+
+
+def test_frames_in_the_queue_show_the_part_that_lay_there_then() -> None:
+    rig = setup()
+    rig.board.set_led(0, 100)
+    rig.clock.sleep_s(1.0)
+    rig.camera.look_at(flat_scene((0.1, 0.1, 0.1, 0.1)), seed=2)
+    means = [rig.light_ms(rig.camera.read(1.0)) for _ in range(6)]
+    # Frame 0 began before the LED was up.
+    np.testing.assert_allclose(means[1:4], 20.0 * (AMBIENT + LIGHTS[0]), rtol=5e-3)
+    np.testing.assert_allclose(means[4:], 20.0 * (AMBIENT + 0.1), rtol=5e-3)
+
+
+# pixels
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_frames_have_the_depth_that_the_camera_states(bits: int) -> None:
+    rig = setup(bits=bits)
+    frame = rig.camera.read(1.0)
+    info = rig.camera.info
+    assert frame.bit_depth == info.bit_depth == bits
+    assert frame.pixels.shape == (info.height_px, info.width_px) == SHAPE
+    assert frame.pixels.dtype == (np.uint8 if bits == 8 else np.uint16)
+
+
+def test_too_much_light_saturates() -> None:
+    rig = setup(rate_hz=5.0, exposure_ms=150.0)
+    rig.board.set_led(3, 100)
+    rig.camera.read(1.0)
+    assert (rig.camera.read(1.0).pixels == 4095).all()
+
+
+def test_noise_of_a_frame_is_what_the_camera_states() -> None:
+    rig = setup()
+    info = rig.camera.info
+    rig.board.set_led(3, 100)
+    rig.camera.read(1.0)
+    a, b = (rig.camera.read(1.0).pixels.astype(np.float64) for _ in range(2))
+    assert info.gain_e_per_dn is not None
+    assert info.read_noise_dn is not None
+    assert info.black_level_dn is not None
+    signal = (a + b).mean() / 2 - info.black_level_dn
+    expected = signal / info.gain_e_per_dn + info.read_noise_dn**2 + 1 / 12
+    assert (a - b).var() / 2 == pytest.approx(expected, rel=0.1)
+
+
+def test_the_same_seed_gives_the_same_frames_and_another_does_not() -> None:
+    def frames(seed: int) -> list[bytes]:
+        rig = setup(seed=seed)
+        rig.board.set_led(2, 100)
+        return [rig.camera.read(1.0).pixels.tobytes() for _ in range(3)]
+
+    assert frames(5) == frames(5)
+    assert all(a != b for a, b in zip(frames(5), frames(6), strict=True))
+    assert len(set(frames(5))) == 3

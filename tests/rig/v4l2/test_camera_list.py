@@ -1,0 +1,46 @@
+"""Cameras are listed without being disturbed; vivid is listed in tests/hil."""
+
+from pathlib import Path
+
+import pytest
+
+from rig import list_cameras
+from rig.config import CameraConfig
+from rig.v4l2 import device_path
+
+
+@pytest.mark.parametrize(
+    ("device", "path"),
+    [
+        ("/dev/video3", "/dev/video3"),
+        ("./camera", "./camera"),
+        (3, "/dev/video3"),
+        ("12", "/dev/video12"),
+        ("usb-Maker_Cam_01-video-index0", "/dev/v4l/by-id/usb-Maker_Cam_01-video-index0"),
+    ],
+)
+def test_a_device_is_a_path_a_number_or_a_name(device: str | int, path: str) -> None:
+    config = CameraConfig.model_validate({"kind": "v4l2", "device": device})
+    assert config.device is not None
+    assert device_path(config.device) == path
+
+
+def test_nodes_come_in_their_order_and_one_that_cannot_be_asked_says_why(tmp_path: Path) -> None:
+    for name in ("video10", "video2", "videodev", "vbi0"):
+        (tmp_path / name).touch()
+    by_id = tmp_path / "v4l" / "by-id"
+    by_id.mkdir(parents=True)
+    (by_id / "usb-Maker_Cam_01-video-index0").symlink_to("../../video10")
+    (by_id / "usb-Gone_Cam-video-index0").symlink_to("../../video7")
+    second, tenth = list_cameras(tmp_path)
+    assert (second.node.name, tenth.node.name) == ("video2", "video10")
+    assert second.device == str(tmp_path / "video2")
+    assert tenth.device == str(by_id / "usb-Maker_Cam_01-video-index0")
+    for camera in (second, tenth):
+        assert camera.problem is not None
+        assert camera.problem.startswith(f"{camera.node}: is no video device")
+        assert camera.formats == camera.controls == ()
+
+
+def test_no_camera_is_an_empty_list(tmp_path: Path) -> None:
+    assert list_cameras(tmp_path) == []

@@ -1,0 +1,36 @@
+"""Numbers of frames by their stamps."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.v4l2.written_frames import WrittenFrames
+
+OPENED_S = 1000.0
+
+
+@given(
+    steps=st.lists(st.integers(1, 500), min_size=1, max_size=50),
+    rate_hz=st.floats(0.5, 1000.0),
+    first_s=st.floats(1e-5, 10.0),
+)
+def test_each_period_is_a_number(steps: list[int], rate_hz: float, first_s: float) -> None:
+    # As a driver tells the period, which is rounded to its units, and as stamps are.
+    frames = WrittenFrames(OPENED_S, round(1e9 / rate_hz) / 1e9)
+    number, numbers, seen = 0, [], []
+    for step in (0, *steps):
+        number += step
+        numbers.append(number)
+        seen.append(frames.number_of(round(OPENED_S + first_s + number / rate_hz, 6)))
+    assert seen == numbers
+
+
+def test_a_frame_that_comes_twice_has_one_number() -> None:
+    frames = WrittenFrames(OPENED_S, 0.1)
+    assert [frames.number_of(stamp_s) for stamp_s in (1000.5, 1000.6, 1000.6)] == [0, 1, 1]
+
+
+@given(part=st.floats(0.02, 0.98))
+def test_a_stamp_of_the_opening_or_between_two_frames_is_not_believed(part: float) -> None:
+    frames = WrittenFrames(OPENED_S, 0.1)
+    stamps = (OPENED_S - 0.1 * part, OPENED_S, 1000.1, 1000.2 + 0.1 * part, 1000.4)
+    assert [frames.number_of(stamp_s) for stamp_s in stamps] == [None, None, 0, None, 3]
