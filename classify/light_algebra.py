@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -14,11 +16,11 @@ Array32 = npt.NDArray[np.float32]
 
 # Three lights whose directions span less than this volume leave a slope undetermined.
 _MIN_VOLUME = 1e-3
-_THREE_OF_FOUR = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 # Tilt of the light each version of PS3 does without (thesis section 9.3).
 _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
+@lru_cache(maxsize=16)
 def drop_one_constants(
     lighting: Lighting, method: str
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -35,15 +37,18 @@ def drop_one_constants(
             f"method {method} needs exactly 4 lights, this set has {len(L)}; "
             "use least_squares for 3 or for 5 and more"
         )
-    volumes = _volume(L[_THREE_OF_FOUR])
+    # One decomposition gives all: the smallest singular value of the lights without light k is at
+    # least |nul_k| times that of all four (Cramer's rule, and singular values interlace).
+    u, singular, v = np.linalg.svd(L.T)
+    volumes = np.abs(v[3]) * singular[2]
     if volumes.min() < _MIN_VOLUME:
         raise InputError(
-            f"without light {np.argmax(volumes < _MIN_VOLUME)} the other three lie in one plane; "
+            f"without light {np.argmin(volumes)} the other three lie in one plane; "
             f"{method} needs any three of the four to determine the normal"
         )
-    # One decomposition gives both.
-    u, singular, v = np.linalg.svd(L.T)
-    return (u / singular) @ v[:3], v[3]
+    pinv, null = (u / singular) @ v[:3], v[3]
+    pinv.flags.writeable = null.flags.writeable = False
+    return pinv, null
 
 
 def least_squares_weights(lighting: Lighting, method: str) -> Array32:

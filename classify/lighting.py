@@ -56,7 +56,8 @@ class Lighting:
         lengths = np.linalg.norm(directions, axis=1)
         if not np.isfinite(directions).all() or (lengths < 1e-9).any():
             raise InputError("a light direction is zero or not finite; give (x, y, z) towards it")
-        directions /= lengths[:, None]
+        # Plus zero: a negative one is equal to it, and equal lights have equal bytes.
+        directions = directions / lengths[:, None] + 0.0
         if (directions[:, 2] <= 1e-3).any():
             low = int(np.argmin(directions[:, 2]))
             raise InputError(
@@ -111,6 +112,9 @@ class Lighting:
             and np.array_equal(self.directions, other.directions)
             and np.array_equal(self.intensities, other.intensities)
         )
+
+    def __hash__(self) -> int:
+        return hash((self.directions.tobytes(), self.intensities.tobytes()))
 
     @property
     def tilts_deg(self) -> npt.NDArray[np.float64]:

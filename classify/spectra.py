@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,10 +10,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-from numba import get_num_threads, njit, prange
+from numba import njit
 
 from .errors import InputError
 from .kernels import FAST
+from .segment_powers import check_side, segment_powers
 from .surface import FloatMap, SurfaceEstimate
 from .texture_fields import TextureFields, texture_fields
 
@@ -38,9 +38,6 @@ MAX_SEGMENT_PX = 256
 # Radii run geometrically between these, so that a coarse and a fine texture get equal shares.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
-_FIELDS = 3  # p, q, albedo
-# So many transforms are done before threads have started.
-_FEW = 8
 
 Array = npt.NDArray[Any]
 
@@ -139,55 +136,27 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
         raise InputError(
             f"{side} px segments; a texture needs segments of at least {MIN_SEGMENT_PX} px"
         )
-    _check_side(side, surface.shape)
+    check_side(side, surface.shape)
     return field_spectra(texture_fields(surface), side)
 
 
 def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
-    """Spectra by Welch's averaging of overlapping segments.
-
-    The thesis is silent on window, segments and mean: here the segments overlap by half or a
-    little more so that they cover the frame, each loses its mean and gets a circular Hann window
-    (a square one would stay behind when the surface turns).
+    """Spectra of fields, averaged over overlapping segments; see `segment_powers`.
 
     Raises
     ------
     InputError
         If the frame is smaller than a segment.
     """
-    side = segment_px
-    _check_side(side, fields.shape)
-    row_starts, column_starts = (_starts(length, side) for length in fields.shape)
-    sums = np.zeros((side, 6, side // 2 + 1), np.float32)
-    window = _circular_hann(side)
-    starts, weight = np.array(column_starts), float(window.sum(dtype=np.float64))
-    # Two real fields are one complex one, whose transform costs little more than that of one: p and
-    # q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
-    packed = np.zeros((len(starts) + (len(starts) + 1) // 2, side, side, 2), np.float32)
-    transforms = np.empty_like(packed)
-    with ThreadPoolExecutor(get_num_threads()) as threads:
-        for row in row_starts:
-            # One row of segments at a time: enough work for all cores, little memory.
-            cut = np.s_[row : row + side]
-            strips = tuple(
-                map(np.ascontiguousarray, (fields.p[cut], fields.q[cut], fields.albedo[cut]))
-            )
-            _cut(strips, starts, window, weight, packed)
-            at_once = threads.map if len(packed) > _FEW else map
-            for _ in at_once(cv2.dft, packed, transforms):
-                pass
-            _accumulate(transforms, len(starts), sums)
-    norm = 1.0 / (len(row_starts) * len(column_starts) * np.sum(np.square(window, dtype=float)))
-    gradient, difference, product, albedo, with_p, with_q = np.moveaxis(
-        sums * np.float32(norm), 1, 0
+    powers = segment_powers(fields, segment_px)
+    columns, rows = _polar_map(segment_px)
+    amplitudes = _amplitudes(powers, _wave_directions(segment_px))
+    # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
+    polar = cv2.remap(amplitudes, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    gradient, albedo, relief, co_spectrum = np.ascontiguousarray(
+        np.moveaxis(polar * np.abs(polar), 2, 0)
     )
-    cos, sin, cos_2, sin_2 = _wave_directions(side)
-    # Along its wave vector the slope is cos P + sin Q, and i k z: z lies along -i slope.
-    relief = np.float32(0.5) * (gradient + cos_2 * difference + sin_2 * product)
-    relief = np.maximum(relief, np.float32(0.0))
-    planes = np.stack([gradient, albedo, relief, cos * with_p + sin * with_q], axis=2)
-    gradient, albedo, relief, co_spectrum = _to_polar(planes, side)
-    return Spectra(gradient, albedo, relief, co_spectrum, segment_px=side)
+    return Spectra(gradient, albedo, relief, co_spectrum, segment_px=segment_px)
 
 
 def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
@@ -201,34 +170,13 @@ def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
     InputError
         If the image is smaller than a segment, or black.
     """
-    _check_side(segment_px, image.shape)
+    check_side(segment_px, image.shape)
     mean = float(image.mean())
     if mean <= 0.0:
         raise InputError("the image is black; check exposure and lights")
     values = np.ascontiguousarray(image, np.float32) / np.float32(mean)
     flat = np.zeros_like(values)
     return field_spectra(TextureFields(flat, flat, values), segment_px).albedo
-
-
-def _check_side(side: int, shape: tuple[int, ...]) -> None:
-    if min(shape) < side:
-        raise InputError(
-            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
-            f"{side} px segments of the library; use larger frames"
-        )
-
-
-def _starts(length: int, side: int) -> list[int]:
-    """First pixels of segments that cover `length` evenly and overlap by half or more."""
-    count = -(-2 * length // side) - 1
-    return [round(i * (length - side) / max(count - 1, 1)) for i in range(count)]
-
-
-@lru_cache(maxsize=8)
-def _circular_hann(side: int) -> FloatMap:
-    offset = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
-    radius = np.hypot(offset[:, None], offset[None, :])
-    return np.where(radius < 1.0, 0.5 + 0.5 * np.cos(np.pi * radius), 0.0).astype(np.float32)
 
 
 @lru_cache(maxsize=8)
@@ -246,122 +194,6 @@ def _wave_directions(side: int) -> FloatMap:
         np.float32
     )
     return directions
-
-
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _cut(
-    strips: tuple[Array, ...], starts: Array, window: Array, weight: float, packed: Array
-) -> None:
-    """Fields of segments, each less its weighted mean, times the window, two to an array."""
-    side = window.shape[0]
-    count = len(starts)
-    means = np.empty((_FIELDS, count), np.float32)
-    for k in prange(count * _FIELDS):
-        n, field = k // _FIELDS, k % _FIELDS
-        strip, start = strips[field], starts[n]
-        # Sums of columns: these can be done eight at a time in the order they are written.
-        sums = np.zeros(side, np.float32)
-        for r in range(side):
-            line = strip[r, start : start + side]
-            for c in range(side):
-                sums[c] += line[c] * window[r, c]
-        means[field, n] = sums.sum() / weight
-    p, q, albedo = strips
-    for r in prange(side):
-        for n in range(count):
-            part = slice(starts[n], starts[n] + side)
-            _pair(p[r, part], q[r, part], means[0, n], means[1, n], window[r], packed[n, r])
-        for n in range(0, count - 1, 2):
-            here, next_ = starts[n], starts[n + 1]
-            _pair(
-                albedo[r, here : here + side], albedo[r, next_ : next_ + side],
-                means[2, n], means[2, n + 1], window[r], packed[count + n // 2, r],
-            )  # fmt: skip
-        if count % 2:
-            # The last one is alone: the imaginary part stays zero.
-            target, line, mean = packed[-1, r], albedo[r, starts[-1] :], means[2, -1]
-            for c in range(side):
-                target[c, 0] = (line[c] - mean) * window[r, c]
-
-
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _pair(
-    real: Array, imaginary: Array, real_mean: np.float32, imaginary_mean: np.float32,
-    window: Array, target: Array,
-) -> None:  # fmt: skip
-    for c in range(len(window)):
-        target[c, 0] = (real[c] - real_mean) * window[c]
-        target[c, 1] = (imaginary[c] - imaginary_mean) * window[c]
-
-
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _accumulate(transforms: Array, count: int, sums: Array) -> None:
-    """Add |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A* of all segments.
-
-    Of C, the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
-    Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
-    """
-    side = transforms.shape[1]
-    columns = side // 2 + 1
-    for r in prange(side):
-        opposite = (side - r) % side
-        # Lines of real and imaginary parts at k, then at -k.
-        slopes, albedos = np.empty((4, columns), np.float32), np.empty((2, 2, columns), np.float32)
-        pair = albedos.reshape(4, columns)
-        for n in range(count):
-            _untwine(transforms[n, r], transforms[n, opposite], slopes)
-            if n % 2 == 0:
-                number = count + n // 2
-                _untwine(transforms[number, r], transforms[number, opposite], pair)
-                _separate(pair)
-            _add_powers(slopes, albedos[n % 2], sums[r])
-
-
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _untwine(here: Array, there: Array, parts: Array) -> None:
-    side = len(here)
-    for c in range(side // 2 + 1):
-        parts[0, c] = here[c, 0]
-        parts[1, c] = here[c, 1]
-    # The column opposite to the first is the first itself.
-    parts[2, 0], parts[3, 0] = there[0, 0], there[0, 1]
-    for c in range(1, side // 2 + 1):
-        parts[2, c] = there[side - c, 0]
-        parts[3, c] = there[side - c, 1]
-
-
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _separate(parts: Array) -> None:
-    """Of C(k) and C(-k) make X(k) and Y(k)."""
-    half = np.float32(0.5)
-    for c in range(parts.shape[1]):
-        re, im, opposite_re, opposite_im = parts[0, c], parts[1, c], parts[2, c], parts[3, c]
-        parts[0, c] = half * (re + opposite_re)
-        parts[1, c] = half * (im - opposite_im)
-        parts[2, c] = half * (im + opposite_im)
-        parts[3, c] = half * (opposite_re - re)
-
-
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
-    # Arrays with two indices, not lines of them by name: of these the compiler would not know
-    # that they lie apart, and do one number at a time.
-    half = np.float32(0.5)
-    for c in range(slopes.shape[1]):
-        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
-        sums[0, c] += half * (
-            (re * re + im * im) + (opposite_re * opposite_re + opposite_im * opposite_im)
-        )
-        sums[1, c] += re * opposite_re - im * opposite_im
-        sums[2, c] += re * opposite_im + im * opposite_re
-    for c in range(slopes.shape[1]):
-        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
-        a_re, a_im = albedo[0, c], albedo[1, c]
-        p_re, p_im = half * (re + opposite_re), half * (im - opposite_im)
-        q_re, q_im = half * (im + opposite_im), half * (opposite_re - re)
-        sums[3, c] += a_re * a_re + a_im * a_im
-        sums[4, c] += p_im * a_re - p_re * a_im
-        sums[5, c] += q_im * a_re - q_re * a_im
 
 
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
@@ -382,13 +214,26 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
     return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
 
 
-def _to_polar(half_planes: FloatMap, side: int) -> FloatMap:
-    """(4, R, 90) float32 of (side, side // 2 + 1, 4) float32."""
-    columns, rows = _polar_map(side)
-    # Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
-    # co-spectrum stays within the root of both powers (Cauchy and Schwarz).
-    amplitudes = np.copysign(np.sqrt(np.abs(half_planes)), half_planes)
-    shifted = np.roll(amplitudes, side // 2, axis=0)
-    # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
-    polar = cv2.remap(shifted, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    return np.ascontiguousarray(np.moveaxis(polar * np.abs(polar), 2, 0), np.float32)
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _amplitudes(powers: Array, directions: Array) -> Array:
+    """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum, zero frequency in the middle.
+
+    Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
+    co-spectrum stays within the root of both powers (Cauchy and Schwarz).
+    """
+    side, _, columns = powers.shape
+    amplitudes = np.empty((side, columns, 4), np.float32)
+    half, zero = np.float32(0.5), np.float32(0.0)
+    for r in range(side):
+        target = amplitudes[(r + side // 2) % side]
+        for c in range(columns):
+            gradient, difference, product = powers[r, 0, c], powers[r, 1, c], powers[r, 2, c]
+            cos, sin, cos_2, sin_2 = directions[:, r, c]
+            # Along its wave vector the slope is cos P + sin Q, and i k z: z lies along -i slope.
+            relief = half * (gradient + cos_2 * difference + sin_2 * product)
+            both = cos * powers[r, 4, c] + sin * powers[r, 5, c]
+            target[c, 0] = np.sqrt(gradient)
+            target[c, 1] = np.sqrt(powers[r, 3, c])
+            target[c, 2] = np.sqrt(max(relief, zero))
+            target[c, 3] = np.copysign(np.sqrt(abs(both)), both)
+    return amplitudes

@@ -47,7 +47,7 @@ def _chapter(bits: int, quick: bool) -> Chapter:
         "numpy lstsq": partial(normal_least_squares, shot.images, shot.lighting),
         "numpy drop-darkest": partial(drop_darkest, shot.images, shot.lighting),
     }
-    rounds, plain_rounds = (5, 1) if quick else (25, 3)
+    rounds, plain_rounds = (15, 2) if quick else (40, 4)
     times = least_ms(floors | solvers, rounds) | least_ms(plain, plain_rounds)
     floor = times["floor"]
     figures = [Figure("floor: read 4 planes, write 3 float32", 1.0, "x floor", floor)]

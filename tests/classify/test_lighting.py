@@ -55,6 +55,14 @@ def test_length_of_a_direction_does_not_matter(length: float, tilt: float, slant
     np.testing.assert_allclose(Lighting(length * direction).directions, direction, atol=1e-12)
 
 
+def test_equal_lights_have_equal_hashes() -> None:
+    lighting = Lighting(np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0]]))
+    same = Lighting(np.array([[-0.0, 2.0, 2.0], [4.0, -0.0, 4.0]]))
+    assert same == lighting
+    assert hash(same) == hash(lighting)
+    assert len({lighting, same, Lighting.ring(), Lighting.ring(40.0)}) == 3
+
+
 def test_lighting_cannot_be_changed_and_keeps_a_copy() -> None:
     directions = Lighting.ring().directions.copy()
     lighting = Lighting(directions)

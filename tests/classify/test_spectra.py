@@ -9,9 +9,7 @@ from classify import InputError, surface_spectra
 from classify.orientation import roll_angles, squared_errors_by_turn, turn_of_least_error
 from classify.spectra import (
     ANGLES,
-    MIN_SEGMENT_PX,
     RADII,
-    _starts,
     field_spectra,
     image_spectrum,
     segment_for,
@@ -129,16 +127,6 @@ def test_albedo_scale_and_overall_slope_do_not_matter(texture, surface_of) -> No
     np.testing.assert_array_equal(other.gradient, spectra.gradient)
     tilted = surface_spectra(surface_of(surface.p + 0.2, surface.q - 0.1, surface.albedo))
     np.testing.assert_allclose(tilted.gradient, spectra.gradient, rtol=1e-2, atol=1e-6)
-
-
-@given(st.integers(MIN_SEGMENT_PX, 4000), st.sampled_from([32, 64, 128, 256]))
-def test_segments_cover_the_length_and_overlap_by_half(length: int, side: int) -> None:
-    length = max(length, side)
-    starts = _starts(length, side)
-    assert starts[0] == 0
-    assert starts[-1] == length - side
-    assert (np.diff(starts) > 0).all()
-    assert (np.diff(starts) <= side // 2).all()
 
 
 @given(st.integers(64, 5000), st.integers(64, 5000))
