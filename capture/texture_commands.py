@@ -54,7 +54,7 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Learn textures from labelled sets, any number per class."""
-    from classify.library_file import check_path
+    from classify.library.ps4lib import check_path
 
     from .sets import find_sets
     from .training import train_library

@@ -1,18 +1,18 @@
-from .curvature import Curvature, surface_curvature
 from .errors import InputError, LibraryError, Ps4rigError
-from .evaluation import Evaluation, Trial, evaluate
-from .height import integrate_gradients
-from .library import TextureLibrary
+from .images.noise import SensorNoise
+from .library.evaluation import Evaluation, Trial, evaluate
+from .library.match import Match
+from .library.texture_library import TextureLibrary
 from .lighting import Lighting
-from .local_relief import local_relief
-from .match import Match
 from .methods import CLASSIFIER_NAMES, METHODS, Method
-from .noise import SensorNoise
-from .relighting import relight
-from .roughness import Roughness, surface_roughness
-from .solver import photometric_stereo
-from .spectra import Spectra, surface_spectra
-from .surface import SurfaceEstimate
+from .relief.curvature import Curvature, surface_curvature
+from .relief.height import integrate_gradients
+from .relief.local_height import local_relief
+from .relief.relighting import relight
+from .relief.roughness import Roughness, surface_roughness
+from .solvers.solver import photometric_stereo
+from .surface.estimate import SurfaceEstimate
+from .texture.spectra import Spectra, surface_spectra
 
 __all__ = [
     "CLASSIFIER_NAMES",

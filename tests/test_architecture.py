@@ -22,6 +22,18 @@ NEVER = {
 }
 # Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
 STOREYS = {
+    "classify": (
+        {"errors", "methods", "compiling", "shadow_rule"},
+        {"lighting", "durable_file"},
+        {"images"},
+        {"lights"},
+        {"surface"},
+        {"solvers"},
+        {"relief"},
+        {"texture"},
+        {"classifiers"},
+        {"library"},
+    ),
     "rig": (
         {"errors", "camera", "scene"},
         {"config"},

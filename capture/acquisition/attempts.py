@@ -24,7 +24,7 @@ from capture.sets.metadata import (
 )
 from capture.sets.ome_tiff import pixels_sha256
 from classify.errors import InputError, Ps4rigError
-from classify.light_agreement import like_signed
+from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 
 from .fresh_frames import FrameBeat, light_name

@@ -18,9 +18,9 @@ from capture.errors import SetRejected
 from capture.sets.metadata import ChecksRecord
 from classify import Lighting
 from classify.errors import InputError
-from classify.light_agreement import LightAgreement, light_agreement, picture_difference
-from classify.light_order import light_order
-from classify.noise import SensorNoise
+from classify.images.noise import SensorNoise
+from classify.lights.agreement import LightAgreement, light_agreement, picture_difference
+from classify.lights.order import light_order
 
 __all__ = ["Pictures", "check_ambient", "check_lights"]
 

@@ -12,9 +12,9 @@ import numpy.typing as npt
 
 from capture.console import progress
 from classify import TextureLibrary
-from classify.candidates import Sieve
 from classify.classifiers import Comparison, classifier_named
-from classify.surface import FloatMap
+from classify.library.candidates import Sieve
+from classify.surface.estimate import FloatMap
 
 from .figures import Chapter, Figure
 from .references import SETS_OF_A_CLASS, Mixtures, Textures

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from capture.sets import CapturedSet
 from classify import Lighting, SurfaceEstimate
-from classify.kernels import NO_DROPPED_LIGHT
-from classify.surface import FloatMap
+from classify.shadow_rule import NO_DROPPED_LIGHT
+from classify.surface.estimate import FloatMap
 
 __all__ = [
     "ColourScale",

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Method, SurfaceEstimate, integrate_gradients
-from classify.spectra import field_spectra, segment_for
-from classify.surface import FloatMap
-from classify.texture_fields import TextureFields, texture_fields
+from classify.surface.estimate import FloatMap
+from classify.texture.fields import TextureFields, texture_fields
+from classify.texture.spectra import field_spectra, segment_for
 from rig.scene import SceneImages
 
 from .plan import SOLVERS

@@ -9,7 +9,7 @@ from .classifier import Classifier, Comparison, Observation, Parameters
 from .joint import JOINT
 from .profiles import IMAGE_POLAR, POLAR, POLAR_RADIAL
 from .spectra_2d import SPECTRA_2D, SPECTRA_2D_POWER
-from .textons import VARMA_ZISSERMAN
+from .varma_zisserman import VARMA_ZISSERMAN
 
 __all__ = [
     "CLASSIFIERS",

@@ -14,24 +14,30 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from classify.angular_harmonics import HARMONICS, Complex, harmonics, least_error, unturned_norms
-from classify.heading import (
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.angular_harmonics import (
+    HARMONICS,
+    Complex,
+    harmonics,
+    least_error,
+    unturned_norms,
+)
+from classify.texture.fields import TextureFields, texture_fields
+from classify.texture.heading import (
     HEADING_FLOATS,
     heading_numbers,
     heading_scores,
     heading_variances,
 )
-from classify.local_statistics import (
+from classify.texture.spectra import RADII, Spectra, field_spectra
+from classify.texture.statistics import (
     PARTS,
     LocalStatistics,
     levels_for,
     local_statistics,
     statistics_vector,
 )
-from classify.spectra import RADII, Spectra, field_spectra
-from classify.surface import FloatMap, SurfaceEstimate
-from classify.texture_fields import TextureFields, texture_fields
-from classify.turned_lights import under_turned_lights
+from classify.texture.turned_lights import under_turned_lights
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 

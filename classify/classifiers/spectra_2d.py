@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from classify.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
-from classify.spectra import Spectra, surface_spectra
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.orientation import (
+    STEP_DEG,
+    roll_angles,
+    squared_errors_by_turn,
+    turn_of_least_error,
+)
+from classify.texture.spectra import Spectra, surface_spectra
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 

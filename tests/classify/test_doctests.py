@@ -8,8 +8,10 @@ import pytest
 
 import classify
 
-MODULES = ["classify", *(f"classify.{module.name}" for module in
-                         pkgutil.iter_modules(classify.__path__))]  # fmt: skip
+MODULES = [
+    "classify",
+    *(module.name for module in pkgutil.walk_packages(classify.__path__, "classify.")),
+]
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -21,5 +23,5 @@ def test_the_public_functions_have_examples() -> None:
     finder = doctest.DocTestFinder()
     modules = map(importlib.import_module, MODULES)
     shown = {test.name for module in modules for test in finder.find(module) if test.examples}
-    assert "classify.solver.photometric_stereo" in shown
+    assert "classify.solvers.solver.photometric_stereo" in shown
     assert "classify.lighting.Lighting.ring" in shown

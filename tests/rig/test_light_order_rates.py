@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from classify import Lighting
-from classify.light_order import light_order
+from classify.lights.order import light_order
 from rig.scene import (
     SYNTHETIC_30,
     SceneImages,

@@ -1,0 +1,174 @@
+"""How noisy a set of images is: from the sensor that took them, or from the images alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.lighting import Lighting
+
+__all__ = ["SensorNoise", "noise_of_images", "noise_of_sensor"]
+
+FloatArray = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+
+_MAX_SAMPLES = 16_384
+_GROUPS = 4
+# Fewer say little of their own noise.
+_GROUP_SAMPLES = 256
+# Far enough that demosaicing and image compression have not made their noise one.
+_APART_PX = 2
+# A light that gives less than this share of the brightest may be in shadow.
+_MAYBE_SHADOW = 0.2
+# Standard normal deviates: the tenth of the pixels that agree best, and what is beyond noise.
+_TENTH, _BEYOND = -1.2816, 2.76
+# Variance of rounding to whole numbers.
+_ROUNDING_VARIANCE = 1.0 / 12.0
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Shot and read noise of a camera, in the pixel values of the images.
+
+    The variance of a value v is read_noise_dn^2 + (v - black_level_dn) / gain_e_per_dn + 1/12,
+    the last from rounding (EMVA 1288, linear camera model).
+
+    Attributes
+    ----------
+    gain_e_per_dn
+        Electrons per step of pixel value.
+    read_noise_dn
+        rms noise of a pixel without light, in pixel values.
+    black_level_dn
+        Pixel value without light.
+
+    Raises
+    ------
+    InputError
+        For a gain that is not positive, a negative read noise, or a value that is not finite.
+    """
+
+    gain_e_per_dn: float
+    read_noise_dn: float
+    black_level_dn: float = 0.0
+
+    def __post_init__(self) -> None:
+        values = (self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn)
+        if not all(map(math.isfinite, values)) or self.gain_e_per_dn <= 0 or self.read_noise_dn < 0:
+            raise InputError(
+                f"a sensor of {self.gain_e_per_dn} e per DN and {self.read_noise_dn} DN read noise "
+                f"(black {self.black_level_dn}); give a positive gain and a read noise of 0 or more"
+            )
+
+    def coefficients(self) -> npt.NDArray[np.float32]:
+        """(3,) a, b and black of the variance a + b (v - black)."""
+        a = self.read_noise_dn**2 + _ROUNDING_VARIANCE
+        return np.array([a, 1.0 / self.gain_e_per_dn, self.black_level_dn], dtype=np.float32)
+
+
+def noise_of_sensor(
+    sensor: SensorNoise, ambient: npt.NDArray[Any] | None, gains: npt.NDArray[np.float32]
+) -> float:
+    """Standard deviation of a pixel without light, in units of images times gains.
+
+    An ambient image is noise of its own, and as much again; its level is taken as black.
+    """
+    frames = 1.0 if ambient is None else 2.0
+    variance = float(sensor.coefficients()[0]) * frames
+    return math.sqrt(variance * float(np.mean(np.square(gains, dtype=np.float64))))
+
+
+def noise_of_images(
+    images: npt.NDArray[Any],
+    ambient: npt.NDArray[Any] | None,
+    gains: npt.NDArray[np.float32],
+    lighting: Lighting,
+) -> float:
+    """Standard deviation of a pixel, in units of images times gains.
+
+    N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
+    whatever its shape and albedo. What is left there is noise, but also shadow, gloss and lights
+    of unequal strength. Each of these only adds, so the least of several estimates is taken: from
+    the combinations as they are and from their differences between near pixels, in which a light
+    that fails everywhere cancels as well; and for each from groups of pixels by brightness, as
+    lights of unequal strength contradict each other in proportion to it. Pixels with a light that
+    may be in shadow are set aside where enough others are left. Of a group, the tenth that agrees
+    best gives a first value, and all that lie within three times of it the next, until that changes
+    no more. Three lights have no such combination: then only the rounding of the pixel values is
+    known.
+
+    Parameters
+    ----------
+    images
+        (N, H, W) uint8, uint16 or float32.
+    ambient
+        (H, W), subtracted, or None.
+    gains
+        (N,) factors of the images.
+    """
+    rounding = 0.0
+    if images.dtype.kind != "f":
+        rounding = float(gains.max()) * math.sqrt(_ROUNDING_VARIANCE)
+    freedom = len(lighting) - 3
+    if freedom < 1:
+        return rounding
+    step = max(1, int(np.ceil(np.sqrt(images[0].size / _MAX_SAMPLES))))
+    # The left null space of L: rows of orthonormal combinations that cancel.
+    cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
+
+    def sampled(first_column: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+        grid = np.s_[::step, first_column::step]
+        values = images[(slice(None), *grid)].astype(np.float32)
+        if ambient is not None:
+            values -= ambient[grid].astype(np.float32)
+        values *= gains[:, None, None]
+        in_light = values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0)
+        return np.tensordot(cancelling, values, axes=1), values.sum(axis=0), in_light
+
+    def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:
+        order = np.argsort(brightness, axis=None)
+        if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
+            order = order[in_light.ravel()[order]]
+        groups = np.array_split(
+            energies.ravel()[order], min(_GROUPS, max(1, order.size // _GROUP_SAMPLES))
+        )
+        return min(_variance(group, freedom, rounding**2) for group in groups)
+
+    left_over, brightness, in_light = sampled(0)
+    variance = least_variance(np.square(left_over).sum(axis=0), brightness, in_light)
+    if images.shape[2] > _APART_PX:
+        near, near_brightness, near_in_light = sampled(_APART_PX)
+        pairs = np.s_[..., : near.shape[2]]
+        energies = 0.5 * np.square(left_over[pairs] - near).sum(axis=0)
+        if energies.size >= _GROUP_SAMPLES:
+            differences = least_variance(
+                energies, brightness[pairs] + near_brightness, in_light[pairs] & near_in_light
+            )
+            variance = min(variance, differences)
+    return math.sqrt(variance)
+
+
+def _variance(energies: FloatArray, freedom: int, least: float) -> float:
+    """Variance of the Gaussian part of sums of `freedom` squares."""
+    ordered = np.sort(energies)
+    sums = np.cumsum(ordered, dtype=np.float64)
+    variance = max(least, float(ordered[len(ordered) // 10]) / _chi_squared(freedom, _TENTH))
+    for _ in range(30):
+        within = int(np.searchsorted(ordered, _chi_squared(freedom, _BEYOND) * variance, "right"))
+        if within == 0:
+            break
+        before, variance = variance, max(least, float(sums[within - 1]) / within / freedom)
+        if variance == before:
+            break
+    return variance
+
+
+def _chi_squared(freedom: int, deviate: float) -> float:
+    """The value of chi-squared at a standard normal deviate (Wilson and Hilferty, 1931)."""
+    spread = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - spread + deviate * math.sqrt(spread)) ** 3

@@ -1,0 +1,72 @@
+"""Images as they are given, checked before anything is computed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+
+__all__ = ["Images", "checked_ambient", "checked_stack"]
+
+_DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
+
+Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
+
+
+def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
+    """(N, H, W) contiguous uint8, uint16 or finite float32, one image per light.
+
+    Raises
+    ------
+    InputError
+        If they are anything else.
+    """
+    if not isinstance(images, np.ndarray):
+        if len(images) == 0:
+            raise InputError("no images are given; give one for each light")
+        shapes = {np.shape(image) for image in images}
+        if len(shapes) > 1:
+            sizes = ", ".join(" x ".join(map(str, shape)) for shape in sorted(shapes))
+            raise InputError(f"the images differ in size ({sizes}); all must show the same frame")
+        # Stacked, they would all take the widest type, and 255 of 8 bits pass for 255 of 65535.
+        dtypes = {str(np.asarray(image).dtype) for image in images}
+        if len(dtypes) > 1:
+            raise InputError(
+                f"the images differ in type ({', '.join(sorted(dtypes))}); all must have the same"
+            )
+        images = np.stack(images)
+    if images.ndim != 3 or 0 in images.shape:
+        raise InputError(f"images have shape {images.shape}; give (lights, rows, columns)")
+    if images.dtype not in _DTYPES:
+        raise InputError(f"images are {images.dtype}; give uint8, uint16 or float32")
+    if len(images) != lights:
+        raise InputError(f"{len(images)} images for {lights} lights; give one image each")
+    if len(images) > 255:
+        raise InputError(f"{len(images)} lights; at most 255 are handled")
+    if images.dtype == np.float32:
+        for index, image in enumerate(images):
+            if not np.isfinite(image).all():
+                raise InputError(f"image {index} holds NaN or infinity; mask or replace them")
+    return np.ascontiguousarray(images)
+
+
+def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W) contiguous, of the type of `stack`.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+    """
+    if ambient.shape != stack.shape[1:] or ambient.dtype != stack.dtype:
+        raise InputError(
+            f"the ambient image is {ambient.shape} {ambient.dtype}, the light images are "
+            f"{stack.shape[1:]} {stack.dtype}; they must agree"
+        )
+    if ambient.dtype == np.float32 and not np.isfinite(ambient).all():
+        raise InputError("the ambient image holds NaN or infinity; mask or replace them")
+    return np.ascontiguousarray(ambient)

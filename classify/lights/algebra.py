@@ -1,0 +1,130 @@
+"""What the directions of the lights alone decide: the constants of each solver, made once."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.lighting import Lighting
+
+__all__ = ["drop_one_constants", "drop_two_inverses", "least_squares_weights", "three_of_ring"]
+
+Array32 = npt.NDArray[np.float32]
+
+# Three lights whose directions span less than this volume leave a slope undetermined.
+_MIN_VOLUME = 1e-3
+# Tilt of the light each version of PS3 does without (thesis section 9.3).
+_PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
+
+
+@lru_cache(maxsize=16)
+def drop_one_constants(
+    lighting: Lighting, method: str
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """pinv(L) (3, 4) and nul (4,) of length 1, for four lights in general position.
+
+    Raises
+    ------
+    InputError
+        For another number of lights, or three of them in one plane.
+    """
+    L = lighting.directions
+    if len(L) != 4:
+        raise InputError(
+            f"method {method} needs exactly 4 lights, this set has {len(L)}; "
+            "use least_squares for 3 or for 5 and more"
+        )
+    # One decomposition gives all: the smallest singular value of the lights without light k is at
+    # least |nul_k| times that of all four (Cramer's rule, and singular values interlace).
+    u, singular, v = np.linalg.svd(L.T)
+    volumes = np.abs(v[3]) * singular[2]
+    if volumes.min() < _MIN_VOLUME:
+        raise InputError(
+            f"without light {np.argmin(volumes)} the other three lie in one plane; "
+            f"{method} needs any three of the four to determine the normal"
+        )
+    pinv, null = (u / singular) @ v[:3], v[3]
+    pinv.flags.writeable = null.flags.writeable = False
+    return pinv, null
+
+
+def least_squares_weights(lighting: Lighting, method: str) -> Array32:
+    """(3, N) weights with b = weights i from all lights.
+
+    Raises
+    ------
+    InputError
+        For fewer than three lights (four for drbohlav), or all in one plane.
+    """
+    count = len(lighting)
+    if method == "drbohlav" and count < 4:
+        raise InputError(
+            f"method drbohlav compares at least 4 lights, this set has {count}; use least_squares"
+        )
+    return _pseudo_inverse(lighting.directions, method)
+
+
+def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
+    """(3, 4) weights of a version of PS3, and the index of the light it does without.
+
+    Raises
+    ------
+    InputError
+        If these are not four lights at the tilts of the ring, or the three in one plane.
+    """
+    if len(lighting) != 4:
+        raise InputError(f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}")
+    unused = lighting.light_nearest_tilt(_PS3_UNUSED_TILT_DEG[method])
+    used = np.arange(4) != unused
+    weights = np.zeros((3, 4), dtype=np.float32)
+    weights[:, used] = _pseudo_inverse(lighting.directions[used], method)
+    return weights, unused
+
+
+def drop_two_inverses(lighting: Lighting) -> Array32:
+    """(N, N, 3, 3) inverse of L^T L without lights i and j, NaN where the rest lie in one plane.
+
+    [i, i] is the inverse of all lights.
+
+    Raises
+    ------
+    InputError
+        For fewer than five lights, or if no three remaining ones determine a normal.
+    """
+    L = lighting.directions
+    count = len(L)
+    if count < 5:
+        raise InputError(
+            f"method rushmeier drops 2 of at least 5 lights, this set has {count}; "
+            "use ps4_robust for 4"
+        )
+    outer = L[:, :, None] * L[:, None, :]
+    normal = outer.sum(axis=0) - outer[:, None] - outer[None, :]
+    normal[np.arange(count), np.arange(count)] = outer.sum(axis=0)
+    singular = np.linalg.eigvalsh(normal)[..., 0] < _MIN_VOLUME**2
+    if singular[~np.eye(count, dtype=bool)].all():
+        raise InputError(
+            "whichever two lights are dropped, the others lie in one plane; rushmeier needs "
+            "lights in general position"
+        )
+    normal[singular] = np.eye(3)
+    inverses = np.linalg.inv(normal).astype(np.float32)
+    inverses[singular] = np.nan
+    return inverses
+
+
+def _volume(directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Smallest singular value: how well three or more lights, (..., N, 3), determine a normal."""
+    return np.asarray(np.linalg.svd(directions, compute_uv=False)[..., -1], dtype=np.float64)
+
+
+def _pseudo_inverse(directions: npt.NDArray[np.float64], method: str) -> Array32:
+    if len(directions) < 3 or _volume(directions) < _MIN_VOLUME:
+        raise InputError(
+            f"{method} cannot solve from {len(directions)} lights that do not span three "
+            "dimensions; at least three are needed, not all in one plane"
+        )
+    return np.linalg.pinv(directions).astype(np.float32)

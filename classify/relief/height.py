@@ -1,0 +1,67 @@
+"""Relative height from a gradient field."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.fft
+from numba import get_num_threads
+
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap
+
+__all__ = ["integrate_gradients"]
+
+
+def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
+    """Relative height in pixels, zero mean, of least squared gradient error.
+
+    The half-pixel slopes are means of neighbouring p (q), and the height whose differences come
+    nearest to them solves Poisson's equation with free boundaries, exactly and in one step in the
+    cosine basis: no assumption that the frame is periodic (Simchony, Chellappa and Shao 1990; the
+    periodic transform of Frankot and Chellappa is out by a quarter on such frames, SCIENCE 1).
+
+    Parameters
+    ----------
+    p, q
+        (H, W) float32 dz/dx and dz/dy, y up, finite.
+
+    Returns
+    -------
+    (H, W) float32. Constant slopes are kept; a constant height cannot be known.
+
+    Raises
+    ------
+    InputError
+        If the shapes differ or a gradient is not finite.
+    """
+    if p.shape != q.shape or p.ndim != 2 or p.size == 0:
+        raise InputError(f"p is {p.shape} and q {q.shape}; both must be (rows, columns)")
+    if not (np.isfinite(p).all() and np.isfinite(q).all()):
+        raise InputError("the gradients hold NaN or infinity; set such pixels to 0 first")
+    rows, columns = p.shape
+    divergence = np.zeros((rows, columns), dtype=np.float32)
+    along_x = 0.5 * (p[:, 1:] + p[:, :-1])
+    divergence[:, :-1] += along_x
+    divergence[:, 1:] -= along_x
+    # Rows run down and y runs up, hence the sign of q.
+    along_rows = -0.5 * (q[1:, :] + q[:-1, :])
+    divergence[:-1, :] += along_rows
+    divergence[1:, :] -= along_rows
+
+    spectrum = scipy.fft.dctn(divergence, type=2, norm="ortho", workers=get_num_threads())
+    eigenvalues = _second_difference(rows)[:, None] + _second_difference(columns)
+    eigenvalues[0, 0] = 1.0
+    spectrum /= eigenvalues
+    spectrum[0, 0] = 0.0
+    height: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=get_num_threads())
+    return height
+
+
+def _second_difference(length: int) -> FloatMap:
+    """Eigenvalues of the second difference with free ends, 2 cos(pi k / length) - 2.
+
+    As the square of a sine: next to 1 a float32 cosine has too few digits left, and the lowest
+    frequencies, which carry most of the height, would be out by percents.
+    """
+    sine = np.sin(0.5 * np.pi * np.arange(length) / length)
+    return (-4.0 * sine * sine).astype(np.float32)

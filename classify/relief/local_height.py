@@ -1,0 +1,88 @@
+"""What is raised above its surroundings, and what is indented."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+from numba import get_num_threads
+
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap
+
+__all__ = ["default_cutoff_px", "local_relief"]
+
+# The Gaussian of ISO 16610 passes one half at the cut-off wavelength.
+_ALPHA = np.sqrt(np.log(2.0) / np.pi)
+_CUTOFFS_PER_SIDE = 5.0
+
+
+def default_cutoff_px(shape: tuple[int, int]) -> float:
+    """A fifth of the frame's longer side."""
+    return max(shape) / _CUTOFFS_PER_SIDE
+
+
+def local_relief(
+    height: FloatMap,
+    valid: npt.NDArray[np.bool_] | None = None,
+    *,
+    cutoff_px: float | None = None,
+) -> FloatMap:
+    """Relative height above the Gaussian mean of the surroundings: raised > 0, indented < 0.
+
+    The L-filter of ISO 25178-2, a Gaussian after ISO 16610-61 with
+    transmission exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, takes away the form and the drift
+    that integrated gradients have over long ways; what is left is the scale-limited relief.
+    Waves much shorter than the cut-off stay whole, one of the cut-off's length is halved.
+
+    Parameters
+    ----------
+    height
+        (H, W) float32, as from `integrate_gradients`, px.
+    valid
+        (H, W) bool; the relief is 0 where false.
+    cutoff_px
+        Wavelength of the filter, by default a fifth of the longer side of the frame. A round bump
+        as wide (at half its height) as a quarter of it keeps three quarters of its height; one
+        much wider than it is shown by its edges.
+
+    Returns
+    -------
+    (H, W) float32, px.
+
+    Raises
+    ------
+    InputError
+        If the height is no finite (rows, columns) array, or the cut-off is not positive.
+
+    Notes
+    -----
+    The filter works in the cosine basis, as if the frame were mirrored at its borders: the basis in
+    which `integrate_gradients` solves.
+    """
+    if height.ndim != 2 or height.size == 0:
+        raise InputError(f"the height is {height.shape}; it must be (rows, columns)")
+    if not np.isfinite(height).all():
+        raise InputError("the height holds NaN or infinity")
+    rows, columns = height.shape
+    cutoff = default_cutoff_px((rows, columns)) if cutoff_px is None else cutoff_px
+    if not 0.0 < cutoff < np.inf:
+        raise InputError(f"cutoff_px is {cutoff_px}; it must be a positive wavelength in pixels")
+    spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=get_num_threads())
+    # Less the mean rather than times its complement: separable, and no map of the filter is made.
+    mean = spectrum * _transmission(rows, cutoff)[:, None]
+    mean *= _transmission(columns, cutoff)
+    spectrum -= mean
+    relief: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=get_num_threads())
+    if valid is not None:
+        relief *= valid
+    return relief
+
+
+def _transmission(length: int, cutoff_px: float) -> FloatMap:
+    """Of the cosines of one axis, whose frequencies are k / (2 length) cycles per pixel."""
+    frequencies_cpp = np.arange(length) / (2.0 * length)
+    transmission: FloatMap = np.exp(-np.pi * (_ALPHA * cutoff_px * frequencies_cpp) ** 2).astype(
+        np.float32
+    )
+    return transmission

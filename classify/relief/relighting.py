@@ -1,0 +1,50 @@
+"""A surface as it would look under other lights."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from classify.lighting import Lighting
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+
+__all__ = ["relight"]
+
+
+def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
+    """Images of the surface under any distant lights, without cast shadows.
+
+    Lambert's law, i = intensity rho max(0, n . l): the forward model that `photometric_stereo`
+    inverts, after Wu's thesis, chapter 9. What faces away from a light is black; nothing throws a
+    shadow on anything else, and highlights are gone.
+
+    Parameters
+    ----------
+    surface
+        Its p, q and albedo are used. Where no slope is known, p and q are 0: it is shown flat.
+    lighting
+        One light or more.
+
+    Returns
+    -------
+    (N, H, W) float32 in the units of the albedo, in the order of the lights.
+
+    Examples
+    --------
+    >>> from classify import photometric_stereo
+    >>> lighting = Lighting.ring(slant_deg=45.0)
+    >>> flat = (100 * lighting.directions[:, 2]).astype(np.float32)
+    >>> surface = photometric_stereo(np.tile(flat[:, None, None], (1, 2, 2)), lighting)
+    >>> above = relight(surface, Lighting.from_angles([0.0], 0.0))
+    >>> above.shape, round(float(above[0, 0, 0]), 3)
+    ((1, 2, 2), 100.0)
+    """
+    p, q = surface.p, surface.q
+    scaled = surface.albedo / np.sqrt(1.0 + p * p + q * q)
+    images = np.empty((len(lighting), *surface.shape), dtype=np.float32)
+    for image, (x, y, z), intensity in zip(
+        images, lighting.directions.tolist(), lighting.intensities.tolist(), strict=True
+    ):
+        np.maximum(z - x * p - y * q, 0.0, out=image)
+        image *= scaled
+        image *= intensity
+    return images

@@ -1,0 +1,111 @@
+"""Cast shadows of a height field under a distant light: one horizon sweep per light."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+
+__all__ = ["cast_shadow"]
+
+TOLERANCE_PX = 1e-3
+"""A point must lie this far below the horizon's ray: float32 heights do not shadow themselves."""
+
+NO_HORIZON = -1e30
+
+
+def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Where something between a point and the light stands in the way.
+
+    A point x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's
+    azimuth (SCIENCE section 1). The running maximum of z - d cot(slant), from the light's side,
+    decides that for a whole line at once. Where the azimuth is not along an axis the lines run
+    obliquely through the grid: heights on them, and the horizon back on the pixels, are linearly
+    interpolated. Nothing outside the array casts a shadow. A surface that faces away from the
+    light is in attached shadow, which its normals tell; it may or may not be in cast shadow too.
+
+    Parameters
+    ----------
+    height
+        (H, W) float32, pixels.
+    direction
+        (3,) towards the light: x right, y up, z towards the camera, z > 0.
+
+    Returns
+    -------
+    (H, W) bool.
+
+    Raises
+    ------
+    InputError
+        For another shape, or a light that is not above the surface.
+    """
+    light = np.asarray(direction, dtype=np.float64)
+    if np.ndim(height) != 2 or light.shape != (3,):
+        raise InputError(
+            f"cast_shadow takes (rows, columns) heights and one (x, y, z); got "
+            f"{np.shape(height)} and {light.shape}"
+        )
+    if not np.isfinite(light).all() or light[2] <= 0.0:
+        raise InputError("a light casts shadows only from above the surface: z > 0")
+    # The sweep is written for one case, the light towards the last column and at most 45 degrees
+    # off the rows' direction; a transposed or flipped view brings every other light there.
+    along_col, along_row, up = light[0], -light[1], light[2]
+    view = np.asarray(height, np.float32)
+    transpose = abs(along_row) > abs(along_col)
+    if transpose:
+        view = view.T
+        along_col, along_row = along_row, along_col
+    flip = along_col < 0
+    if flip:
+        view = view[:, ::-1]
+        along_col = -along_col
+    if along_col <= 1e-9 * up:
+        return np.zeros(np.shape(height), np.bool_)
+    # Rounding makes a tilt of 90 degrees exactly that, in spite of cos(90 degrees) = 6e-17.
+    rows_per_col = round(along_row / along_col, 12)
+    shadow = _sweep(np.ascontiguousarray(view), rows_per_col, up / along_col)
+    if flip:
+        shadow = shadow[:, ::-1]
+    return np.ascontiguousarray(shadow.T if transpose else shadow)
+
+
+@numba.njit(parallel=True, cache=True)
+def _sweep(
+    height: npt.NDArray[np.float32], rows_per_col: float, rise_per_col: float
+) -> npt.NDArray[np.bool_]:
+    """Shadow of a light towards the last column, `rows_per_col` rows down per column.
+
+    Line k crosses column c at row first + k + c rows_per_col.
+    """
+    rows, cols = height.shape
+    first = math.floor(min(0.0, -(cols - 1) * rows_per_col))
+    last = math.ceil(rows - 1 + max(0.0, -(cols - 1) * rows_per_col))
+    lines = last - first + 2
+    horizon = np.empty((lines, cols), np.float32)
+    for k in numba.prange(lines):
+        above = NO_HORIZON
+        for c in range(cols - 1, -1, -1):
+            # What stands above (k, c) is known from the columns nearer to the light alone.
+            horizon[k, c] = above
+            row = first + k + c * rows_per_col
+            if -1.0 < row < rows:
+                upper = math.floor(row)
+                share = row - upper
+                z0 = height[max(upper, 0), c]
+                z1 = height[min(upper + 1, rows - 1), c]
+                above = max(above, z0 + share * (z1 - z0))
+            above -= rise_per_col
+    shadow = np.empty((rows, cols), np.bool_)
+    for r in numba.prange(rows):
+        for c in range(cols):
+            line = r - c * rows_per_col - first
+            k = math.floor(line)
+            share = line - k
+            ray = horizon[k, c] * (1.0 - share) + horizon[k + 1, c] * share
+            shadow[r, c] = ray > height[r, c] + TOLERANCE_PX
+    return shadow

@@ -1,0 +1,5 @@
+from .solver import photometric_stereo
+
+__all__ = [
+    "photometric_stereo",
+]

@@ -1,0 +1,223 @@
+"""Four lights and more without those whose values the others contradict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from classify.compiling import FAST
+from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
+
+from .linear import judge_row, solve_lights
+from .robust import DARK, LEAK, TOLERANCE
+
+__all__ = ["drbohlav", "gates"]
+
+Array = npt.NDArray[Any]
+
+
+def gates(lights: int) -> npt.NDArray[np.float32]:
+    """(N + 1,) the sum of squared residuals of n lights, in variances, that is beyond noise.
+
+    The point of chi-squared with n - 3 degrees of freedom that lies 3 standard deviations out
+    (Wilson and Hilferty); 9 for four lights, and out of reach for three.
+    """
+    freedom = np.maximum(np.arange(lights + 1) - 3.0, 1e-9)
+    spread = 2.0 / (9.0 * freedom)
+    limits = freedom * (1.0 - spread + 2.76 * np.sqrt(spread)) ** 3
+    limits[:4] = np.inf
+    return np.asarray(limits, dtype=np.float32)
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def drbohlav(
+    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
+    noise: Array, least_bz: np.float32, gates: Array, weights: Array, directions: Array,
+    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array, highlights: Array,
+) -> None:  # fmt: skip
+    """Replace values that break Lambertian consistency by their prediction, solve from all.
+
+    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003). Four light vectors are
+    linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
+    shadow or highlight, i_k = sum c_j i_j. A value replaced by what the others predict has no
+    residual, so that the solution from all is that of the others: the light is left out.
+
+    Parameters
+    ----------
+    noise
+        (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+    least_bz
+        A slope is known where bz^2 >= least_bz sigma rho, sigma the rms noise of the values.
+    gates
+        (N + 1,) the sum of squared residuals of n lights, in variances, that is beyond noise.
+    """
+    lights = images.shape[0]
+    rows, columns = p.shape
+    a, slope, black = noise
+    zero = np.float32(0.0)
+    every = np.ones(lights, np.bool_)
+    for r in prange(rows):
+        bx = np.zeros(columns, np.float32)
+        by = np.zeros(columns, np.float32)
+        bz = np.zeros(columns, np.float32)
+        squares = np.zeros(columns, np.float32)
+        variance = np.zeros(columns, np.float32)
+        brightest = np.zeros(columns, np.float32)
+        most = np.zeros(columns, np.float32)
+        lost = np.zeros(columns, np.float32)
+        for k in range(lights):
+            share = gains[k] * gains[k] / np.float32(lights)
+            for c in range(columns):
+                v = np.float32(images[k, r, c])
+                brightest[c] = max(brightest[c], v)
+                variance[c] += share * (a + slope * max(v - black, zero))
+                if ambient is not None:
+                    v -= np.float32(ambient[r, c])
+                v *= gains[k]
+                most[c] = max(most[c], v)
+                bx[c] += weights[0, k] * v
+                by[c] += weights[1, k] * v
+                bz[c] += weights[2, k] * v
+        for k in range(lights):
+            x, y, z = directions[k]
+            for c in range(columns):
+                v = np.float32(images[k, r, c])
+                if ambient is not None:
+                    v -= np.float32(ambient[r, c])
+                s = x * bx[c] + y * by[c] + z * bz[c]
+                squares[c] += (v * gains[k] - s) ** 2
+        for c in range(columns):
+            dropped[r, c] = NO_DROPPED_LIGHT
+            highlights[r, c] = False
+            gate = gates[lights] * variance[c] + (TOLERANCE * most[c]) ** 2
+            if squares[c] > gate or brightest[c] >= saturation:
+                solved, dropped[r, c], highlights[r, c], x, y, z = _replace(
+                    images, ambient, gains, saturation, noise, gates, directions,
+                    variance[c], r, c,
+                )  # fmt: skip
+                lost[c] = not solved
+                bx[c], by[c], bz[c] = x, y, z
+        floors = least_bz * np.sqrt(variance)
+        judge_row(
+            images, ambient, gains, directions, every, r, bx, by, bz, floors, lost,
+            p, q, albedo, valid,
+        )  # fmt: skip
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _replace(
+    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
+    noise: Array, gates: Array, directions: Array, variance: np.float32,
+    r: int, c: int,
+) -> tuple[bool, int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
+    """Leave out one light after the other until the rest agree.
+
+    Dark lights go first. Of five and more the one goes without which the residuals are least.
+    Among four all leave the same, none: there the darkest goes if it is dark, else the darker or
+    the brighter of two suspects, whichever leaves the flatter surface (see `robust_kernels`).
+
+    Returns
+    -------
+    Whether the rest determine the pixel, the first light left out, if one was a highlight, and b.
+    """
+    lights = images.shape[0]
+    dark = np.float32(0.0)
+    dark_variance = noise[0]
+    if ambient is not None:
+        dark = np.float32(ambient[r, c])
+        dark_variance = np.float32(2.0) * (
+            noise[0] + noise[1] * max(dark - noise[2], np.float32(0.0))
+        )
+    used = np.ones(lights, np.bool_)
+    values = np.empty(lights, np.float32)
+    first, highlight, remaining = NO_DROPPED_LIGHT, False, lights
+    for k in range(lights):
+        raw = np.float32(images[k, r, c])
+        values[k] = (raw - dark) * gains[k]
+        if raw >= saturation:
+            used[k] = False
+            remaining -= 1
+            first = min(first, k)
+    brightest, second = np.float32(0.0), np.float32(0.0)
+    for k in range(lights):
+        second = max(second, min(brightest, values[k]))
+        brightest = max(brightest, values[k])
+    dark_level = DARK * np.sqrt(dark_variance)
+    levels = np.maximum(np.minimum(dark_level * gains, SHADOW_FRACTION * brightest), LEAK * second)
+    tolerance = TOLERANCE * brightest
+    solved, bx, by, bz = solve_lights(images, ambient, gains, directions, used, r, c)
+    while solved and remaining > 3:
+        squares = np.float32(0.0)
+        for k in range(lights):
+            if used[k]:
+                squares += (values[k] - _dot(directions, k, bx, by, bz)) ** 2
+        if squares <= gates[remaining] * variance + tolerance * tolerance:
+            break
+        any_dark = False
+        for k in range(lights):
+            any_dark |= used[k] and values[k] <= levels[k]
+        chosen, least, low, high = -1, np.float32(np.inf), -1, -1
+        for k in range(lights):
+            if not used[k] or (any_dark and values[k] > levels[k]):
+                continue
+            if remaining == 4:
+                # Whichever goes, the other three agree.
+                error = values[k] - _dot(directions, k, bx, by, bz)
+                if any_dark and values[k] < least:
+                    chosen, least = k, values[k]
+                if error < 0.0 and (low < 0 or values[k] < values[low]):
+                    low = k
+                if error > 0.0 and (high < 0 or values[k] > values[high]):
+                    high = k
+                continue
+            used[k] = False
+            possible, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+            if possible:
+                squares = np.float32(0.0)
+                for j in range(lights):
+                    if used[j]:
+                        squares += (values[j] - _dot(directions, j, x, y, z)) ** 2
+                if squares < least:
+                    chosen, least = k, squares
+            used[k] = True
+        if chosen < 0 and low >= 0:
+            chosen = low
+            steep = _steepness(images, ambient, gains, directions, used, low, r, c)
+            if _steepness(images, ambient, gains, directions, used, high, r, c) < steep:
+                chosen = high
+        if chosen < 0:
+            break
+        predicted = _dot(directions, chosen, bx, by, bz)
+        used[chosen] = False
+        possible, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+        if not possible:
+            break
+        bx, by, bz = x, y, z
+        remaining -= 1
+        first = chosen if first == NO_DROPPED_LIGHT else first
+        highlight |= values[chosen] > max(predicted, LEAK * second)
+    return solved, first, highlight, bx, by, bz
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")
+def _dot(directions: Array, k: int, x: np.float32, y: np.float32, z: np.float32) -> np.float32:
+    return np.float32(directions[k, 0] * x + directions[k, 1] * y + directions[k, 2] * z)
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _steepness(
+    images: Array, ambient: Array | None, gains: Array, directions: Array, used: Array,
+    without: int, r: int, c: int,
+) -> np.float32:  # fmt: skip
+    """Squared slope of the surface without one more light, infinite where there is none."""
+    if without < 0:
+        return np.float32(np.inf)
+    used[without] = False
+    solved, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+    used[without] = True
+    if not solved or z <= 0.0:
+        return np.float32(np.inf)
+    return (x * x + y * y) / (z * z)

@@ -1,0 +1,273 @@
+"""Slopes that are not known, made as smooth and as free of curl as those around them.
+
+The kernels of `in_fill`. Each runs over a list of pixels kept row by row (`starts`, `columns`),
+serially for a short list and on all cores for a long one, with the same result to the last bit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from classify.compiling import FAST
+
+__all__ = ["NOT_REACHED", "NO_LINE", "SKIPPED", "grow", "neighbour_weights", "relax"]
+
+Array = npt.NDArray[Any]
+
+NOT_REACHED = np.uint8(255)
+# In place of the index of a pair of lights: nothing is known, or nothing is to be done.
+NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
+
+# Pixels further than this from a solved one keep no slope: those in one light or none, and those
+# in two.
+_REACH_DARK_PX, _REACH_PX = 8, 24
+_SWEEPS = 10
+# Steps along a line are lengthened by this (successive over-relaxation).
+_OVER = np.float32(1.5)
+# Solutions on the line of two lights are steep at its ends; beyond this slope (75 degrees) lies
+# none that a camera from above would see.
+_MIN_NZ = np.float32(0.26)
+# A curl must be zero where a step of slope need only be likely.
+_CURL = 2.0
+# Below this many pixels a second thread costs more than it brings.
+_FEW = 10_000
+
+
+@njit(cache=True, error_model="numpy")
+def neighbour_weights(
+    p: Array, q: Array, albedo: Array, depth: Array, step: int
+) -> tuple[np.float32, np.float32]:
+    """How much a relative step of albedo and a curl count against a step of slope.
+
+    Each by its mean square over squares of four solved pixels (`depth` 0), one in `step` rows and
+    columns: so the surface itself says whether its paint or its relief is the smoother, noise
+    included. A step of more than 1 is an edge and counts as 1.
+    """
+    rows, columns = p.shape
+    slope, paint, curl, count = 0.0, 0.0, 0.0, 0
+    for r in range(0, rows - 1, step):
+        for c in range(0, columns - 1, step):
+            if depth[r, c] | depth[r, c + 1] | depth[r + 1, c] | depth[r + 1, c + 1]:
+                continue
+            right_p, right_q = p[r, c + 1] - p[r, c], q[r, c + 1] - q[r, c]
+            down_p, down_q = p[r + 1, c] - p[r, c], q[r + 1, c] - q[r, c]
+            far_p = p[r + 1, c + 1] - p[r, c + 1]
+            far_q = q[r + 1, c + 1] - q[r + 1, c]
+            slope += min(right_p**2, 1.0) + min(right_q**2, 1.0)
+            slope += min(down_p**2, 1.0) + min(down_q**2, 1.0)
+            here, right, down = albedo[r, c], albedo[r, c + 1], albedo[r + 1, c]
+            paint += ((right - here) / (right + here)) ** 2
+            paint += ((down - here) / (down + here)) ** 2
+            curl += min((down_p + far_p + right_q + far_q) ** 2, 1.0)
+            count += 1
+    if count < 16:
+        return np.float32(1.0), np.float32(1.0)
+    # Two steps of paint, each taken as half of the relative step, go to four steps of slope.
+    albedo_weight = slope / max(8.0 * paint, 4e-6 * count)
+    curl_weight = _CURL * slope / max(4.0 * curl, 4e-6 * count)
+    return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _first_on_line(
+    lines: Array, n: int, d: Array,
+    P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
+) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
+    """The point of a line that comes nearest to slopes P, Q and albedo A.
+
+    The distance in albedo has two minima on a line, one on each side of b0; hence the search.
+    """
+    one = np.float32(1.0)
+    x, y, z = lines[n, 0], lines[n, 1], lines[n, 2]
+    # b0 is at right angles to d, so that |b|^2 = |b0|^2 + t^2.
+    square = x * x + y * y + z * z
+    start = A / np.sqrt(one + P * P + Q * Q) * (d[2] - P * d[0] - Q * d[1])
+    least, best = np.float32(np.inf), np.float32(0.0)
+    p, q, rho = P, Q, A
+    for i in range(-8, 9):
+        t = start + np.float32(0.1875 * i) * A
+        length = np.sqrt(square + t * t)
+        below = _MIN_NZ * length - z - t * d[2]
+        inverse = one / max(z + t * d[2], _MIN_NZ * length)
+        slope_x, slope_y = -(x + t * d[0]) * inverse, -(y + t * d[1]) * inverse
+        error = (slope_x - P) ** 2 + (slope_y - Q) ** 2 + albedo_weight * (length / A - one) ** 2
+        if below > 0.0:
+            error += np.float32(1e3) * (one + below / A)
+        if error < least:
+            least, best = error, t
+            p, q, rho = slope_x, slope_y, length
+    lines[n, 3] = best
+    return p, q, rho
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")
+def _along_line(
+    lines: Array, n: int, d: Array, p: np.float32, q: np.float32, rho: np.float32,
+    P: np.float32, Q: np.float32, A: np.float32,
+    slope_weight: np.float32, albedo_weight: np.float32,
+) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
+    """One step of Gauss and Newton along a line, from p, q, rho towards P, Q, A."""
+    t = lines[n, 3]
+    inverse = np.float32(1.0) / (lines[n, 2] + t * d[2])
+    dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
+    dr = t / rho
+    relative = albedo_weight / (A * A)
+    slope = slope_weight * ((p - P) * dp + (q - Q) * dq) + relative * (rho - A) * dr
+    curvature = slope_weight * (dp * dp + dq * dq) + relative * dr * dr
+    error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
+    step = -_OVER * slope / curvature
+    # p and q are not linear along the line: a step that leads no lower is shortened.
+    for _ in range(4):
+        s = t + step
+        bx, by, bz = lines[n, 0] + s * d[0], lines[n, 1] + s * d[1], lines[n, 2] + s * d[2]
+        new_rho = np.sqrt(bx * bx + by * by + bz * bz)
+        inverse = np.float32(1.0) / bz
+        new_p, new_q = -bx * inverse, -by * inverse
+        new_error = (
+            slope_weight * ((new_p - P) ** 2 + (new_q - Q) ** 2) + relative * (new_rho - A) ** 2
+        )
+        if bz >= _MIN_NZ * new_rho and new_error <= error:
+            lines[n, 3] = s
+            return new_p, new_q, new_rho
+        step *= np.float32(0.3)
+    return p, q, rho
+
+
+def _grow(
+    starts: Array, columns: Array, lines: Array, pairs: Array, along: Array,
+    albedo_weight: np.float32, depth: Array, p: Array, q: Array, albedo: Array,
+) -> None:  # fmt: skip
+    """First values, layer by layer inwards, from the mean of the layers before.
+
+    Parameters
+    ----------
+    starts, columns
+        (H + 1,) where the pixels of each row begin in the list, (n,) the column of each.
+    lines
+        (n, 4) b0 and t of each pixel on its line; t is written.
+    pairs, along
+        (n,) the pair of lights that a pixel has, or `NO_LINE` or `SKIPPED`, and (7, 3) the
+        direction d of its line. Pixels that `relax` must leave alone become `SKIPPED`.
+    depth
+        (H, W) 0 where solved, `NOT_REACHED` where listed; written: the layer of each.
+    """
+    rows, width = p.shape
+    for layer in range(1, _REACH_PX + 1):
+        reached = 0
+        for r in prange(rows):
+            for n in range(starts[r], starts[r + 1]):
+                c = columns[n]
+                dark = pairs[n] >= NO_LINE
+                if depth[r, c] != NOT_REACHED or (dark and layer > _REACH_DARK_PX):
+                    continue
+                if pairs[n] == SKIPPED:
+                    continue
+                P, Q, A, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+                for y in range(max(r - 1, 0), min(r + 2, rows)):
+                    for x in range(max(c - 1, 0), min(c + 2, width)):
+                        if depth[y, x] < layer:
+                            weight = np.float32(1.0) if y == r or x == c else np.float32(0.7)
+                            P += weight * p[y, x]
+                            Q += weight * q[y, x]
+                            A += weight * albedo[y, x]
+                            total += weight
+                if total == 0.0:
+                    continue
+                reached += 1
+                P /= total
+                Q /= total
+                A /= total
+                if not dark:
+                    P, Q, A = _first_on_line(lines, n, along[pairs[n]], P, Q, A, albedo_weight)
+                depth[r, c] = layer
+                p[r, c] = P
+                q[r, c] = Q
+                albedo[r, c] = A
+        if reached == 0:
+            break
+    # Beside pixels without a slope, and at the border, the first values stand.
+    for r in prange(rows):
+        for n in range(starts[r], starts[r + 1]):
+            c = columns[n]
+            if r == 0 or c == 0 or r == rows - 1 or c == width - 1:
+                pairs[n] = SKIPPED
+            for y in range(max(r - 1, 0), min(r + 2, rows)):
+                for x in range(max(c - 1, 0), min(c + 2, width)):
+                    if depth[y, x] == NOT_REACHED:
+                        pairs[n] = SKIPPED
+
+
+def _relax(
+    starts: Array, columns: Array, lines: Array, pairs: Array, along: Array,
+    albedo_weight: np.float32, curl_weight: np.float32, p: Array, q: Array, albedo: Array,
+) -> None:  # fmt: skip
+    """Sweeps after Gauss and Seidel, odd and even rows in turn so that no two threads meet.
+
+    What is made small is the sum of squared steps of slope and of albedo between neighbours, and
+    of the curl around each four pixels by the trapezoid rule. At one pixel, the others held, it is
+    least for p at the mean, weighed 1 to 4 curl_weight, of that of the four neighbours and of
+    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4,
+    and likewise for q. A pixel on a line comes as near to that as the line does.
+    """
+    rows = p.shape[0]
+    quarter, two = np.float32(0.25), np.float32(2.0)
+    slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
+    for half_sweep in range(2 * _SWEEPS):
+        parity = half_sweep % 2
+        for k in prange((rows - parity + 1) // 2):
+            r = 2 * k + parity
+            first, count = starts[r], starts[r + 1] - starts[r]
+            for i in range(count):
+                n = first + i if half_sweep % 4 < 2 else first + count - 1 - i
+                if pairs[n] == SKIPPED:
+                    continue
+                c = columns[n]
+                p_rows, p_columns = p[r - 1, c] + p[r + 1, c], p[r, c - 1] + p[r, c + 1]
+                q_rows, q_columns = q[r - 1, c] + q[r + 1, c], q[r, c - 1] + q[r, c + 1]
+                p_nw, p_ne, p_sw, p_se = (
+                    p[r - 1, c - 1], p[r - 1, c + 1], p[r + 1, c - 1], p[r + 1, c + 1]
+                )  # fmt: skip
+                q_nw, q_ne, q_sw, q_se = (
+                    q[r - 1, c - 1], q[r - 1, c + 1], q[r + 1, c - 1], q[r + 1, c + 1]
+                )  # fmt: skip
+                P = quarter * (p_rows + p_columns) + curl_weight * (
+                    two * (p_rows - p_columns)
+                    + (p_nw + p_ne + p_sw + p_se)
+                    + (q_nw - q_ne - q_sw + q_se)
+                )
+                Q = quarter * (q_rows + q_columns) + curl_weight * (
+                    two * (q_columns - q_rows)
+                    + (q_nw + q_ne + q_sw + q_se)
+                    + (p_nw - p_ne - p_sw + p_se)
+                )
+                P /= slope_weight
+                Q /= slope_weight
+                A = quarter * (
+                    albedo[r - 1, c] + albedo[r + 1, c] + albedo[r, c - 1] + albedo[r, c + 1]
+                )
+                if pairs[n] != NO_LINE:
+                    P, Q, A = _along_line(
+                        lines, n, along[pairs[n]], p[r, c], q[r, c], albedo[r, c],
+                        P, Q, A, slope_weight, albedo_weight,
+                    )  # fmt: skip
+                p[r, c], q[r, c], albedo[r, c] = P, Q, A
+
+
+_grow_serial = njit(fastmath=FAST, cache=True, error_model="numpy")(_grow)
+_grow_parallel = njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)(_grow)
+_relax_serial = njit(fastmath=FAST, cache=True, error_model="numpy")(_relax)
+_relax_parallel = njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)(_relax)
+
+
+def grow(starts: Array, columns: Array, *arguments: Any) -> None:
+    """`_grow` on one core or on all."""
+    (_grow_serial if len(columns) < _FEW else _grow_parallel)(starts, columns, *arguments)
+
+
+def relax(starts: Array, columns: Array, *arguments: Any) -> None:
+    """`_relax` on one core or on all."""
+    (_relax_serial if len(columns) < _FEW else _relax_parallel)(starts, columns, *arguments)

@@ -1,0 +1,6 @@
+from .estimate import FloatMap, SurfaceEstimate
+
+__all__ = [
+    "FloatMap",
+    "SurfaceEstimate",
+]

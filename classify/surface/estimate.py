@@ -1,0 +1,174 @@
+"""What the solvers find out about a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.lighting import Lighting
+
+from .diagnostics import compare_with_prediction, find_darkest, fit_residual
+
+__all__ = ["FloatMap", "SurfaceEstimate"]
+
+FloatMap = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceEstimate:
+    """Gradient field, albedo and the maps that say how far to trust them, each (H, W).
+
+    The solver writes p, q, albedo and `valid`, and where its method decides it pixel by pixel what
+    was left out or repaired. What these and the images say together is computed when it is first
+    asked for: `residual`, `shadow_count`, `saturated`, and for some methods `dropped` and
+    `specular`. The images are not copied, so they must not be written to before.
+
+    Attributes
+    ----------
+    p, q
+        float32 gradients dz/dx and dz/dy (y up); 0 where no slope can be known.
+    albedo
+        float32, in units of the images (of full scale, where the solver was told it).
+    valid
+        bool, false where no slope can be known: fewer than three lights of those used are out of
+        shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
+        solution faces away from the camera, or its standard error, from the noise of these
+        images, exceeds 0.5.
+    method
+        Name of the solver.
+    images, ambient, full_scale
+        (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
+        as they were given; None for an estimate that comes from elsewhere.
+    lighting
+        The N lights of these images, with the intensities that they were found to have
+        (ps4_robust; see `light_balance`).
+    left_out
+        See `dropped`; None where that is the darkest light everywhere.
+    highlights
+        See `specular`; None where that is to be told from the prediction.
+    repaired
+        bool, true where fewer than three lights were left and the slope, and with one light or
+        none the albedo too, was taken from the pixels around (ps4_robust only).
+    """
+
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
+    valid: npt.NDArray[np.bool_]
+    method: str
+    images: npt.NDArray[Any] | None = None
+    ambient: npt.NDArray[Any] | None = None
+    full_scale: float | None = None
+    lighting: Lighting | None = None
+    left_out: npt.NDArray[np.uint8] | None = None
+    highlights: npt.NDArray[np.bool_] | None = None
+    repaired: npt.NDArray[np.bool_] | None = None
+
+    @cached_property
+    def dropped(self) -> npt.NDArray[np.uint8]:
+        """(H, W) uint8 index of the light left out of the solution, 255 where all were used.
+
+        Where several were left out, or equally dark, it is the first of those, for rushmeier the
+        lowest.
+        """
+        if self.left_out is not None:
+            return self.left_out
+        images, _ = self._images_and_lights
+        darkest = np.zeros(self.shape, np.uint8)
+        find_darkest(images, self.ambient, self._gains, darkest)
+        return darkest
+
+    @cached_property
+    def residual(self) -> FloatMap:
+        """(H, W) float32 rms difference between the light images and a Lambertian surface.
+
+        That of the least squares fit to all lights, whatever the method, in units of the albedo.
+        Shadow, highlight, noise and wrong light order all raise it.
+        """
+        images, lighting = self._images_and_lights
+        directions = lighting.directions
+        weights = np.linalg.pinv(directions).astype(np.float32)
+        residual = np.empty(self.shape, np.float32)
+        fit_residual(
+            images, self.ambient, self._gains, weights, directions.astype(np.float32), residual
+        )
+        return residual
+
+    @property
+    def shadow_count(self) -> npt.NDArray[np.uint8]:
+        """(H, W) uint8 number of lights that give no more than half of what this solution predicts.
+
+        Cast and attached shadow together. Its mean over the number of lights is the shadow image
+        integrated over all lights of the thesis's figure 9.7.
+        """
+        return self._shadows_and_highlights[0]
+
+    @property
+    def shadow_mask(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, true where at least one light is in shadow."""
+        mask: npt.NDArray[np.bool_] = self.shadow_count > 0
+        return mask
+
+    @cached_property
+    def saturated(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, true where any image reached full scale."""
+        images, _ = self._images_and_lights
+        limit = np.inf if self.full_scale is None else self.full_scale
+        saturated: npt.NDArray[np.bool_] = images.max(axis=0) >= limit
+        return saturated
+
+    @property
+    def specular(self) -> npt.NDArray[np.bool_]:
+        """(H, W) bool, true where a highlight is suspected.
+
+        A light gives clearly more than a Lambertian surface would. ps4_robust and drbohlav tell it
+        from the lights that contradict each other, the others where a light exceeds the prediction
+        of their solution by half; ps4, which trusts its three brightest, never does.
+        """
+        return self._shadows_and_highlights[1] if self.highlights is None else self.highlights
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.p.shape
+        return rows, columns
+
+    @property
+    def normals(self) -> FloatMap:
+        """(H, W, 3) float32 unit normals (x right, y up, z to the camera)."""
+        normals = np.empty((*self.shape, 3), dtype=np.float32)
+        inverse = 1.0 / np.sqrt(1.0 + self.p**2 + self.q**2)
+        normals[..., 0] = -self.p * inverse
+        normals[..., 1] = -self.q * inverse
+        normals[..., 2] = inverse
+        return normals
+
+    @cached_property
+    def _shadows_and_highlights(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
+        images, lighting = self._images_and_lights
+        maps = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
+        compare_with_prediction(
+            images, self.ambient, self._gains, lighting.directions.astype(np.float32),
+            self.p, self.q, self.albedo, *maps,
+        )  # fmt: skip
+        return maps
+
+    @property
+    def _images_and_lights(self) -> tuple[npt.NDArray[Any], Lighting]:
+        if self.images is None or self.lighting is None:
+            raise InputError(
+                "this estimate has no images with their lights; what the lights say of it (shadow, "
+                "residual, saturation) is known of what `photometric_stereo` solved"
+            )
+        return self.images, self.lighting
+
+    @property
+    def _gains(self) -> FloatMap:
+        """(N,) factors from pixel values to units of the albedo."""
+        intensities = self._images_and_lights[1].intensities
+        return (1.0 / ((self.full_scale or 1.0) * intensities)).astype(np.float32)

@@ -1,0 +1,113 @@
+"""What of a surface estimate is compared as texture: slopes and albedo without their outliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from classify.compiling import FAST
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+
+__all__ = ["TextureFields", "texture_fields"]
+
+# Where two or more lights are in shadow a solver can return any slope; one such pixel outweighs
+# a thousand others in a power spectrum unless it is bounded.
+_MAX_SLOPE = np.float32(2.0)
+# The same for a speck in a dark albedo.
+_MAX_ALBEDO = np.float32(8.0)
+# Whose sums are taken together, in single precision.
+_ROWS = 16
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class TextureFields:
+    """Slopes of at most 2 and albedo in units of its mean, (H, W) float32 each.
+
+    Pixels that are not valid have the mean slope and the mean albedo.
+    """
+
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.p.shape
+        return rows, columns
+
+
+def texture_fields(surface: SurfaceEstimate) -> TextureFields:
+    """The fields of a surface.
+
+    Raises
+    ------
+    InputError
+        If no pixel is valid, or the valid ones have no albedo at all, or hold what is no number.
+    """
+    # One block of memory and not three: a large one is used again once it was given back, while
+    # the pages of small ones are each asked of the system anew.
+    p, q, albedo = np.empty((3, *surface.shape), np.float32)
+    sums = np.empty((-(-surface.shape[0] // _ROWS), 4), np.float64)
+    _bounded(surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums)
+    count, p_sum, q_sum, albedo_sum = sums.sum(axis=0)
+    if count == 0:
+        raise InputError("no pixel of this surface is valid; check exposure and lights")
+    if not np.isfinite([p_sum, q_sum, albedo_sum]).all():
+        raise InputError("a valid pixel of this surface has a slope or albedo that is no number")
+    if not albedo_sum > 0.0:
+        raise InputError("the valid pixels of this surface reflect nothing; check exposure")
+    means = (np.array([p_sum, q_sum, albedo_sum]) / count).astype(np.float32)
+    _complete(surface.valid, means, p, q, albedo)
+    return TextureFields(p, q, albedo)
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _bounded(
+    p: Array, q: Array, albedo: Array, valid: Array,
+    p_out: Array, q_out: Array, albedo_out: Array, sums: Array,
+) -> None:  # fmt: skip
+    """Valid pixels with bounded slopes, 0 elsewhere; their count and sums per block of rows."""
+    rows, columns = p.shape
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for block in prange(len(sums)):
+        # Column by column, which can be done eight at a time in the order it is written.
+        lines = np.zeros((4, columns), np.float32)
+        for r in range(block * _ROWS, min((block + 1) * _ROWS, rows)):
+            for c in range(columns):
+                slope = np.sqrt(p[r, c] * p[r, c] + q[r, c] * q[r, c])
+                # A factor for both bounds a slope and keeps its direction.
+                factor = _MAX_SLOPE / max(slope, _MAX_SLOPE)
+                p_out[r, c] = p[r, c] * factor if valid[r, c] else zero
+                q_out[r, c] = q[r, c] * factor if valid[r, c] else zero
+                albedo_out[r, c] = albedo[r, c] if valid[r, c] else zero
+            for c in range(columns):
+                lines[0, c] += one if valid[r, c] else zero
+                lines[1, c] += p_out[r, c]
+                lines[2, c] += q_out[r, c]
+                lines[3, c] += albedo_out[r, c]
+        for index in range(4):
+            total = np.float64(0.0)
+            for c in range(columns):
+                total += lines[index, c]
+            sums[block, index] = total
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _complete(valid: Array, means: Array, p: Array, q: Array, albedo: Array) -> None:
+    """Means where nothing is known, and albedo in units of its mean."""
+    rows, columns = p.shape
+    one = np.float32(1.0)
+    inverse = one / means[2]
+    for r in prange(rows):
+        for c in range(columns):
+            p[r, c] = p[r, c] if valid[r, c] else means[0]
+            q[r, c] = q[r, c] if valid[r, c] else means[1]
+            albedo[r, c] = min(albedo[r, c] * inverse, _MAX_ALBEDO) if valid[r, c] else one

@@ -1,0 +1,230 @@
+"""Powers of slopes and albedo on the frequency plane, by Welch's averaging of segments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache, partial
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import get_num_threads, njit
+
+from classify.compiling import FAST
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap
+
+from .fields import TextureFields
+
+__all__ = ["check_side", "segment_powers"]
+
+_POWERS = 6
+# Sums of so many threads at most. As many on every machine: the order of a sum decides its last
+# digits.
+_LANES = 4
+# Below so many pixels all is done before a thread has started.
+_FEW_PX = 1 << 17
+
+Array = npt.NDArray[Any]
+
+
+def segment_powers(fields: TextureFields, side: int) -> FloatMap:
+    """Mean powers of segments, for each wave vector of half a plane.
+
+    The thesis is silent on window, segments and mean: here the segments overlap by half or a
+    little more so that they cover the frame, each loses its mean and gets a circular Hann window
+    (a square one would stay behind when the surface turns).
+
+    Parameters
+    ----------
+    fields
+        (H, W) slopes and albedo.
+    side
+        Of the segments, pixels.
+
+    Returns
+    -------
+    powers
+        (side, 6, side // 2 + 1) float32 |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and
+        Im Q A*, by rows and columns of the discrete Fourier transform.
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a segment.
+    """
+    check_side(side, fields.shape)
+    rows, columns = (_starts(length, side) for length in fields.shape)
+    corners = [(row, column) for row in rows for column in columns]
+    pairs = [np.array(corners[first : first + 2]) for first in range(0, len(corners), 2)]
+    lanes = [pairs[lane::_LANES] for lane in range(min(_LANES, len(pairs)))]
+    window = _circular_hann(side)
+    planes = tuple(map(np.ascontiguousarray, (fields.p, fields.q, fields.albedo)))
+    summed = partial(_summed_powers, planes, window)
+    if len(corners) * side * side < _FEW_PX:
+        sums = list(map(summed, lanes))
+    else:
+        with ThreadPoolExecutor(get_num_threads()) as threads:
+            sums = list(threads.map(summed, lanes))
+    powers = sums[0]
+    for lane in sums[1:]:
+        powers += lane
+    powers *= np.float32(1.0 / (len(corners) * np.square(window, dtype=np.float64).sum()))
+    return powers
+
+
+def check_side(side: int, shape: tuple[int, ...]) -> None:
+    """Raise InputError if a frame is smaller than a segment."""
+    if min(shape) < side:
+        raise InputError(
+            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
+            f"{side} px segments of the library; use larger frames"
+        )
+
+
+def _starts(length: int, side: int) -> list[int]:
+    """First pixels of segments that cover `length` evenly and overlap by half or more."""
+    count = -(-2 * length // side) - 1
+    return [round(i * (length - side) / max(count - 1, 1)) for i in range(count)]
+
+
+@lru_cache(maxsize=8)
+def _circular_hann(side: int) -> FloatMap:
+    offset = (np.arange(side) - (side - 1) / 2.0) / (side / 2.0)
+    radius = np.hypot(offset[:, None], offset[None, :])
+    return np.where(radius < 1.0, 0.5 + 0.5 * np.cos(np.pi * radius), 0.0).astype(np.float32)
+
+
+def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
+    """Sums over pairs of segments, in one piece of memory small enough for a core's own cache.
+
+    Two real fields are one complex one, whose transform costs little more than that of one: p and
+    q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
+    """
+    side, weight = len(window), window.sum()
+    sums = np.zeros((side, _POWERS, side // 2 + 1), np.float32)
+    slopes, albedo = np.empty((2, side, side, 2), np.float32), np.empty((side, side, 2), np.float32)
+    for corners in pairs:
+        _cut(planes, corners, window, weight, slopes, albedo)
+        for each in (*slopes[: len(corners)], albedo):
+            cv2.dft(each, each)
+        _add_powers(slopes[: len(corners)], albedo, sums)
+    return sums
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _cut(
+    planes: tuple[Array, ...], corners: Array, window: Array, weight: np.float32,
+    slopes: Array, albedos: Array,
+) -> None:  # fmt: skip
+    """Fields of one segment or two, each less its weighted mean, times the window."""
+    p, q, albedo = planes
+    for n in range(len(corners)):
+        _pair(p, corners[n], q, corners[n], window, weight, slopes[n])
+    _pair(albedo, corners[0], albedo, corners[-1], window, weight, albedos)
+    if len(corners) == 1:
+        albedos[:, :, 1] = np.float32(0.0)
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _pair(
+    real: Array, real_corner: Array, imaginary: Array, imaginary_corner: Array,
+    window: Array, weight: np.float32, target: Array,
+) -> None:  # fmt: skip
+    """Two segments, of one plane or two, as a complex one."""
+    side = len(window)
+    real_mean = _weighted_mean(real, real_corner, window, weight)
+    imaginary_mean = _weighted_mean(imaginary, imaginary_corner, window, weight)
+    for r in range(side):
+        here, there = _line(real, real_corner, r, side), _line(imaginary, imaginary_corner, r, side)
+        for c in range(side):
+            target[r, c, 0] = (here[c] - real_mean) * window[r, c]
+            target[r, c, 1] = (there[c] - imaginary_mean) * window[r, c]
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _weighted_mean(plane: Array, corner: Array, window: Array, weight: np.float32) -> np.float32:
+    # Sums of columns: these can be done eight at a time in the order they are written.
+    side = len(window)
+    sums = np.zeros(side, np.float32)
+    for r in range(side):
+        line = _line(plane, corner, r, side)
+        for c in range(side):
+            sums[c] += line[c] * window[r, c]
+    return np.float32(sums.sum() / weight)
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _line(plane: Array, corner: Array, r: int, side: int) -> Array:
+    row, column = corner
+    return plane[row + r, column : column + side]
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
+    """Add the powers of one segment or two to those of others.
+
+    Of C, the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
+    Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
+    """
+    side = len(albedo)
+    columns = side // 2 + 1
+    # Lines of real and imaginary parts at k, then at -k; of albedo, those of either segment.
+    parts, albedos = np.empty((4, columns), np.float32), np.empty((2, 2, columns), np.float32)
+    for r in range(side):
+        opposite = (side - r) % side
+        pair = albedos.reshape(4, columns)
+        _untwine(albedo[r], albedo[opposite], pair)
+        _separate(pair)
+        for n in range(len(slopes)):
+            _untwine(slopes[n, r], slopes[n, opposite], parts)
+            _add_line(parts, albedos[n], sums[r])
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _untwine(here: Array, there: Array, parts: Array) -> None:
+    side = len(here)
+    for c in range(side // 2 + 1):
+        parts[0, c] = here[c, 0]
+        parts[1, c] = here[c, 1]
+    # The column opposite to the first is the first itself.
+    parts[2, 0], parts[3, 0] = there[0, 0], there[0, 1]
+    for c in range(1, side // 2 + 1):
+        parts[2, c] = there[side - c, 0]
+        parts[3, c] = there[side - c, 1]
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _separate(parts: Array) -> None:
+    """Of C(k) and C(-k) make X(k) and Y(k)."""
+    half = np.float32(0.5)
+    for c in range(parts.shape[1]):
+        re, im, opposite_re, opposite_im = parts[0, c], parts[1, c], parts[2, c], parts[3, c]
+        parts[0, c] = half * (re + opposite_re)
+        parts[1, c] = half * (im - opposite_im)
+        parts[2, c] = half * (im + opposite_im)
+        parts[3, c] = half * (opposite_re - re)
+
+
+@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+def _add_line(slopes: Array, albedo: Array, sums: Array) -> None:
+    # Arrays with two indices, not lines of them by name: of these the compiler would not know
+    # that they lie apart, and do one number at a time.
+    half = np.float32(0.5)
+    for c in range(slopes.shape[1]):
+        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
+        sums[0, c] += half * (
+            (re * re + im * im) + (opposite_re * opposite_re + opposite_im * opposite_im)
+        )
+        sums[1, c] += re * opposite_re - im * opposite_im
+        sums[2, c] += re * opposite_im + im * opposite_re
+    for c in range(slopes.shape[1]):
+        re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]
+        a_re, a_im = albedo[0, c], albedo[1, c]
+        p_re, p_im = half * (re + opposite_re), half * (im - opposite_im)
+        q_re, q_im = half * (im + opposite_im), half * (opposite_re - re)
+        sums[3, c] += a_re * a_re + a_im * a_im
+        sums[4, c] += p_im * a_re - p_re * a_im
+        sums[5, c] += q_im * a_re - q_re * a_im

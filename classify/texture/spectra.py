@@ -1,0 +1,240 @@
+"""Gradient and albedo spectra on a polar grid: what turns with the surface and only with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+from numba import njit
+
+from classify.compiling import FAST
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+
+from .fields import TextureFields, texture_fields
+from .segment_powers import check_side, segment_powers
+
+__all__ = [
+    "ANGLES",
+    "MAX_SEGMENT_PX",
+    "MIN_SEGMENT_PX",
+    "RADII",
+    "Spectra",
+    "field_spectra",
+    "image_spectrum",
+    "polar_radii_px",
+    "segment_for",
+    "surface_spectra",
+]
+
+ANGLES = 90
+RADII = 28
+MIN_SEGMENT_PX = 32
+MAX_SEGMENT_PX = 256
+# Radii run geometrically between these, so that a coarse and a fine texture get equal shares.
+_FIRST_BIN = 2.0
+_LAST_NYQUIST = 0.98
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """Power spectra of one surface, averaged over segments, on a polar grid of half a turn.
+
+    Attributes
+    ----------
+    gradient
+        (R, 90) float32, M = |P|^2 + |Q|^2 in slope^2 per (cycle/px)^2. The cos^2 and sin^2 of the
+        direction of differentiation cancel in the sum, so M turns rigidly with the surface; the
+        spectrum of an image does not (thesis section 9.4).
+    albedo
+        (R, 90) float32, A, the same for albedo divided by its mean.
+    relief
+        (R, 90) float32, |cos(theta) P + sin(theta) Q|^2: the part of M whose slopes lie along the
+        wave vector, as those of a relief do. The rest of M is curl, which no relief has: error.
+    co_spectrum
+        (R, 90) float32, real part of relief times conjugate albedo: positive where what is high
+        is bright. A wave's relief counts as its slope turned a quarter wave back.
+    segment_px
+        Side of the segments. It fixes the radii, so only spectra of equal segments compare.
+    """
+
+    gradient: FloatMap
+    albedo: FloatMap
+    relief: FloatMap
+    co_spectrum: FloatMap
+    segment_px: int
+
+    @property
+    def angles_deg(self) -> npt.NDArray[np.float64]:
+        """(90,) direction of each column, anticlockwise from +x, [0, 180)."""
+        return np.linspace(0.0, 180.0, ANGLES, endpoint=False)
+
+    @property
+    def radii_cpp(self) -> npt.NDArray[np.float64]:
+        """(R,) frequency of each row, cycles per pixel."""
+        return polar_radii_px(self.segment_px) / self.segment_px
+
+    @property
+    def polar(self) -> tuple[FloatMap, FloatMap]:
+        """1D polar spectra of M and A, (90,) each: integrals over radius (thesis section 6.4)."""
+        width = np.gradient(self.radii_cpp).astype(np.float32)[:, None]
+        return (self.gradient * width).sum(axis=0), (self.albedo * width).sum(axis=0)
+
+    @property
+    def radial(self) -> tuple[FloatMap, FloatMap]:
+        """1D radial spectra of M and A, (R,) each: integrals over half a turn."""
+        step = np.float32(np.pi / ANGLES)
+        return self.gradient.sum(axis=1) * step, self.albedo.sum(axis=1) * step
+
+    @property
+    def curl_density(self) -> float:
+        """Mean of M less relief over the plane, in units of M: how large the errors are."""
+        area = np.square(self.radii_cpp)  # of rings whose radii are geometric
+        return float(((self.gradient - self.relief).mean(axis=1) * area).sum() / area.sum())
+
+
+def segment_for(shape: tuple[int, int]) -> int:
+    """Side of the segments for a frame: a power of two, at most half its shorter side.
+
+    Raises
+    ------
+    InputError
+        If the frame is too small to be cut into segments of 32 px that overlap.
+    """
+    shorter = min(shape)
+    if shorter < 2 * MIN_SEGMENT_PX:
+        raise InputError(
+            f"a frame of {shape[1]} x {shape[0]} px is too small for a texture; "
+            f"the shorter side must have at least {2 * MIN_SEGMENT_PX} px"
+        )
+    return min(MAX_SEGMENT_PX, 1 << ((shorter // 2).bit_length() - 1))
+
+
+def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> Spectra:
+    """Spectra of a surface; see `field_spectra`.
+
+    Parameters
+    ----------
+    surface
+        Its valid pixels are used; others count as of mean slope and mean albedo.
+    segment_px
+        Side of the segments, 32 or more; by default `segment_for` the frame.
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a segment, has no valid pixel, or segments are below 32 px.
+    """
+    side = segment_for(surface.shape) if segment_px is None else segment_px
+    if side < MIN_SEGMENT_PX:
+        raise InputError(
+            f"{side} px segments; a texture needs segments of at least {MIN_SEGMENT_PX} px"
+        )
+    check_side(side, surface.shape)
+    return field_spectra(texture_fields(surface), side)
+
+
+def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
+    """Spectra of fields, averaged over overlapping segments; see `segment_powers`.
+
+    Raises
+    ------
+    InputError
+        If the frame is smaller than a segment.
+    """
+    powers = segment_powers(fields, segment_px)
+    columns, rows = _polar_map(segment_px)
+    amplitudes = _amplitudes(powers, _wave_directions(segment_px))
+    # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
+    polar = cv2.remap(amplitudes, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    gradient, albedo, relief, co_spectrum = np.ascontiguousarray(
+        np.moveaxis(polar * np.abs(polar), 2, 0)
+    )
+    return Spectra(gradient, albedo, relief, co_spectrum, segment_px=segment_px)
+
+
+def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
+    """(R, 90) float32 power spectrum of one image divided by its mean, on the same polar grid.
+
+    It carries cos^2(theta - tilt) of the light it was taken under, and so does not turn with the
+    surface: what chapter 6 of the thesis begins with, and chapters 7 to 9 improve on.
+
+    Raises
+    ------
+    InputError
+        If the image is smaller than a segment, or black.
+    """
+    check_side(segment_px, image.shape)
+    mean = float(image.mean())
+    if mean <= 0.0:
+        raise InputError("the image is black; check exposure and lights")
+    values = np.ascontiguousarray(image, np.float32) / np.float32(mean)
+    flat = np.zeros_like(values)
+    return field_spectra(TextureFields(flat, flat, values), segment_px).albedo
+
+
+@lru_cache(maxsize=8)
+def _wave_directions(side: int) -> FloatMap:
+    """(4, side, side // 2 + 1) cos and sin of the direction of each wave vector, and of twice it.
+
+    y up; 0 at zero frequency, which has none.
+    """
+    u = scipy.fft.rfftfreq(side)[None, :]
+    v = -scipy.fft.fftfreq(side)[:, None]
+    radius = np.hypot(u, v)
+    radius[0, 0] = 1.0
+    cos, sin = u / radius, v / radius
+    directions: FloatMap = np.stack([cos, sin, cos * cos - sin * sin, 2.0 * cos * sin]).astype(
+        np.float32
+    )
+    return directions
+
+
+def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
+    """(R,) radii of the polar grid in DFT bins of a segment."""
+    return np.geomspace(_FIRST_BIN, _LAST_NYQUIST * side / 2.0, RADII)
+
+
+@lru_cache(maxsize=8)
+def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
+    """Column and row in a half-plane spectrum, rows shifted to put zero frequency at side // 2."""
+    angles = np.arange(ANGLES) * (np.pi / ANGLES)
+    radii = polar_radii_px(side)[:, None]
+    u = radii * np.cos(angles)
+    v = radii * np.sin(angles)
+    # The half plane stores u >= 0: the other half is the same by point symmetry. Rows hold the
+    # frequency along the row index, which is -v as y points up.
+    flip = np.where(u < 0.0, -1.0, 1.0)
+    return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _amplitudes(powers: Array, directions: Array) -> Array:
+    """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum, zero frequency in the middle.
+
+    Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
+    co-spectrum stays within the root of both powers (Cauchy and Schwarz).
+    """
+    side, _, columns = powers.shape
+    amplitudes = np.empty((side, columns, 4), np.float32)
+    half, zero = np.float32(0.5), np.float32(0.0)
+    for r in range(side):
+        target = amplitudes[(r + side // 2) % side]
+        for c in range(columns):
+            gradient, difference, product = powers[r, 0, c], powers[r, 1, c], powers[r, 2, c]
+            cos, sin, cos_2, sin_2 = directions[:, r, c]
+            # Along its wave vector the slope is cos P + sin Q, and i k z: z lies along -i slope.
+            relief = half * (gradient + cos_2 * difference + sin_2 * product)
+            both = cos * powers[r, 4, c] + sin * powers[r, 5, c]
+            target[c, 0] = np.sqrt(gradient)
+            target[c, 1] = np.sqrt(powers[r, 3, c])
+            target[c, 2] = np.sqrt(max(relief, zero))
+            target[c, 3] = np.copysign(np.sqrt(abs(both)), both)
+    return amplitudes

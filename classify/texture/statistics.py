@@ -1,0 +1,288 @@
+"""What relief and albedo do at a point, summed over a surface: more than spectra can tell.
+
+A spectrum knows how strong each wave is, not how waves meet. Pits and domes, cracks and ridges,
+bricks and gravel may share a spectrum; skewness, kurtosis and the way that fine detail keeps to
+the coarse tell them apart (after Portilla and Simoncelli 2000). All of it is a sum over pixels of
+responses that have no direction, so it does not change when the surface turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from classify.compiling import FAST
+
+from .fields import TextureFields
+from .heading import HEADING_SUMS, add_row, heading_moments
+
+__all__ = ["PARTS", "LocalStatistics", "levels_for", "local_statistics", "statistics_vector"]
+
+PARTS = 4
+"""Quarters of a frame, each measured on its own: how much one surface differs from itself."""
+
+# Before the first derivative: enough that a 3 x 3 stencil is the same in every direction.
+_BLUR_PX = 0.8
+# What is further than two pixels away weighs a thousandth.
+_BLUR_SIZE = (5, 5)
+# The coarsest level has at least this many pixels on a side of a quarter.
+_COARSEST_PX = 16
+# Energies below this share of their mean count as this: their logarithm would be all noise.
+_ENERGY_FLOOR = np.float32(0.01)
+# The same of the energy of relief at that point, as energy of albedo: on a surface of one albedo
+# it is what half shadows, gloss and lights of unequal strength let through.
+_LEAK = np.float32(0.025)
+_BORDER = 2
+_SUMS = 12
+
+Array = npt.NDArray[Any]
+Moments = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalStatistics:
+    """Moments of relief and albedo responses on each level of a pyramid of octaves.
+
+    Row 0 is the whole frame, rows 1 to 4 are its quarters. The relief response is
+    -(dp/dx + dq/dy), positive on what stands out; the albedo response -laplacian, positive on
+    what is bright.
+
+    Attributes
+    ----------
+    moments
+        (5, levels, 8) float64: variance of relief, of albedo, third central moments of both,
+        fourth cumulants of both, covariance of relief and albedo, variance of the curl
+        dq/dx - dp/dy, which a relief does not have: the error of the first.
+    energies
+        (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
+        albedo of each level in turn, finest first.
+    headings
+        (5, levels - 1, 6) complex128 `heading_moments`, of all levels but the finest.
+    """
+
+    moments: Moments
+    energies: Moments
+    headings: npt.NDArray[np.complex128]
+
+    @property
+    def levels(self) -> int:
+        """Octaves."""
+        return len(self.moments[0])
+
+
+def levels_for(segment_px: int) -> int:
+    """Octaves of a library whose segments have this side; frames have twice that or more."""
+    return (segment_px // _COARSEST_PX).bit_length()
+
+
+def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
+    """Measure a frame and its quarters in one pass per level.
+
+    Parameters
+    ----------
+    fields
+        (H, W) slopes and albedo, H and W at least ``16 * 2**levels``.
+    levels
+        Octaves, from the pixel upwards.
+    """
+    planes = [
+        cv2.GaussianBlur(plane, _BLUR_SIZE, _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
+        for plane in (fields.p, fields.q, fields.albedo)
+    ]
+    sums: list[Moments] = []
+    odd_sums: list[Moments] = []
+    energies: list[Array] = []
+    p_mean, q_mean = (np.float32(cv2.mean(plane)[0]) for plane in planes[:2])
+    for level in range(levels):
+        if level:
+            planes = [cv2.pyrDown(plane) for plane in planes]
+        rows, columns = planes[0].shape
+        energy = np.empty((rows, columns, 2), np.float32)
+        row_sums = np.zeros((rows, 2, _SUMS), np.float64)
+        # The finest level is four times the work, and mostly noise where three numbers multiply.
+        odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
+        _respond(planes[0], planes[1], planes[2], p_mean, q_mean, energy, row_sums, odd)
+        sums.append(_of_parts(row_sums))
+        if level:
+            odd_sums.append(_of_parts(odd))
+        energies = [cv2.pyrDown(each) for each in energies] if level else []
+        energies.append(energy)
+    powers = np.stack(sums, axis=1)
+    moments = _central(powers)
+    return LocalStatistics(
+        moments=moments,
+        energies=_energy_covariances(np.concatenate(energies, axis=2)),
+        headings=heading_moments(
+            np.array(odd_sums).reshape(-1, 1 + PARTS, HEADING_SUMS).swapaxes(0, 1),
+            powers[:, 1:, 0],
+            moments[:, 1:, :2],
+        ),
+    )
+
+
+def statistics_vector(
+    measured: LocalStatistics,
+    relief_floors: Moments,
+    albedo_floors: Moments,
+    albedo_leaks: Moments | float = 0.0,
+) -> npt.NDArray[np.float64]:
+    """(5, d) float64: moments as numbers of order one whose differences can be compared.
+
+    Parameters
+    ----------
+    measured
+        Of a frame and its quarters.
+    relief_floors, albedo_floors
+        (levels,) variances that are added to those measured. What is fainter than its own error
+        then differs from other faint things by nothing, not by the logarithm of noise.
+    albedo_leaks
+        (levels,) share of the variance of relief that counts as albedo's: what lights of not quite
+        the strength they are taken for let through.
+    """
+    relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
+        measured.moments, 2, 0
+    )
+    albedo = albedo + albedo_floors + albedo_leaks * relief
+    relief = relief + relief_floors
+    parts = [
+        0.5 * np.log(relief),
+        0.5 * np.log(albedo),
+        np.tanh(0.5 * relief_3 / relief**1.5),
+        np.tanh(0.5 * albedo_3 / albedo**1.5),
+        np.log(np.maximum(4.0 + relief_4 / relief**2, 1.0)),
+        np.log(np.maximum(4.0 + albedo_4 / albedo**2, 1.0)),
+        np.arctanh(np.clip(both / np.sqrt(relief * albedo), -0.99, 0.99)),
+    ]
+    spread = np.sqrt(np.diagonal(measured.energies, axis1=1, axis2=2))
+    upper = np.triu_indices(spread.shape[1], 1)
+    scale = spread[:, upper[0]] * spread[:, upper[1]]
+    together = measured.energies[:, upper[0], upper[1]] / np.maximum(scale, 1e-6)
+    parts += [np.log(spread + 0.05), np.arctanh(np.clip(together, -0.95, 0.95))]
+    return np.concatenate(parts, axis=1)
+
+
+@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+def _respond(
+    p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
+    energy: Array, sums: Array, odd: Array,
+) -> None:  # fmt: skip
+    """Responses of one level: their squares per pixel, sums of their powers per row and side.
+
+    Powers are summed in single precision along a row, in double over the rows.
+    """
+    rows, columns = p.shape
+    middle, last = columns // 2, columns - 1
+    zero = np.float32(0.0)
+    for r in prange(rows):
+        above, below = max(r - 1, 0), min(r + 1, rows - 1)
+        responses = np.empty((3, columns), np.float32)
+        z, a, e = responses[0], responses[1], responses[2]
+        z[0], a[0], e[0] = _responses(p, q, albedo, above, r, below, 0, 0, 1)
+        for c in range(1, last):
+            z[c], a[c], e[c] = _responses(p, q, albedo, above, r, below, c - 1, c, c + 1)
+        z[last], a[last], e[last] = _responses(p, q, albedo, above, r, below, last - 1, last, last)
+        for c in range(columns):
+            energy[r, c, 0] = z[c] * z[c]
+            energy[r, c, 1] = a[c] * a[c]
+        if not _BORDER <= r < rows - _BORDER:
+            continue
+        for side in range(2):
+            begin, end = (middle, columns - _BORDER) if side else (_BORDER, middle)
+            z1, z2, z3, z4 = zero, zero, zero, zero
+            a1, a2, a3, a4 = zero, zero, zero, zero
+            both, e1, e2 = zero, zero, zero
+            for c in range(begin, end):
+                z_square, a_square = z[c] * z[c], a[c] * a[c]
+                z1 += z[c]
+                z2 += z_square
+                z3 += z_square * z[c]
+                z4 += z_square * z_square
+                a1 += a[c]
+                a2 += a_square
+                a3 += a_square * a[c]
+                a4 += a_square * a_square
+                both += z[c] * a[c]
+                e1 += e[c]
+                e2 += e[c] * e[c]
+            powers = (np.float32(end - begin), z1, z2, z3, z4, a1, a2, a3, a4, both, e1, e2)
+            for index in range(_SUMS):
+                sums[r, side, index] = powers[index]
+            if len(odd):
+                add_row(p[r], q[r], z, a, p_mean, q_mean, begin, end, odd[r, side])
+
+
+@njit(fastmath=FAST, cache=True, error_model="numpy")
+def _responses(
+    p: Array, q: Array, albedo: Array,
+    above: int, r: int, below: int, left: int, c: int, right: int,
+) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
+    """Relief, albedo and curl responses at a pixel.
+
+    Derivatives are those of Scharr (2000), the Laplacian the one of nine points: of 3 x 3 pixels
+    the most even in direction.
+    """
+    near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
+    dp_dx = near * (p[r, right] - p[r, left]) + far * (
+        p[above, right] - p[above, left] + p[below, right] - p[below, left]
+    )
+    dq_dx = near * (q[r, right] - q[r, left]) + far * (
+        q[above, right] - q[above, left] + q[below, right] - q[below, left]
+    )
+    dp_dy = near * (p[above, c] - p[below, c]) + far * (
+        p[above, left] - p[below, left] + p[above, right] - p[below, right]
+    )
+    dq_dy = near * (q[above, c] - q[below, c]) + far * (
+        q[above, left] - q[below, left] + q[above, right] - q[below, right]
+    )
+    corners = (
+        albedo[above, left] + albedo[above, right] + albedo[below, left] + albedo[below, right]
+    )
+    sides = albedo[above, c] + albedo[below, c] + albedo[r, left] + albedo[r, right]
+    centre = np.float32(20.0) * albedo[r, c]
+    laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides - centre)
+    return -(dp_dx + dq_dy), -laplacian, dq_dx - dp_dy
+
+
+def _of_parts(row_sums: Array) -> Moments:
+    """(5, d): of the frame and of its quarters, from sums per row and side."""
+    half = len(row_sums) // 2
+    quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])
+    return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])
+
+
+def _central(sums: Moments) -> Moments:
+    """(..., 8) moments about the mean from (..., 12) sums of powers."""
+    means = np.moveaxis(sums[..., 1:] / sums[..., :1], -1, 0)
+    z1, z2, z3, z4, a1, a2, a3, a4, za, e1, e2 = means
+    z_variance, a_variance = z2 - z1**2, a2 - a1**2
+    z_third = z3 - 3 * z1 * z2 + 2 * z1**3
+    a_third = a3 - 3 * a1 * a2 + 2 * a1**3
+    z_fourth = z4 - 4 * z1 * z3 + 6 * z1**2 * z2 - 3 * z1**4 - 3 * z_variance**2
+    a_fourth = a4 - 4 * a1 * a3 + 6 * a1**2 * a2 - 3 * a1**4 - 3 * a_variance**2
+    columns = [
+        z_variance, a_variance, z_third, a_third, z_fourth, a_fourth, za - z1 * a1, e2 - e1**2,
+    ]  # fmt: skip
+    return np.stack(columns, axis=-1)
+
+
+def _energy_covariances(energies: Array) -> Moments:
+    """(5, m, m) covariances of log energy over a coarse (h, w, m) grid and its quarters."""
+    energies[..., 1::2] += _LEAK * energies[..., 0::2]
+    floor = _ENERGY_FLOOR * energies.mean(axis=(0, 1)) + np.float32(1e-12)
+    logs = np.log(energies + floor)[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    rows, columns, _ = logs.shape
+    halves = (slice(None, rows // 2), slice(rows // 2, None))
+    sides = (slice(None, columns // 2), slice(columns // 2, None))
+    parts = [logs, *(logs[half, side] for half in halves for side in sides)]
+    return np.stack([_covariance(part.reshape(-1, logs.shape[2])) for part in parts])
+
+
+def _covariance(samples: Array) -> Moments:
+    centred = samples - samples.mean(axis=0)
+    covariance: Moments = (centred.T @ centred).astype(np.float64) / len(samples)
+    return covariance

@@ -1,0 +1,145 @@
+"""Textons: the texture of a single image as a histogram over a dictionary of filter responses.
+
+After Varma and Zisserman, "A statistical approach to texture classification from single images",
+International Journal of Computer Vision 62, 2005. Each class gives some cluster centres of its
+MR8 responses, all of them are the dictionary, an image is the histogram of its pixels' nearest
+textons, and the nearest training histogram by chi-squared names the class::
+
+    responses = [mr8_responses(image) for image in images_of_one_class]
+    textons   = np.concatenate([learn_textons(r) for r in responses_by_class])
+    histogram = texton_histogram(mr8_responses(image), textons)
+    nearest   = chi_squared(histogram, histograms).argmin()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap
+
+from .filter_bank import RESPONSES
+
+__all__ = ["TEXTONS_PER_CLASS", "chi_squared", "learn_textons", "texton_histogram"]
+
+TEXTONS_PER_CLASS = 10
+
+_SAMPLES = 20_000
+_ITERATIONS = 30
+_SEED = 1
+# Rows of the distance table that stay in the cache while their smallest is looked for.
+_CHUNK = 1024
+
+
+def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS) -> FloatMap:
+    """Cluster centres of the responses of one class: k-means with spread-out first centres.
+
+    The same responses give the same textons: whatever is drawn at random comes from a fixed seed.
+
+    Parameters
+    ----------
+    responses
+        One (8, H, W) of `mr8_responses` for each image of the class; sizes may differ. From each
+        an equal share of at most 20,000 pixels altogether is used.
+    count
+        Number of textons.
+
+    Returns
+    -------
+    (count, 8) float32.
+
+    Raises
+    ------
+    InputError
+        Without images, for another shape, or with fewer different pixels than textons.
+    """
+    if not responses:
+        raise InputError("textons are learned from at least one image of the class; got none")
+    rng = np.random.default_rng(_SEED)
+    share = -(-_SAMPLES // len(responses))
+    samples = []
+    for response in responses:
+        pixels = _pixels(response)
+        if len(pixels) > share:
+            pixels = pixels[rng.choice(len(pixels), share, replace=False)]
+        samples.append(pixels)
+    points = np.concatenate(samples)
+    if len(np.unique(points[:_SAMPLES], axis=0)) < count:
+        raise InputError(f"fewer than {count} different responses; no {count} textons are in them")
+    centres, _ = kmeans2(points, count, iter=_ITERATIONS, minit="++", seed=rng)
+    return np.ascontiguousarray(centres, dtype=np.float32)
+
+
+def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
+    """How the pixels of an image share out over their nearest textons.
+
+    Parameters
+    ----------
+    responses
+        (8, H, W) of `mr8_responses`.
+    textons
+        (T, 8), those of all classes.
+
+    Returns
+    -------
+    (T,) float32, of sum 1.
+
+    Raises
+    ------
+    InputError
+        For another shape.
+    """
+    pixels = _pixels(responses)
+    if textons.ndim != 2 or textons.shape[1] != RESPONSES or len(textons) == 0:
+        raise InputError(f"textons of shape {textons.shape}; give ({RESPONSES},) for each")
+    # |x - t|^2 = |x|^2 - 2 (x . t - |t|^2 / 2), and |x|^2 is the same for all textons.
+    directions = np.ascontiguousarray(textons.T, dtype=np.float32)
+    half_square = 0.5 * np.einsum("kt,kt->t", directions, directions)
+    counts = np.zeros(len(textons), dtype=np.int64)
+    nearness = np.empty((_CHUNK, len(textons)), dtype=np.float32)
+    for start in range(0, len(pixels), _CHUNK):
+        chunk = pixels[start : start + _CHUNK]
+        part = np.matmul(chunk, directions, out=nearness[: len(chunk)])
+        part -= half_square
+        counts += np.bincount(part.argmax(axis=1), minlength=len(textons))
+    return (counts / len(pixels)).astype(np.float32)
+
+
+def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
+    """1/2 sum (a - b)^2 / (a + b) between a histogram and each reference; 0 to 1.
+
+    Parameters
+    ----------
+    histogram
+        (T,), of sum 1.
+    references
+        (R, T), each of sum 1.
+
+    Returns
+    -------
+    (R,) float32. Bins that are empty in both count nothing.
+
+    Raises
+    ------
+    InputError
+        If the histograms are not over the same number of textons.
+    """
+    if histogram.ndim != 1 or references.ndim != 2 or references.shape[1] != len(histogram):
+        raise InputError(
+            f"a histogram of shape {histogram.shape} and references of {references.shape}; "
+            "they must be over the same textons"
+        )
+    total = references + histogram
+    squares = np.square(references - histogram)
+    distances = np.divide(squares, total, out=np.zeros_like(total), where=total > 0)
+    return np.asarray(0.5 * distances.sum(axis=1), dtype=np.float32)
+
+
+def _pixels(responses: FloatMap) -> FloatMap:
+    """(H W, 8), one row per pixel."""
+    if responses.ndim != 3 or responses.shape[0] != RESPONSES or responses.size == 0:
+        raise InputError(f"responses of shape {responses.shape}; give ({RESPONSES}, rows, columns)")
+    return np.ascontiguousarray(responses.reshape(RESPONSES, -1).T, dtype=np.float32)

@@ -1,0 +1,248 @@
+"""The classifier by default: what it recognises, what it refuses, and what it says about angles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import Lighting, TextureLibrary, photometric_stereo
+from classify.classifiers import CLASSIFIERS
+from classify.library.texture_library import observe
+
+JOINT = CLASSIFIERS["joint"]
+KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
+DIRECTED = ("sand", "fine sand", "brushed")
+TURNS_DEG = (23.7, 58.0, 101.3, 142.0)
+
+
+def off_deg(found: float, true: float) -> float:
+    return abs((found - true + 90.0) % 180.0 - 90.0)
+
+
+@pytest.fixture(scope="module")
+def library(stationary) -> TextureLibrary:
+    return TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
+
+
+@pytest.fixture(scope="module")
+def asked(stationary):
+    """(kind, turn in degrees, surface): patches of their own, none at a multiple of 90 degrees."""
+    return [
+        (kind, turn_deg, stationary(kind, turn_deg, seed=2 + seed))
+        for kind in KINDS
+        for seed, turn_deg in enumerate(TURNS_DEG)
+    ]
+
+
+@pytest.fixture(scope="module")
+def signatures(library, asked):
+    return [library.observe(surface) for _, _, surface in asked]
+
+
+def test_other_patches_are_recognised_whichever_way_they_lie(library, asked, signatures) -> None:
+    for (kind, _, _), signature in zip(asked, signatures, strict=True):
+        match = library.match(signature)
+        assert match.label == kind
+        assert match.distance < match.limit
+        assert match.margin > 0.3
+
+
+def test_orientation_is_right_to_a_degree_where_there_is_one(library, asked, signatures) -> None:
+    errors = [
+        off_deg(library.match(signature).orientation_deg, turn_deg)
+        for (kind, turn_deg, _), signature in zip(asked, signatures, strict=True)
+        if kind in DIRECTED
+    ]
+    assert np.median(errors) < 1.0
+    assert max(errors) < 4.0
+
+
+def test_sharpness_tells_where_there_is_an_orientation(library, asked, signatures) -> None:
+    sharpness = {kind: [] for kind in KINDS}
+    for (kind, _, _), signature in zip(asked, signatures, strict=True):
+        sharpness[kind].append(library.match(signature).sharpness)
+    for kind in DIRECTED:
+        assert min(sharpness[kind]) > 0.75
+    for kind in ("malv", "rough", "domes", "pits"):
+        assert max(sharpness[kind]) < 0.6
+        assert np.median(sharpness[kind]) < 0.4
+
+
+@pytest.mark.parametrize("left_out", KINDS)
+def test_a_texture_that_was_not_learned_is_refused(stationary, asked, left_out: str) -> None:
+    known = TextureLibrary.train(
+        (kind, stationary(kind, seed=1)) for kind in KINDS if kind != left_out
+    )
+    for kind, _, surface in asked[:: len(TURNS_DEG)]:
+        match = known.classify(surface)
+        if kind == left_out:
+            assert match.label is None
+            assert match.nearest in KINDS
+            assert match.distance > match.limit
+            assert match.reason.startswith(f"nearest is {match.nearest}, but ")
+        else:
+            assert match.label == kind
+
+
+def test_equal_spectrum_twins_are_told_apart(stationary) -> None:
+    """Pits and domes have one power spectrum: local statistics alone can tell."""
+    library = TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in ("domes", "pits"))
+    spectra = TextureLibrary.train(
+        ((kind, stationary(kind, seed=1)) for kind in ("domes", "pits")), "spectra_2d"
+    )
+    margins = []
+    for kind in ("domes", "pits"):
+        for seed in range(5, 9):
+            surface = stationary(kind, 30.0 * seed, seed=seed)
+            match = library.classify(surface)
+            assert match.label == kind
+            assert match.margin > 0.5
+            margins.append(spectra.classify(surface).margin)
+    assert np.median(margins) < 0.5
+
+
+def test_a_class_that_scatters_more_has_a_limit_further_out(stationary) -> None:
+    """Between its own sets."""
+    alike, unlike = (
+        [stationary("malv", seed=seed) for seed in (1, 2, 3)],
+        [stationary(kind, seed=4) for kind in ("malv", "rough", "brushed")],
+    )
+    library = TextureLibrary.train(
+        [*(("alike", each) for each in alike), *(("unlike", each) for each in unlike)]
+    )
+    assert library.limits["unlike"] > 1.5 * library.limits["alike"]
+    # Every set is within the limit of its class even if it is left out.
+    for row, label in enumerate(library.labels):
+        others = [i for i, other in enumerate(library.labels) if other == label and i != row]
+        found = JOINT.compare(
+            library.signatures[row], library.signatures[others], library.parameters
+        )
+        assert found.distances.min() <= library.limits[label]
+
+
+@pytest.mark.parametrize(("side_px", "further"), [(64, 2.0**0.5), (128, 2.0**0.25), (512, 1.0)])
+def test_limits_of_small_training_sets_lie_further_out(
+    stationary, side_px: int, further: float
+) -> None:
+    """Their quarters do not show how far two patches of a coarse texture lie apart."""
+    seen = [JOINT.training_observation(stationary(kind, seed=1), 64) for kind in KINDS]
+    limits = [
+        float(JOINT.learn([{**each, "pixels": pixels} for each in seen], KINDS)["limit"])
+        for pixels in (np.array(256.0**2), np.array(float(side_px) ** 2))
+    ]
+    assert limits[1] == pytest.approx(further * limits[0])
+
+
+def test_every_class_has_a_limit_and_room_for_its_own_quarters(library) -> None:
+    assert set(library.limits) == set(KINDS)
+    assert all(0.0 < limit < 100.0 for limit in library.limits.values())
+
+
+def test_distances_are_in_units_of_how_quarters_differ(library, signatures) -> None:
+    """Another patch of the same texture, whatever the texture: about 1, not 0.01 or 100."""
+    distances = [library.match(signature).distance for signature in signatures]
+    assert all(0.05 < distance < 4.0 for distance in distances)
+    assert 0.2 < np.median(distances) < 2.0
+
+
+@pytest.mark.parametrize(("side", "rows"), [(64, 128), (96, 96), (200, 64), (256, 256)])
+def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, rows: int) -> None:
+    """A smaller frame knows its texture less well, and is not refused for that."""
+    for kind in ("sand", "brushed", "malv", "domes"):
+        surface = stationary(kind, 61.0, seed=8, side=side, rows=rows)
+        assert library.classify(surface).label == kind
+
+
+def test_a_smaller_frame_is_given_more_room(library, stationary) -> None:
+    """A quarter of the area: twice the distance, which alone would make some unknown."""
+    small = [library.classify(stationary("malv", 20.0 * s, s, side=64)) for s in range(5, 12)]
+    whole = [library.classify(stationary("malv", 20.0 * s, s)) for s in range(5, 12)]
+    assert [match.label for match in small] == ["malv"] * 7
+    median_small, median = (np.median([m.distance for m in each]) for each in (small, whole))
+    assert median_small < 4.0 * median
+
+
+def test_training_keeps_what_a_test_is_judged_by_and_the_quarters(stationary) -> None:
+    surface = stationary("malv", seed=1)
+    tested, trained = JOINT.observe(surface, 64), observe(surface, 64)
+    assert set(trained) == {*tested, "quarters"}
+    for name, values in tested.items():
+        np.testing.assert_array_equal(values, trained[name])
+    assert len(trained["quarters"]) == 4
+    assert sum(np.asarray(values).nbytes for values in trained.values()) < 2**20
+
+
+def test_the_unit_of_what_was_learned_is_the_mean_of_all_quarters(library) -> None:
+    parameters = library.parameters
+    assert all(values.dtype == np.float64 for values in parameters.values())
+    for name in ("density_floor", "relief_floors", "albedo_floors"):
+        assert (np.asarray(parameters[name]) > 0.0).all()
+    whitening = parameters["whitening"]
+    np.testing.assert_array_equal(whitening, np.tril(whitening))
+    assert np.linalg.matrix_rank(whitening) == len(whitening)
+
+
+def test_turning_the_test_changes_its_angle_and_little_else(texture) -> None:
+    """The same plane waves, turned about the middle of the frame."""
+    waves = TextureLibrary.train((k, texture(k, seed=1, side=192)) for k in ("ripple", "grain"))
+    found = [waves.classify(texture("grain", turn, seed=1, side=192)) for turn in (0.0, 31.0, 77.0)]
+    for match in found:
+        assert match.label == "grain"
+        assert match.distance < 0.1 * match.runner_up_distance
+
+
+@pytest.mark.parametrize("kind", ["sand", "malv"])
+def test_noise_that_is_new_does_not_make_a_texture_unknown(library, stationary, kind: str) -> None:
+    """As of an 8-bit camera in place of one of 16 bits."""
+    surface = stationary(kind, 66.0, seed=6)
+    p, q, albedo = (
+        np.random.default_rng(0).normal(0.0, 0.01, (3, *surface.shape)).astype(np.float32)
+    )
+    noisy = replace(surface, p=surface.p + p, q=surface.q + q, albedo=surface.albedo + 0.3 * albedo)
+    assert library.classify(noisy).label == kind
+
+
+def test_a_bound_holds_for_every_reference(library, signatures) -> None:
+    """What a large library is sifted by."""
+    references = JOINT.invariants(library.signatures)
+    for signature in signatures:
+        vector = JOINT.invariants(signature[None])[0]
+        bounds = np.square(references[:, :-1] - vector[:-1]).sum(axis=1)
+        bounds /= vector[-1]
+        distances = JOINT.compare(signature, library.signatures, library.parameters).distances
+        assert (bounds <= distances * (1 + 1e-4) + 1e-3).all()
+        # And says something: the wrong classes are kept out by it.
+        assert np.sort(bounds)[1] > distances.min()
+
+
+@pytest.fixture(scope="module")
+def low_light(stationary, photographed):
+    """Make a surface as solved from lights so low that it shades itself: kind, turn_deg, seed."""
+    lighting = Lighting.ring(72.0)
+
+    def make(kind: str, turn_deg: float = 0.0, seed: int = 1):
+        images = photographed(stationary(kind, turn_deg, seed=seed), 72.0).images
+        return photometric_stereo(images, lighting)
+
+    return make
+
+
+def test_a_surface_in_shadow_gives_references_for_turned_lights(low_light) -> None:
+    """They belong to its set: they count in comparing, and not in how far a class reaches."""
+    rows = [(kind, low_light(kind)) for kind in ("brushed", "rough")]
+    assert all(surface.shadow_mask.mean() > 0.05 for _, surface in rows)
+    library = TextureLibrary.train([(kind, surface, 30.0) for kind, surface in rows])
+    plain = TextureLibrary.train([(k, replace(each, lighting=None), 30.0) for k, each in rows])
+    assert plain.labels == ("brushed", "rough")
+    assert library.classes == ("brushed", "rough")
+    assert len(library.labels) > 2
+    assert set(library.orientations_deg.tolist()) == {30.0}
+    assert library.limits == pytest.approx(plain.limits)
+    for kind in ("brushed", "rough"):
+        for turn_deg in (22.5, 45.0, 67.5):
+            surface = low_light(kind, turn_deg, seed=2)
+            match = library.classify(surface)
+            assert match.nearest == kind
+            assert match.distance <= plain.classify(surface).distance * (1 + 1e-6)
+    surface = low_light("brushed", 45.0, seed=2)
+    assert off_deg(library.classify(surface).orientation_deg, 75.0) < 3.0

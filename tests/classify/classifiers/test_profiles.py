@@ -1,0 +1,150 @@
+"""The 1D classifiers: what polar and radial spectra know, and what they do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from classify import InputError, Lighting
+from classify.classifiers import CLASSIFIERS
+from classify.classifiers.profiles import first_light
+from classify.texture.orientation import roll_angles
+from classify.texture.spectra import ANGLES, RADII
+
+POLAR, POLAR_RADIAL, IMAGE_POLAR = (
+    CLASSIFIERS[name] for name in ("polar", "polar_radial", "image_polar")
+)
+OF_SURFACES = [POLAR, POLAR_RADIAL]
+NAMES = {"ids": lambda each: each.name}
+
+
+def off_deg(found: float, true: float) -> float:
+    return abs((found - true + 90.0) % 180.0 - 90.0)
+
+
+@pytest.fixture(scope="module")
+def observed(texture):
+    """Observations of grain, turned."""
+    return {turn: POLAR.observe(texture("grain", turn, seed=1), 64) for turn in (0.0, 35.0)}
+
+
+def test_signatures_are_the_sums_that_they_are_named_for(observed) -> None:
+    magnitude = np.sqrt(observed[0.0]["per_octave"])
+    polar = POLAR.signature(observed[0.0], {})
+    np.testing.assert_allclose(polar, magnitude[0].sum(axis=0), rtol=1e-6)
+    both = POLAR_RADIAL.signature(observed[0.0], {})
+    assert both.shape == (2, ANGLES + RADII)
+    np.testing.assert_allclose(both[:, :ANGLES], magnitude.sum(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(both[:, ANGLES:], magnitude.sum(axis=2), rtol=1e-6)
+    for signature in (polar, both):
+        assert signature.dtype == np.float32
+
+
+@pytest.mark.parametrize("classifier", OF_SURFACES, **NAMES)
+def test_a_turned_surface_is_found_at_its_angle(observed, classifier) -> None:
+    still, turned = (classifier.signature(observed[turn], {}) for turn in (0.0, 35.0))
+    found = classifier.compare(turned, np.stack([still, turned]), {})
+    assert off_deg(found.turns_deg[0], 35.0) < 1.0
+    assert off_deg(found.turns_deg[1], 0.0) < 0.1
+    # Between steps of the grid the turn is refined; the error of `polar` is that at the step.
+    assert found.distances[0] < 0.02
+    assert found.distances[1] == pytest.approx(0.0, abs=1e-9)
+    assert found.sharpness is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 89), st.integers(0, 2**32 - 1))
+def test_polar_spectra_compare_as_by_brute_force(steps: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    test = rng.random(ANGLES).astype(np.float32)
+    references = np.stack([np.roll(test, -steps), rng.random(ANGLES)]).astype(np.float32)
+    found = POLAR.compare(test, references, {})
+    for reference, distance in zip(references.astype(float), found.distances, strict=True):
+        errors = [np.square(np.roll(test, -turn) - reference).sum() for turn in range(ANGLES)]
+        energy = np.square(test, dtype=float).sum() + np.square(reference).sum()
+        assert distance == pytest.approx(min(errors) / energy, abs=1e-9)
+    assert off_deg(found.turns_deg[0], 2.0 * steps) < 2.0
+
+
+def test_radial_spectra_tell_what_polar_ones_cannot(observed) -> None:
+    """The same sums over radius, from other frequencies."""
+    power = observed[0.0]["per_octave"]
+    other = {"per_octave": power[:, np.random.default_rng(0).permutation(RADII)]}
+    apart = {}
+    for classifier in OF_SURFACES:
+        one, two = (classifier.signature(each, {}) for each in (observed[0.0], other))
+        apart[classifier.name] = classifier.compare(one, two[None], {}).distances[0]
+    assert apart["polar"] == pytest.approx(0.0, abs=1e-9)
+    assert apart["polar_radial"] > 0.05
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_distances_lie_between_nothing_and_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for classifier, shape in ((POLAR, (ANGLES,)), (POLAR_RADIAL, (2, ANGLES + RADII))):
+        test, *others = rng.random((4, *shape)).astype(np.float32) ** 3
+        found = classifier.compare(test, np.stack([*others, 0 * test]), {})
+        assert ((found.distances >= 0) & (found.distances <= 1 + 1e-6)).all()
+        assert ((found.turns_deg >= 0) & (found.turns_deg <= 180)).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("classifier", OF_SURFACES, **NAMES)
+def test_a_smooth_surface_is_like_itself_and_unlike_a_texture(observed, classifier) -> None:
+    textured = classifier.signature(observed[0.0], {})
+    nothing = np.zeros_like(textured)
+    found = classifier.compare(nothing, np.stack([nothing, textured]), {})
+    assert found.distances[0] == 0.0
+    assert found.distances[1] == pytest.approx(1.0)
+
+
+def test_a_channel_that_is_empty_in_both_makes_no_distance(observed) -> None:
+    """Most parts are of one colour."""
+    signature = POLAR_RADIAL.signature(observed[0.0], {}).copy()
+    signature[1] = 0.0
+    assert POLAR_RADIAL.compare(signature, signature[None], {}).distances[0] == (
+        pytest.approx(0.0, abs=1e-9)
+    )
+
+
+def test_the_light_looked_by_is_that_nearest_to_tilt_0(photographed, stationary) -> None:
+    surface = photographed(stationary("malv", side=64))
+    assert first_light(surface) == 0
+    assert first_light(replace(surface, lighting=Lighting.ring(45.0, (90, 180, 270, 350)))) == 3
+    assert first_light(replace(surface, lighting=Lighting.ring(45.0, (90, 180, 270)))) in (0, 2)
+    assert first_light(replace(surface, lighting=None)) == 0
+
+
+def test_a_surface_without_its_images_is_refused(texture) -> None:
+    with pytest.raises(InputError, match="comes without its images"):
+        IMAGE_POLAR.observe(texture("grain"), 64)
+
+
+def test_an_image_is_compared_at_any_exposure(photographed, stationary) -> None:
+    surface = photographed(stationary("sand", 20.0, seed=1))
+    bright = IMAGE_POLAR.signature(IMAGE_POLAR.observe(surface, 64), {})
+    dark = IMAGE_POLAR.observe(replace(surface, images=surface.images // 2), 64)
+    np.testing.assert_allclose(IMAGE_POLAR.signature(dark, {}), bright, rtol=2e-3)
+
+
+def test_a_black_image_is_refused(photographed, stationary) -> None:
+    surface = photographed(stationary("sand", seed=1))
+    with pytest.raises(InputError, match="the image is black"):
+        IMAGE_POLAR.observe(replace(surface, images=0 * surface.images), 64)
+
+
+def test_an_image_does_not_turn_with_its_surface_but_slopes_do(photographed, stationary) -> None:
+    """Why photometric stereo is needed: ripples along the light are next to invisible."""
+    shares = []
+    for classifier in (IMAGE_POLAR, POLAR):
+        still, turned = (
+            classifier.signature(
+                classifier.observe(photographed(stationary("malv", turn, seed=1)), 64), {}
+            )
+            for turn in (0.0, 90.0)
+        )
+        back = roll_angles(turned, np.array([45.0]))[0]
+        shares.append(np.square(back - still).sum() / np.square(still).sum())
+    assert shares[0] > 5.0 * shares[1]

@@ -1,0 +1,71 @@
+"""Varma and Zisserman behind the interface of all classifiers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import InputError, TextureLibrary
+from classify.classifiers import CLASSIFIERS
+from classify.texture.textons import TEXTONS_PER_CLASS
+
+TEXTONS = CLASSIFIERS["varma_zisserman"]
+KINDS = ("malv", "domes")
+
+
+@pytest.fixture(scope="module")
+def surfaces(stationary, photographed):
+    return {kind: photographed(stationary(kind, seed=1, side=96)) for kind in KINDS}
+
+
+@pytest.fixture(scope="module")
+def library(surfaces) -> TextureLibrary:
+    return TextureLibrary.train(surfaces.items(), "varma_zisserman")
+
+
+def test_every_image_of_a_training_set_is_a_reference(library) -> None:
+    assert library.labels == ("malv",) * 4 + ("domes",) * 4
+    assert library.classes == KINDS
+    assert library.signatures.shape == (8, 2 * TEXTONS_PER_CLASS)
+    np.testing.assert_allclose(library.signatures.sum(axis=1), 1.0, rtol=1e-5)
+    assert library.parameters["textons"].shape == (2 * TEXTONS_PER_CLASS, 8)
+    assert library.limits == {}
+
+
+def test_a_test_is_one_image_and_has_no_angle(library, surfaces) -> None:
+    assert library.observe(surfaces["malv"]).shape == library.signatures.shape[1:]
+    match = library.classify(surfaces["malv"])
+    assert (match.label, match.runner_up) == KINDS
+    assert match.distance == 0.0  # the image was a training image
+    assert match.orientation_deg is None
+    assert match.sharpness is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_patch_is_recognised(library, stationary, photographed, kind: str) -> None:
+    for seed, turn_deg in ((5, 0.0), (6, 40.0)):
+        asked = photographed(stationary(kind, turn_deg, seed=seed, side=96))
+        assert library.classify(asked).label == kind
+
+
+def test_several_sets_of_a_class_make_one_dictionary(surfaces, stationary, photographed) -> None:
+    more = [("malv", surfaces["malv"]), ("malv", photographed(stationary("malv", seed=9, side=96)))]
+    library = TextureLibrary.train(more, "varma_zisserman")
+    assert library.labels == ("malv",) * 8
+    assert library.parameters["textons"].shape == (TEXTONS_PER_CLASS, 8)
+    assert library.orientations_deg.tolist() == [0.0] * 8
+
+
+def test_a_surface_without_its_images_is_refused(library, surfaces) -> None:
+    bare = replace(surfaces["malv"], images=None)
+    with pytest.raises(InputError, match="comes without its images"):
+        library.classify(bare)
+    with pytest.raises(InputError, match="comes without its images"):
+        TextureLibrary.train([("malv", bare)], "varma_zisserman")
+
+
+def test_constant_images_are_refused_in_one_line(surfaces) -> None:
+    grey = replace(surfaces["malv"], images=np.full_like(surfaces["malv"].images, 900))
+    with pytest.raises(InputError) as caught:
+        TextureLibrary.train([("grey", grey)], "varma_zisserman")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,267 @@
+"""The sieve finds what comparing everything finds, with a fraction of the comparisons."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from classify import Match, TextureLibrary
+from classify.classifiers import CLASSIFIERS, Comparison
+from classify.library import candidates, texture_library
+from classify.library.candidates import Sieve
+from classify.library.match import match_of
+from classify.texture.angular_harmonics import HARMONICS
+from classify.texture.spectra import RADII
+
+SEEDS = st.integers(0, 2**32 - 1)
+KEPT, LOST = 12, 6  # numbers that the sieve sees, and that only the comparison sees
+
+
+@dataclass
+class Points:
+    """References that are points; distances are squared and Euclidean, over a divisor."""
+
+    points: npt.NDArray[np.float32]
+    labels: list[str]
+    divisor: float = 1.0
+    compared: int = field(default=0)
+
+    @property
+    def sieve(self) -> Sieve:
+        # The last number of a reference does not count.
+        last = np.arange(len(self.points), dtype=np.float32)[:, None]
+        return Sieve(np.concatenate([self.points[:, :KEPT], last], axis=1), self.labels)
+
+    def distances(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+        squares = np.square(self.points.astype(np.float64) - test).sum(axis=1)
+        return squares / self.divisor
+
+    def invariants(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.append(test[:KEPT], np.float32(self.divisor))
+
+    def match(self, test: npt.NDArray[np.float32]) -> Match:
+        """Through the sieve."""
+        everything = self.distances(test)
+
+        def compare(indices: npt.NDArray[np.intp]) -> Comparison:
+            self.compared += len(indices)
+            return Comparison(everything[indices], indices % 180.0, indices / 1e6)
+
+        chosen, found = self.sieve.nearest(self.invariants(test), compare)
+        assert (np.diff(chosen) > 0).all()
+        np.testing.assert_array_equal(found.distances, everything[chosen])
+        np.testing.assert_array_equal(found.turns_deg, chosen % 180.0)
+        np.testing.assert_array_equal(found.sharpness, chosen / 1e6)
+        return match_of(found, [self.labels[i] for i in chosen], np.zeros(len(chosen)), {})
+
+    def exhaustive(self, test: npt.NDArray[np.float32]) -> Match:
+        index = np.arange(len(self.labels))
+        found = Comparison(self.distances(test), index % 180.0, index / 1e6)
+        return match_of(found, self.labels, np.zeros(len(index)), {})
+
+
+def clustered(seed: int, count: int, classes: int, spread: float, level: float) -> Points:
+    """Points about one centre for each class; far from the origin where `level` is high.
+
+    The sieve sees most of what sets the centres apart.
+    """
+    rng = np.random.default_rng(seed)
+    centres = rng.standard_normal((classes, KEPT + LOST)) + level
+    centres[:, KEPT:] *= 0.1
+    members = rng.integers(0, classes, count)
+    points = centres[members] + spread * rng.standard_normal((count, KEPT + LOST))
+    return Points(points.astype(np.float32), [f"class {member}" for member in members])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    SEEDS,
+    st.integers(65, 3000),
+    st.integers(1, 40),
+    st.sampled_from([1e-4, 1e-2, 0.3, 1.0, 5.0]),
+    st.sampled_from([0.0, 3.0, 100.0]),
+    st.booleans(),
+    st.sampled_from([1.0, 0.5, 3.0]),
+)
+def test_nearest_and_runner_up_are_those_of_comparing_everything(
+    seed: int,
+    count: int,
+    classes: int,
+    spread: float,
+    level: float,
+    known: bool,
+    divisor: float,
+) -> None:
+    """Clusters from a ten thousandth of their distance wide to all over each other."""
+    library = clustered(seed, count, classes, spread, level)
+    library.divisor = divisor
+    rng = np.random.default_rng(seed ^ 1)
+    test = library.points[rng.integers(count)] + spread * known * rng.standard_normal(KEPT + LOST)
+    test = test.astype(np.float32)
+    assert library.match(test) == library.exhaustive(test)
+
+
+def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
+    """More than are ever compared have lower bounds than any of another class."""
+    library = clustered(0, 12_000, 2, 0.05, 0.0)
+    assert 2 * candidates._MOST < 12_000
+    test = library.points[0]
+    found = library.match(test)
+    assert found == library.exhaustive(test)
+    assert found.runner_up is not None
+    assert library.compared < 500
+
+
+def test_few_are_compared_where_classes_lie_apart() -> None:
+    library = clustered(1, 5000, 200, 0.1, 0.0)
+    for test in library.points[:20]:
+        assert library.match(test) == library.exhaustive(test)
+    assert library.compared < 20 * 250
+
+
+def test_of_equal_classes_neither_is_named() -> None:
+    library = clustered(2, 2000, 30, 0.2, 0.0)
+    library.points[1000:] = library.points[:1000]
+    library.labels[1000:] = [f"twin of {label}" for label in library.labels[:1000]]
+    for index in (0, 500, 1500):
+        found = library.match(library.points[index])
+        assert found.label is None
+        assert found == library.exhaustive(library.points[index])
+
+
+def test_a_single_class_has_its_nearest_found() -> None:
+    library = clustered(3, 3000, 1, 1.0, 0.0)
+    test = library.points[7] + np.float32(0.01)
+    found = library.match(test)
+    assert found == library.exhaustive(test)
+    assert found.runner_up is None
+    assert library.compared < 1000
+
+
+def test_where_bounds_say_nothing_the_time_stays_bounded() -> None:
+    library = clustered(4, 9000, 3, 1.0, 0.0)
+    library.points[:, :KEPT] = 0.0
+    test = library.points[11]
+    library.match(test)
+    assert library.compared <= candidates._MOST + 2 * candidates._FIRST
+
+
+@pytest.mark.parametrize("count", [1, 2, 64, 65])
+def test_a_library_of_any_size_is_sifted(count: int) -> None:
+    library = clustered(5, count, 2, 1.0, 0.0)
+    assert library.match(library.points[0]) == library.exhaustive(library.points[0])
+
+
+def test_a_classifier_without_angles_is_sifted_as_well() -> None:
+    library = clustered(6, 3000, 10, 1.0, 0.0)
+    library.points[:, :KEPT] *= 0.1
+    test = library.points[5] + np.float32(0.1)
+    distances = library.distances(test)
+    chosen, found = library.sieve.nearest(
+        library.invariants(test), lambda indices: Comparison(distances[indices])
+    )
+    assert len(chosen) > 4 * candidates._FIRST  # there was a second round
+    assert found.turns_deg is None
+    assert found.sharpness is None
+    assert found.distances.min() == distances.min()
+
+
+def test_a_reference_with_a_bound_that_is_no_number_is_compared() -> None:
+    """Of a mapped library, of which nobody has read all numbers."""
+    library = clustered(7, 3000, 10, 0.1, 0.0)
+    test = library.points[2000]
+    expected = library.exhaustive(test)
+    broken = library.sieve.invariants.copy()
+    broken[2000, 3] = np.nan
+    distances = library.distances(test)
+    chosen, found = Sieve(broken, library.labels).nearest(
+        library.invariants(test), lambda indices: Comparison(distances[indices])
+    )
+    assert 2000 in chosen.tolist()
+    assert found.distances.min() == expected.distance
+
+
+JOINT = CLASSIFIERS["joint"]
+MAPS = 3 * RADII
+
+
+def joint_signatures(
+    seed: int, count: int, classes: int, spread: float, like: TextureLibrary
+) -> tuple[npt.NDArray[np.float32], list[str]]:
+    """Signatures that scatter about those of a real library."""
+    rng = np.random.default_rng(seed)
+    width = like.signatures.shape[1]
+    scale = like.signatures[:, :-1].std()
+    centres = like.signatures[rng.integers(0, len(like.labels), classes), :-1]
+    centres = centres + 0.2 * scale * rng.standard_normal((classes, width - 1))
+    # Classes differ in how strong their frequencies are, in any direction.
+    levels = np.s_[:, : 2 * HARMONICS * MAPS : 2 * HARMONICS]
+    centres[levels] += 3.0 * scale * rng.standard_normal((classes, MAPS))
+    members = np.arange(count) % classes
+    signatures = np.empty((count, width), np.float32)
+    signatures[:, :-1] = centres[members]
+    signatures[:, :-1] += 0.2 * spread * scale * rng.standard_normal((count, width - 1))
+    signatures[:, -1] = rng.uniform(0.4, 2.0, classes)[members]
+    return signatures, [f"class {member}" for member in members]
+
+
+@pytest.fixture(scope="module")
+def trained(stationary) -> TextureLibrary:
+    return TextureLibrary.train((k, stationary(k, seed=1)) for k in ("sand", "malv", "domes"))
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, st.sampled_from([0.0, 1e-3, 0.1, 1.0]))
+def test_no_joint_distance_is_below_its_bound(trained, seed: int, spread: float) -> None:
+    signatures, labels = joint_signatures(seed, 60, 12, spread, trained)
+    test = signatures[0] + np.float32(spread) * signatures[1]
+    sieve = Sieve(JOINT.invariants(signatures), labels)
+    bounds = sieve.bounds(JOINT.invariants(test[None])[0])
+    distances = JOINT.compare(test, signatures, trained.parameters).distances
+    energy = np.square(signatures[:, :-1]).sum(axis=1) / signatures[:, -1]
+    assert (distances >= bounds - 2e-6 * energy).all()
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.2, 1.0])
+def test_a_large_library_answers_as_if_all_were_compared(
+    trained, monkeypatch: pytest.MonkeyPatch, spread: float
+) -> None:
+    signatures, labels = joint_signatures(11, 600, 60, spread, trained)
+    turns_deg = np.arange(600.0) % 180.0
+    monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", 100)
+    sifted = TextureLibrary("joint", tuple(labels), turns_deg, signatures, trained.parameters, 64)
+    rng = np.random.default_rng(12)
+    for index in rng.integers(0, 600, 6):
+        asked = signatures[index] + 0.1 * spread * rng.standard_normal(signatures.shape[1]).astype(
+            np.float32
+        )
+        everything = JOINT.compare(asked, signatures, trained.parameters)
+        expected = match_of(everything, labels, turns_deg, {})
+        answer = sifted.match(asked)
+        assert (answer.nearest, answer.runner_up) == (expected.nearest, expected.runner_up)
+        assert answer.distance == pytest.approx(expected.distance, rel=1e-6, abs=1e-9)
+        assert answer.runner_up_distance == pytest.approx(expected.runner_up_distance, rel=1e-6)
+        assert answer.orientation_deg == pytest.approx(expected.orientation_deg, abs=1e-3)
+    assert sifted._sieve is not None
+    if spread < 1.0:
+        assert len(sifted._compared(asked)[0]) < 300
+
+
+def test_a_library_of_a_class_and_its_copy_names_neither(
+    stationary, trained, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equal references at equal distances, wherever in the library they stand."""
+    signatures, _ = joint_signatures(13, 150, 150, 1.0, trained)
+    signatures[[3, 140]] = trained.signatures[0]
+    labels = tuple(f"class {index}" for index in range(150))
+    asked = trained.observe(stationary("sand", 33.0, seed=2))
+    for at_once in (1000, 100):
+        monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", at_once)
+        found = TextureLibrary(
+            "joint", labels, np.zeros(150), signatures, trained.parameters, 64
+        ).match(asked)
+        assert found.label is None
+        assert (found.nearest, found.runner_up) == ("class 3", "class 140")

@@ -1,0 +1,633 @@
+"""The ``.ps4lib`` file: what is written comes back, what is damaged is named."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from classify import InputError, LibraryError, Lighting, TextureLibrary
+from classify.library import ps4lib, texture_library
+from classify.library.ps4lib import VERSION
+
+ARRAYS = ("classes.npy", "orientations_deg.npy", "signatures.npy")
+# So that of the small libraries here the signatures are mapped, and nothing else.
+SMALL_BYTES = 12_000
+
+
+@pytest.fixture(scope="module")
+def library(stationary, photographed) -> TextureLibrary:
+    rows = (("grün", "sand", 12.5), ("fine", "fine sand", None), ("grün", "sand", 12.5))
+    return TextureLibrary.train(
+        (label, photographed(stationary(kind, seed=seed, side=64)), orientation_deg)
+        for seed, (label, kind, orientation_deg) in enumerate(rows)
+    )
+
+
+@pytest.fixture
+def mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small libraries are opened like large ones."""
+    monkeypatch.setattr(ps4lib, "_MAPPED_FROM_BYTES", SMALL_BYTES)
+
+
+def assert_equal(ours: TextureLibrary, theirs: TextureLibrary) -> None:
+    assert ours.labels == theirs.labels
+    for field in ("classifier", "segment_px", "limits", "simulated", "sources", "classes"):
+        assert getattr(ours, field) == getattr(theirs, field)
+    assert (ours.lighting is None) == (theirs.lighting is None)
+    np.testing.assert_array_equal(ours.orientations_deg, theirs.orientations_deg, strict=True)
+    np.testing.assert_array_equal(ours.signatures, np.asarray(theirs.signatures), strict=True)
+    assert list(ours.parameters) == list(theirs.parameters)
+    for name, values in ours.parameters.items():
+        np.testing.assert_array_equal(values, np.asarray(theirs.parameters[name]), strict=True)
+
+
+@pytest.fixture
+def saved(library, tmp_path: Path) -> Path:
+    path = tmp_path / "textures.ps4lib"
+    library.save(path)
+    return path
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write_members(path: Path, content: dict[str, bytes], compression: int = zipfile.ZIP_STORED):
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+
+
+def npy(array: np.ndarray, **options: Any) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array, **options)
+    return stream.getvalue()
+
+
+def edited(path: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
+    """The same library with its header changed by `edit`."""
+    content = members(path)
+    header = json.loads(content["library.json"])
+    edit(header)
+    content["library.json"] = json.dumps(header).encode()
+    write_members(path, content)
+    return path
+
+
+def test_a_saved_library_comes_back_bit_for_bit(library, saved: Path, stationary) -> None:
+    loaded = TextureLibrary.load(saved)
+    assert_equal(library, loaded)
+    assert loaded.labels == ("grün", "fine", "grün")
+    assert loaded.lighting.within(1e-6, Lighting.ring(45.0))
+    assert not isinstance(loaded.signatures, np.memmap)
+    surface = stationary("sand", 60.0, seed=3)
+    assert loaded.classify(surface) == library.classify(surface)
+
+
+def test_all_that_a_library_says_of_itself_comes_back(library, tmp_path: Path) -> None:
+    path = tmp_path / "x.ps4lib"
+    sources = (("one.ome.tif", "ab" * 32), ("zwei drei.ome.tif", ""))
+    for lighting in (None, Lighting.ring(50.0, (0, 120, 240))):
+        noted = replace(library, simulated=True, sources=sources, lighting=lighting)
+        noted.save(path)
+        loaded = TextureLibrary.load(path)
+        assert_equal(noted, loaded)
+        if lighting is not None:
+            np.testing.assert_allclose(loaded.lighting.directions, lighting.directions)
+
+
+def test_the_file_is_plain_json_and_numpy(saved: Path, library) -> None:
+    content = members(saved)
+    parameters = {f"parameters/{name}.npy" for name in library.parameters}
+    assert set(content) == {"library.json", *ARRAYS, *parameters}
+    header = json.loads(content["library.json"])
+    assert header["format"] == "ps4lib"
+    assert header["version"] == VERSION == 3
+    assert header["classes"] == ["grün", "fine"]
+    array = np.load(io.BytesIO(content["signatures.npy"]), allow_pickle=False)
+    np.testing.assert_array_equal(array, library.signatures)
+    indices = np.load(io.BytesIO(content["classes.npy"]), allow_pickle=False)
+    assert indices.tolist() == [0, 1, 0]
+    with zipfile.ZipFile(saved) as archive:
+        assert {info.compress_type for info in archive.infolist()} == {zipfile.ZIP_STORED}
+
+
+def test_a_compressed_copy_is_read_as_well(saved: Path, library) -> None:
+    write_members(saved, members(saved), zipfile.ZIP_DEFLATED)
+    assert TextureLibrary.load(saved).labels == library.labels
+
+
+@pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_any_other_packing_is_refused(saved: Path, compression: int) -> None:
+    write_members(saved, members(saved), compression)
+    with pytest.raises(LibraryError, match="packed in an unknown way"):
+        TextureLibrary.load(saved)
+
+
+def test_saving_again_replaces_the_file(saved: Path, library) -> None:
+    less = replace(
+        library,
+        labels=library.labels[:1],
+        orientations_deg=library.orientations_deg[:1],
+        signatures=library.signatures[:1],
+    )
+    less.save(str(saved))
+    assert TextureLibrary.load(str(saved)).labels == ("grün",)
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.parametrize(
+    ("edit", "cause"),
+    [
+        (lambda h: h.update(version=VERSION + 1), "version 4, this program reads 3; use a newer"),
+        (lambda h: h.update(version=1), "version 1, this program reads 3; train it again"),
+        (lambda h: h.update(version=0), "version 0, this program reads 3; train it again"),
+        (lambda h: h.update(version=10**30), "this program reads 3; use a newer"),
+        (lambda h: h.update(version="3"), "header field version"),
+        (lambda h: h.update(version=2.5), "header field version"),
+        (lambda h: h.update(version=None), "header field version"),
+        (lambda h: h.pop("version"), "version"),
+        (lambda h: h.update(format="zip"), "header field format"),
+        (lambda h: h.update(more=1), "header field more"),
+        (lambda h: h.update(segment_px=31), "header field segment_px"),
+        (lambda h: h.update(segment_px=10**9), "header field segment_px"),
+        (lambda h: h.pop("classes"), "header field classes"),
+        (lambda h: h.update(classes=[]), "header field classes"),
+        (lambda h: h.update(classes=["one"]), "a class has no name"),
+        (lambda h: h.update(classes=["", "b"]), r"header field classes\.0"),
+        (lambda h: h.update(classes="ab"), "header field classes"),
+        (lambda h: h.update(classifier="fortune"), "classifier 'fortune' that this program does"),
+        (lambda h: h.pop("classifier"), "header field classifier"),
+        (lambda h: h["limits"].update(fine=float("nan")), r"header field limits\.fine"),
+        (lambda h: h["limits"].update(fine="far"), r"header field limits\.fine"),
+        (lambda h: h.update(light_directions=[[0, 0, float("inf")]]), "light_directions"),
+        (lambda h: h.update(light_directions=[[0, 1]]), r"header field light_directions\.0"),
+        (lambda h: h.update(light_directions=[[0, 0, 0]]), "light direction is zero"),
+        (lambda h: h.update(light_directions=[[0, 0, -1]]), "at or below the horizon"),
+        (lambda h: h.update(light_directions=[]), "one \\(x, y, z\\) row per light"),
+        (lambda h: h.update(sources=[["a"]]), r"header field sources\.0"),
+    ],
+)
+def test_a_header_that_does_not_hold_is_named(
+    saved: Path, edit: Callable[[dict[str, Any]], None], cause: str
+) -> None:
+    with pytest.raises(LibraryError, match=cause) as caught:
+        TextureLibrary.load(edited(saved, edit))
+    assert str(saved) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [b"", b"{", b"\xff\xfe", b"[]", b"3", b"null", b'"text"', b"[" * 200_000, b'{"version": [1]}'],
+)
+def test_a_header_that_is_not_json_of_the_right_kind_is_refused(saved: Path, header: bytes) -> None:
+    write_members(saved, members(saved) | {"library.json": header})
+    with pytest.raises(LibraryError, match=str(saved)):
+        TextureLibrary.load(saved)
+
+
+def test_a_library_of_the_first_version_is_refused_and_says_what_to_do(tmp_path: Path) -> None:
+    """One array and another header."""
+    path = tmp_path / "old.ps4lib"
+    header = {"format": "ps4lib", "version": 1, "segment_px": 64, "references": [{"label": "a"}]}
+    array = npy(np.ones((1, 2, 28, 90), np.float32))
+    write_members(path, {"library.json": json.dumps(header).encode(), "signatures.npy": array})
+    with pytest.raises(LibraryError) as caught:
+        TextureLibrary.load(path)
+    assert str(caught.value) == (f"{path}: library version 1, this program reads 3; train it again")
+
+
+def claimed(shape: str, descr: str = "'<f4'", content: bytes = bytes(16)) -> bytes:
+    """An npy file of 16 bytes whose header claims any shape."""
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + content
+
+
+UNREADABLE = "not a readable library"
+
+
+@pytest.mark.parametrize(
+    ("array", "cause"),
+    [
+        (npy(np.ones((2, 5), np.float32)), r"3 references, and arrays of \(3,\), \(2, 5\)"),
+        (npy(np.ones((4, 5), np.float32)), "3 references"),
+        (npy(np.float32(1)), "3 references"),
+        (npy(np.ones((0, 5), np.float32)), "3 references"),
+        (npy(np.ones((5, 3), np.float32).T), "signatures.npy is"),
+        (npy(np.ones((3, 5))), "float64"),
+        (npy(np.ones((3, 5), np.int32)), "int32"),
+        (npy(np.ones((3, 5), ">f4")), ">f4"),
+        (npy(np.full((3, 5), np.nan, np.float32)), "NaN"),
+        (npy(np.full((3, 5), np.inf, np.float32)), "NaN"),
+        (npy(np.ones((3, 5), np.float32))[:-1], "in 59 bytes"),
+        (npy(np.ones((3, 5), np.float32)) + b"x" * 100_000, "in 100060 bytes"),
+        (npy(np.full((3, 5), None), allow_pickle=True), "object"),
+        (claimed("(10**9,)"), UNREADABLE),
+        (claimed("(1000000000000,)"), "in 16 bytes"),
+        (claimed("(4611686018427387904, 4)"), "in 16 bytes"),
+        (claimed("(4611686018427387905, 4)"), "in 16 bytes"),
+        (claimed("(-1,)"), "in 16 bytes"),
+        (claimed("(-1, -4)"), UNREADABLE),
+        (claimed("(3, 5)"), "in 16 bytes"),
+        (claimed("(1,", "'<f4'"), UNREADABLE),
+        (claimed("(), b'': 1, 'x': 2"), UNREADABLE),
+        (claimed("-" * 8000 + "1"), UNREADABLE),
+        (claimed("(2, 02)"), UNREADABLE),
+        (claimed("(2, 2, 0090L, 90)"), UNREADABLE),
+        (claimed("(\\x00,)"), UNREADABLE),
+        (claimed("()" + 20_000 * " "), UNREADABLE),
+        (claimed("()", "'O'"), "signatures.npy is"),
+        (claimed("()", "[('a', '<f4')]"), "signatures.npy is"),
+        (b"", UNREADABLE),
+        (b"PK\x03\x04 not numpy", UNREADABLE),
+        (b"cos\nsystem\n(S'true'\ntR.", UNREADABLE),
+    ],
+)
+def test_an_array_that_does_not_hold_is_refused(
+    saved: Path, monkeypatch: pytest.MonkeyPatch, array: bytes, cause: str
+) -> None:
+    """Read or mapped; but the numbers of a mapped array are looked at when it is asked."""
+    write_members(saved, members(saved) | {"signatures.npy": array})
+    for mapped_from in (SMALL_BYTES,) if cause == "NaN" else (SMALL_BYTES, 1):
+        monkeypatch.setattr(ps4lib, "_MAPPED_FROM_BYTES", mapped_from)
+        with pytest.raises(LibraryError, match=cause) as caught:
+            TextureLibrary.load(saved)
+        assert str(saved) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "cause"),
+    [
+        ("classes.npy", np.array([0, 1, 2], "<i4"), "a class has no name"),
+        ("classes.npy", np.array([0, -1, 0], "<i4"), "a class has no name"),
+        ("classes.npy", np.array([0, 1], "<i4"), "2 references"),
+        ("classes.npy", np.array([[0], [1], [0]], "<i4"), "3 references"),
+        ("classes.npy", np.array(0, "<i4"), "1 references"),
+        ("classes.npy", np.empty(0, "<i4"), "0 references"),
+        ("classes.npy", np.array([0, 1, 0], "<i8"), "int64"),
+        ("classes.npy", np.array([0, 1, 0], "<f4"), "float32"),
+        ("orientations_deg.npy", np.array([0, np.nan, 0]), "NaN"),
+        ("orientations_deg.npy", np.zeros(4), "3 references"),
+        ("orientations_deg.npy", np.zeros((3, 1)), "3 references"),
+        ("orientations_deg.npy", np.float64(0), "3 references"),
+        ("orientations_deg.npy", np.zeros(3, np.float32), "float32"),
+        ("parameters/whitening.npy", np.full((2, 2), np.nan), "NaN"),
+        ("parameters/whitening.npy", np.ones((2, 2), np.float32), "float32"),
+        ("invariants.npy", np.ones((2, 5), np.float32), "3 references"),
+        ("invariants.npy", np.full((3, 5), np.nan, np.float32), "NaN"),
+        ("invariants.npy", np.ones((3, 5)), "float64"),
+    ],
+)
+def test_arrays_that_do_not_belong_together_are_refused(
+    saved: Path, name: str, array: np.ndarray, cause: str
+) -> None:
+    write_members(saved, members(saved) | {name: npy(array)})
+    with pytest.raises(LibraryError, match=cause) as caught:
+        TextureLibrary.load(saved)
+    assert str(saved) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"signatures.npy": np.ones((3, 5), np.float32)}, "signatures are of shape"),
+        ({"invariants.npy": np.ones((3, 5), np.float32)}, "invariants do not fit"),
+        ({"parameters/whitening.npy": np.ones((2, 2))}, "does not fit joint"),
+        ({"parameters/density_floor.npy": None}, "does not fit joint .'density_floor'"),
+    ],
+)
+def test_arrays_that_are_not_those_of_the_classifier_are_named_when_asked(
+    saved: Path, stationary, change: dict[str, np.ndarray | None], cause: str
+) -> None:
+    content = members(saved) | {
+        name: b"" if array is None else npy(array) for name, array in change.items()
+    }
+    write_members(saved, {name: data for name, data in content.items() if data})
+    loaded = TextureLibrary.load(saved)
+    with pytest.raises(LibraryError, match=cause):
+        loaded.classify(stationary("sand", side=64))
+
+
+def test_a_library_of_thousands_of_parameters_is_refused(saved: Path) -> None:
+    more = {f"parameters/{i}.npy": npy(np.zeros(1)) for i in range(100)}
+    write_members(saved, members(saved) | more)
+    with pytest.raises(LibraryError, match="parameters; the file is damaged"):
+        TextureLibrary.load(saved)
+
+
+def test_an_npz_in_place_of_the_array_is_refused(saved: Path) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, signatures=np.ones((3, 5), np.float32))
+    write_members(saved, members(saved) | {"signatures.npy": stream.getvalue()})
+    with pytest.raises(LibraryError, match="not a readable library"):
+        TextureLibrary.load(saved)
+
+
+class Explosive:
+    """Unpickling this would make a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (str(self.path),)
+
+
+def test_nothing_in_a_library_is_unpickled(saved: Path) -> None:
+    trap = saved.parent / "trap"
+    array = np.array([Explosive(trap)], dtype=object)
+    write_members(saved, members(saved) | {"signatures.npy": npy(array, allow_pickle=True)})
+    with pytest.raises(LibraryError):
+        TextureLibrary.load(saved)
+    assert not trap.exists()
+
+
+@pytest.mark.parametrize("name", ["library.json", *ARRAYS])
+def test_a_zip_without_one_of_its_parts_is_no_library(saved: Path, name: str) -> None:
+    content = members(saved)
+    del content[name]
+    write_members(saved, content)
+    with pytest.raises(LibraryError, match=f"holds no {name}"):
+        TextureLibrary.load(saved)
+
+
+def test_a_part_that_unpacks_to_far_too_much_is_refused(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ps4lib, "_MAX_HEADER_BYTES", 2**20)
+    bomb = members(saved) | {"library.json": b" " * (2**20 + 1)}
+    write_members(saved, bomb, zipfile.ZIP_DEFLATED)
+    assert saved.stat().st_size < 2**19
+    with pytest.raises(LibraryError, match=r"library\.json claims 1048577 bytes"):
+        TextureLibrary.load(saved)
+
+
+def patched(path: Path, name: str, central: dict[int, bytes], local: dict[int, bytes]) -> None:
+    """Bytes of the two headers of one member replaced, counted from where each begins."""
+    content = bytearray(path.read_bytes())
+    with zipfile.ZipFile(path) as archive:
+        start = archive.getinfo(name).header_offset
+    where = content.rindex(name.encode()) - 46
+    assert content[where : where + 4] == b"PK\x01\x02"
+    for at, changes in ((where, central), (start, local)):
+        for offset, data in changes.items():
+            content[at + offset : at + offset + len(data)] = data
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("name", ["library.json", *ARRAYS, "parameters/whitening.npy"])
+def test_an_encrypted_part_is_refused(saved: Path, name: str) -> None:
+    patched(saved, name, {8: b"\x01\x00"}, {6: b"\x01\x00"})
+    with pytest.raises(LibraryError, match=r"not a readable library .*encrypted"):
+        TextureLibrary.load(saved)
+
+
+def test_a_part_that_claims_more_than_there_is_is_refused(saved: Path) -> None:
+    """Sizes stand in the directory of a zip, and nobody has checked them."""
+    size = (2**31).to_bytes(4, "little")
+    patched(saved, "signatures.npy", {20: size, 24: size}, {})
+    with pytest.raises(LibraryError, match=r"signatures\.npy is .* in \d+ bytes"):
+        TextureLibrary.load(saved)
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(LibraryError, match="no such library; make one with ps4rig train"):
+        TextureLibrary.load(tmp_path / "none.ps4lib")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"no zip at all" * 100])
+def test_a_file_that_is_no_zip_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.ps4lib"
+    path.write_bytes(content)
+    with pytest.raises(LibraryError, match="not a readable library"):
+        TextureLibrary.load(path)
+
+
+def test_a_folder_is_no_library(tmp_path: Path) -> None:
+    with pytest.raises(LibraryError, match="not a readable library"):
+        TextureLibrary.load(tmp_path)
+
+
+FIXTURE = HealthCheck.function_scoped_fixture
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[FIXTURE])
+@given(share=st.floats(0, 1, exclude_max=True))
+@pytest.mark.usefixtures("mapped")
+def test_a_library_cut_off_anywhere_is_refused(saved: Path, share: float) -> None:
+    whole = saved.read_bytes()
+    part = saved.with_suffix(".part")
+    part.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(LibraryError):
+        TextureLibrary.load(part)
+
+
+def flipped(saved: Path, data: st.DataObject, compression: int) -> Path:
+    """A copy with one byte changed."""
+    copy = saved.with_suffix(".copy")
+    write_members(copy, members(saved), compression)
+    content = bytearray(copy.read_bytes())
+    # Most of the file is numbers; the places where names, sizes and methods stand get their share.
+    near_edges = st.integers(0, 1200) | st.integers(len(content) - 1500, len(content) - 1)
+    at = data.draw(near_edges | st.integers(0, len(content) - 1))
+    content[at] ^= data.draw(st.integers(1, 255))
+    copy.write_bytes(content)
+    return copy
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[FIXTURE])
+@given(data=st.data(), compression=st.sampled_from([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))
+def test_a_flipped_byte_is_refused_or_harmless(
+    saved: Path, library, data: st.DataObject, compression: int
+) -> None:
+    """Whatever the byte: a `LibraryError` or the same library, nothing else.
+
+    But for a name of a parameter, which is then missing when it is asked for.
+    """
+    try:
+        loaded = TextureLibrary.load(flipped(saved, data, compression))
+    except LibraryError:
+        return
+    if list(loaded.parameters) == list(library.parameters):
+        assert_equal(library, loaded)
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[FIXTURE])
+@given(data=st.data())
+@pytest.mark.usefixtures("mapped")
+def test_a_flipped_byte_of_a_mapped_library_changes_numbers_and_nothing_else(
+    saved: Path, library, data: st.DataObject
+) -> None:
+    """Its checksum would take the time that mapping saves."""
+    try:
+        loaded = TextureLibrary.load(flipped(saved, data, zipfile.ZIP_STORED))
+    except LibraryError:
+        return
+    assert loaded.labels == library.labels
+    assert loaded.signatures.shape == library.signatures.shape
+    changed = np.asarray(loaded.signatures).view(np.uint32) != library.signatures.view(np.uint32)
+    assert changed.sum() <= 1
+    np.testing.assert_array_equal(loaded.orientations_deg, library.orientations_deg)
+
+
+@pytest.mark.usefixtures("mapped")
+def test_a_mapped_library_answers_like_any_other(library, saved: Path, stationary) -> None:
+    loaded = TextureLibrary.load(saved)
+    assert isinstance(loaded.signatures, np.memmap)
+    assert not loaded.signatures.flags.writeable
+    assert not isinstance(loaded.orientations_deg, np.memmap)
+    assert_equal(library, loaded)
+    surface = stationary("sand", 60.0, seed=3)
+    assert loaded.classify(surface) == library.classify(surface)
+
+
+@pytest.mark.usefixtures("mapped")
+def test_a_mapped_library_is_not_disturbed_by_what_is_saved_over_it(
+    library, saved: Path, stationary
+) -> None:
+    surface = stationary("fine sand", 60.0, seed=3)
+    loaded = TextureLibrary.load(saved)
+    other = replace(library, signatures=library.signatures * 0 + 1)
+    other.save(saved)
+    assert loaded.classify(surface) == library.classify(surface)
+    loaded.save(saved)  # over the file it comes from
+    assert_equal(library, TextureLibrary.load(saved))
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
+@pytest.mark.usefixtures("mapped")
+def test_a_mapped_array_must_not_be_packed(saved: Path) -> None:
+    write_members(saved, members(saved), zipfile.ZIP_DEFLATED)
+    with pytest.raises(LibraryError, match=r"signatures\.npy is packed; train it again"):
+        TextureLibrary.load(saved)
+
+
+@pytest.mark.usefixtures("mapped")
+def test_nan_in_a_mapped_library_is_found_when_it_is_asked(saved: Path, stationary) -> None:
+    array = np.load(io.BytesIO(members(saved)["signatures.npy"]))
+    array[1, 100] = np.nan
+    write_members(saved, members(saved) | {"signatures.npy": npy(array)})
+    loaded = TextureLibrary.load(saved)
+    assert isinstance(loaded.signatures, np.memmap)
+    with pytest.raises(LibraryError, match="numbers that are none"):
+        loaded.classify(stationary("sand", side=64))
+
+
+@pytest.mark.parametrize(
+    ("offset", "value"),
+    [
+        (0, b"PK\x01\x02"),  # no local header
+        (26, b"\xff\xff"),  # a name of 65,535 bytes
+        (26, b"\x00\x00"),  # no name
+        (28, b"\xff\xff"),  # as much more behind the name
+        (28, b"\x00\x00"),
+        (28, b"\x04\x00"),
+        (30, b"S"),  # another name
+    ],
+)
+@pytest.mark.usefixtures("mapped")
+def test_a_local_header_that_was_tampered_with_moves_no_array(
+    saved: Path, offset: int, value: bytes
+) -> None:
+    """Where a mapped array begins is told by this header, not by the directory."""
+    patched(saved, "signatures.npy", {}, {offset: value})
+    with pytest.raises(LibraryError, match=UNREADABLE):
+        TextureLibrary.load(saved)
+
+
+@pytest.mark.parametrize("offset", [2**32 - 2, 10**6, 3])
+@pytest.mark.usefixtures("mapped")
+def test_a_directory_that_points_elsewhere_maps_nothing(saved: Path, offset: int) -> None:
+    patched(saved, "signatures.npy", {42: offset.to_bytes(4, "little")}, {})
+    with pytest.raises(LibraryError, match=UNREADABLE):
+        TextureLibrary.load(saved)
+
+
+@pytest.mark.usefixtures("mapped")
+def test_a_mapped_array_that_reaches_beyond_the_file_is_refused(saved: Path) -> None:
+    """Else the first look at its end would end the program."""
+    array = claimed("(3, 10000000)")
+    write_members(saved, members(saved) | {"signatures.npy": array})
+    size = (len(array) - 16 + 120_000_000).to_bytes(4, "little")
+    patched(saved, "signatures.npy", {20: size, 24: size}, {})
+    with pytest.raises(LibraryError, match="mmap length is greater than file size"):
+        TextureLibrary.load(saved)
+
+
+def test_an_array_beyond_all_measure_is_refused(
+    saved: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ps4lib, "_MAX_ARRAY_BYTES", 1000)
+    with pytest.raises(LibraryError, match=r"signatures\.npy claims \d+ bytes; more than 1000 is"):
+        TextureLibrary.load(saved)
+
+
+def test_a_large_library_keeps_what_it_is_sifted_by(
+    library, saved: Path, stationary, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", 2)
+    library = replace(library)  # one that has not been asked yet
+    library.save(saved)
+    content = members(saved)
+    assert "invariants.npy" in content
+    assert np.load(io.BytesIO(content["invariants.npy"])).dtype == np.float32
+    surface = stationary("sand", 60.0, seed=3)
+    for mapped_from in (2**26, 100):
+        monkeypatch.setattr(ps4lib, "_MAPPED_FROM_BYTES", mapped_from)
+        loaded = TextureLibrary.load(saved)
+        np.testing.assert_array_equal(loaded._sieve.invariants, library._sieve.invariants)
+        assert loaded.classify(surface) == library.classify(surface)
+
+
+def test_a_folder_that_does_not_exist_is_named(library, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written: there is no folder"):
+        library.save(tmp_path / "none" / "x.ps4lib")
+
+
+FILL_DISK = """
+import resource, signal, sys
+from classify import InputError, TextureLibrary
+library = TextureLibrary.load(sys.argv[1])
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192))
+try:
+    library.save(sys.argv[1])
+except InputError as error:
+    print(error)
+else:
+    sys.exit("saved")
+"""
+
+
+def test_a_full_disk_is_one_line_and_leaves_the_old_library(saved: Path) -> None:
+    """A limit on the size of files stands for the disk."""
+    before = saved.read_bytes()
+    assert len(before) > 8192
+    run = subprocess.run(
+        [sys.executable, "-c", FILL_DISK, str(saved)], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.strip() == f"{saved}: cannot be written: File too large"
+    assert run.stderr == ""
+    assert saved.read_bytes() == before
+    assert [p.name for p in saved.parent.iterdir()] == [saved.name]
+
+
+def test_another_suffix_is_refused(library, tmp_path: Path) -> None:
+    for name in ("x.ome.tif", "x", "ps4lib"):
+        with pytest.raises(LibraryError, match=r"let the name .* end in \.ps4lib"):
+            library.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,328 @@
+"""Training and asking a library, on random textures of known orientation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import InputError, LibraryError, Lighting, TextureLibrary, photometric_stereo
+from classify.library.texture_library import TrainingRow, common_lighting, observe
+
+KINDS = ("sand", "fine sand", "brushed", "malv")
+DIRECTED = KINDS[:3]
+
+
+@pytest.fixture(scope="module")
+def library(stationary) -> TextureLibrary:
+    return TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
+
+
+def off_deg(found: float, true: float) -> float:
+    return abs((found - true + 90.0) % 180.0 - 90.0)
+
+
+WAVES = ("ripple", "fine", "grain", "even")
+
+
+@pytest.fixture(scope="module")
+def of_waves(texture) -> TextureLibrary:
+    return TextureLibrary.train((kind, texture(kind, seed=1)) for kind in WAVES)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 17.0, 61.0, 90.0, 133.0, 179.0])
+def test_the_same_patch_turned_is_recognised(of_waves, texture, turn_deg: float) -> None:
+    for kind in WAVES:
+        match = of_waves.classify(texture(kind, turn_deg, seed=1))
+        assert match.label == match.nearest == kind
+        assert 0.0 <= match.distance < match.runner_up_distance
+        assert match.runner_up != kind
+        assert match.margin == pytest.approx(1 - match.distance / match.runner_up_distance)
+        assert 0.0 <= match.orientation_deg < 180.0
+        if kind != "even":
+            assert off_deg(match.orientation_deg, turn_deg) < 2.0
+
+
+def test_an_unturned_set_lies_at_0_and_not_a_hair_below_180(library, stationary) -> None:
+    for kind in DIRECTED:
+        assert library.classify(stationary(kind, seed=1)).orientation_deg == 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_patch_of_the_class_is_recognised(library, stationary, kind: str) -> None:
+    for seed, turn_deg in ((7, 25.0), (8, 100.0), (9, 158.0)):
+        match = library.classify(stationary(kind, turn_deg, seed=seed, side=160))
+        assert match.label == kind
+        if kind in DIRECTED:
+            assert off_deg(match.orientation_deg, turn_deg) < 3.0
+
+
+def test_a_frame_of_another_shape_is_asked_with_the_segments_of_the_library(
+    library, stationary
+) -> None:
+    assert library.segment_px == 64
+    for side, rows in ((300, 180), (130, 411)):
+        match = library.classify(stationary("brushed", 40.0, seed=5, side=side, rows=rows))
+        assert match.label == "brushed"
+        assert off_deg(match.orientation_deg, 40.0) < 3.0
+
+
+def test_labels_stand_in_order_of_training(stationary) -> None:
+    library = TextureLibrary.train([
+        ("b", stationary("sand", seed=1, side=64)),
+        ("a", stationary("malv", seed=1, side=64)),
+        ("b", stationary("sand", seed=2, side=64)),
+    ])  # fmt: skip
+    assert library.labels == ("b", "a", "b")
+    assert library.classes == ("b", "a")
+    assert len(library.signatures) == len(library.orientations_deg) == 3
+
+
+def test_the_smallest_training_frame_sets_the_segments(stationary) -> None:
+    library = TextureLibrary.train([
+        ("a", stationary("sand", side=256)), ("b", stationary("malv", side=100))
+    ])  # fmt: skip
+    assert library.segment_px == 32
+
+
+def test_later_sets_of_a_class_are_aligned_to_the_first(texture) -> None:
+    library = TextureLibrary.train(
+        ("grain", texture("grain", turn, seed=1)) for turn in (0.0, 50.0, 140.0)
+    )
+    assert library.classes == ("grain",)
+    for found, turn in zip(library.orientations_deg, (0.0, 50.0, 140.0), strict=True):
+        assert off_deg(found, turn) < 1.0
+    match = library.classify(texture("grain", 77.0, seed=1))
+    assert off_deg(match.orientation_deg, 77.0) < 2.0
+
+
+def test_a_given_training_orientation_is_what_answers_refer_to(stationary) -> None:
+    library = TextureLibrary.train([
+        ("sand", stationary("sand", 30.0, seed=1), 30.0),
+        ("sand", stationary("sand", 75.0, seed=2), 75.0 + 180.0),
+        ("brushed", stationary("brushed", 20.0, seed=1), None),
+    ])  # fmt: skip
+    assert library.orientations_deg.tolist() == [30.0, 255.0, 0.0]
+    sand, brushed = stationary("sand", 100.0, seed=3), stationary("brushed", 50.0, seed=1)
+    assert off_deg(library.classify(sand).orientation_deg, 100.0) < 2.0
+    assert off_deg(library.classify(brushed).orientation_deg, 30.0) < 2.0
+
+
+def test_a_set_without_orientation_is_aligned_to_a_given_one(stationary) -> None:
+    library = TextureLibrary.train([
+        ("sand", stationary("sand", 30.0, seed=1), 30.0), ("sand", stationary("sand", 65.0, seed=2))
+    ])  # fmt: skip
+    assert off_deg(library.orientations_deg[1], 65.0) < 2.0
+
+
+def test_of_several_sets_of_a_class_the_nearest_counts(stationary) -> None:
+    """Of a texture of which no single set shows all."""
+    rough, malv = (stationary(kind, seed=1) for kind in ("rough", "malv"))
+    library = TextureLibrary.train(
+        [("ground", rough), ("ground", malv), ("sand", stationary("sand", seed=1))]
+    )
+    for kind in ("rough", "malv"):
+        surface = stationary(kind, 45.0, seed=8)
+        match = library.classify(surface)
+        assert (match.label, match.runner_up) == ("ground", "sand")
+        alone = [
+            replace(library, labels=(label,), signatures=signature[None]).classify(surface).distance
+            for label, signature in zip(library.labels, library.signatures, strict=True)
+        ]
+        assert match.distance == pytest.approx(min(alone[:2]), rel=1e-6)
+        assert match.distance < 0.5 * max(alone[:2])
+
+
+def test_a_library_of_one_class_has_no_runner_up(stationary) -> None:
+    library = TextureLibrary.train([("malv", stationary("malv", seed=s)) for s in (1, 2)])
+    match = library.classify(stationary("malv", 20.0, seed=3))
+    assert match.label == match.nearest == "malv"
+    assert match.runner_up is match.runner_up_distance is match.margin is None
+    other = library.classify(stationary("sand", seed=1))
+    assert (other.label, other.nearest) == (None, "malv")
+    assert other.distance > other.limit
+
+
+def test_of_two_equal_classes_neither_is_named(stationary) -> None:
+    surface = stationary("brushed", seed=1)
+    library = TextureLibrary.train([("a", surface), ("b", surface)])
+    for asked in (surface, stationary("brushed", 20.0, seed=5)):
+        match = library.classify(asked)
+        assert match.label is None
+        assert (match.nearest, match.runner_up) == ("a", "b")
+        assert match.margin == 0.0
+        assert match.reason == "a and b are equally near"
+
+
+def test_answers_are_the_same_every_time(library, stationary) -> None:
+    surface = stationary("brushed", 33.0, seed=4)
+    again = TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
+    assert library.classify(surface) == library.classify(surface) == again.classify(surface)
+    np.testing.assert_array_equal(library.signatures, again.signatures)
+
+
+def test_the_order_of_training_sets_changes_nothing_but_what_0_degrees_are(stationary) -> None:
+    sets = [("sand", 0.0, 1), ("sand", 40.0, 2), ("malv", 0.0, 1), ("malv", 9.0, 2)]
+    sets.append(("brushed", 70.0, 1))
+    rows = [(kind, stationary(kind, turn, seed=seed, side=96)) for kind, turn, seed in sets]
+    libraries = [TextureLibrary.train(each) for each in (rows, rows[::-1])]
+    for kind, turned_deg in (("sand", 40.0), ("malv", None), ("brushed", 0.0)):
+        surface = stationary(kind, 111.0, seed=9, side=96)
+        one, other = (library.classify(surface) for library in libraries)
+        assert (one.label, one.runner_up) == (other.label, other.runner_up) == (kind, one.runner_up)
+        assert other.distance == pytest.approx(one.distance, rel=1e-4)
+        assert other.limit == pytest.approx(one.limit, rel=1e-4)
+        if turned_deg is not None:
+            apart_deg = one.orientation_deg - other.orientation_deg
+            assert off_deg(apart_deg, turned_deg) < 2.0
+
+
+def test_sets_observed_elsewhere_make_the_same_library(library, stationary) -> None:
+    """Observing is the part of training that other processes do."""
+    rows = [TrainingRow(kind, observe(stationary(kind, seed=1), 64)) for kind in KINDS]
+    again = TextureLibrary.from_observations(
+        rows, 64, simulated=True, sources=[("one.ome.tif", "ab12")]
+    )
+    np.testing.assert_array_equal(library.signatures, again.signatures)
+    assert again.limits == library.limits
+    assert (library.simulated, again.simulated) == (False, True)
+    assert again.sources == (("one.ome.tif", "ab12"),)
+
+
+def test_a_library_needs_samples_and_labels(library, stationary) -> None:
+    with pytest.raises(LibraryError, match="nothing to train on"):
+        TextureLibrary.train([])
+    with pytest.raises(LibraryError, match="nothing to train on"):
+        TextureLibrary.from_observations([], 64)
+    with pytest.raises(LibraryError, match="at least one training set"):
+        replace(library, labels=())
+    for label in ("", "  "):
+        with pytest.raises(LibraryError, match="has no label"):
+            TextureLibrary.train([(label, stationary("malv", side=64))])
+
+
+@pytest.mark.parametrize("orientation_deg", [np.nan, np.inf])
+def test_a_training_orientation_must_be_a_number(stationary, orientation_deg: float) -> None:
+    with pytest.raises(LibraryError, match="orientation of a training set of malv"):
+        TextureLibrary.train([("malv", stationary("malv", side=64), orientation_deg)])
+
+
+def test_surfaces_that_cannot_be_asked_about_are_named(library, stationary) -> None:
+    with pytest.raises(InputError, match="smaller than the 64 px segments"):
+        library.classify(stationary("malv", side=60))
+    with pytest.raises(InputError, match="too small for a texture"):
+        TextureLibrary.train([("malv", stationary("malv", side=63))])
+    surface = stationary("malv")
+    with pytest.raises(InputError, match="no pixel of this surface is valid"):
+        library.classify(replace(surface, valid=np.zeros_like(surface.valid)))
+    with pytest.raises(InputError, match="reflect nothing"):
+        library.classify(replace(surface, albedo=np.zeros_like(surface.albedo)))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5000), (5000, 1), (3, 3)])
+def test_a_frame_of_a_pixel_is_refused(library, surface_of, shape: tuple[int, int]) -> None:
+    ones = np.ones(shape)
+    with pytest.raises(InputError, match="smaller than the 64 px segments"):
+        library.classify(surface_of(ones, ones, ones))
+    with pytest.raises(InputError, match="too small for a texture"):
+        TextureLibrary.train([("dot", surface_of(ones, ones, ones))])
+
+
+def test_64_pixels_are_enough(stationary) -> None:
+    library = TextureLibrary.train(
+        (kind, stationary(kind, seed=1, side=64)) for kind in ("fine sand", "rough")
+    )
+    assert library.segment_px == 32
+    for kind in ("fine sand", "rough"):
+        assert library.classify(stationary(kind, 50.0, seed=2, side=64)).nearest == kind
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_smooth_plate_is_a_class_like_any_other(stationary, surface_of) -> None:
+    """Constant images: without relief, without pattern, without noise."""
+    plate = surface_of(*(level * np.ones((128, 128)) for level in (0.0, 0.0, 0.5)))
+    malv = stationary("malv", seed=1)
+    library = TextureLibrary.train([("plate", plate), ("malv", malv)])
+    assert library.classify(plate).label == "plate"
+    assert library.classify(malv).label == "malv"
+    assert library.classify(stationary("malv", 40.0, seed=2)).label == "malv"
+    alone = TextureLibrary.train([("plate", plate)])
+    assert alone.classify(plate).label == "plate"
+    assert alone.classify(malv).label is None
+    assert TextureLibrary.train([("malv", malv)]).classify(plate).label is None
+
+
+def test_half_the_exposure_changes_nothing(library, stationary) -> None:
+    surface = stationary("brushed", 20.0, seed=2)
+    darker = replace(surface, albedo=surface.albedo / 2)
+    one, other = library.classify(surface), library.classify(darker)
+    assert other.label == "brushed"
+    assert other.distance == pytest.approx(one.distance, rel=1e-3)
+
+
+def test_damaged_pixels_are_left_out(library, stationary) -> None:
+    surface = stationary("sand", 30.0, seed=2)
+    spots = np.random.default_rng(0).random(surface.shape) < 0.01
+    for values, damage in ((surface.p, 300.0), (surface.q, np.nan), (surface.albedo, np.inf)):
+        values[spots] = damage
+    surface.valid[spots] = False
+    match = library.classify(surface)
+    assert match.label == "sand"
+    assert off_deg(match.orientation_deg, 30.0) < 2.0
+
+
+def test_from_images_to_a_match(photographed, stationary) -> None:
+    """The path of a user, whose surface comes from the solver and keeps its lights."""
+    ring = Lighting.ring(45.0)
+    solved = {
+        turn: photometric_stereo(photographed(stationary("sand", turn, seed=1)).images, ring)
+        for turn in (0.0, 60.0)
+    }
+    other = photometric_stereo(photographed(stationary("malv", seed=1)).images, ring)
+    library = TextureLibrary.train([("sand", solved[0.0]), ("malv", other)])
+    assert library.lighting == ring
+    match = library.classify(solved[60.0])
+    assert match.label == "sand"
+    assert off_deg(match.orientation_deg, 60.0) < 2.0
+
+
+def test_a_library_that_holds_what_is_no_number_says_so(library, stationary) -> None:
+    signatures = library.signatures.copy()
+    signatures[1, 7] = np.nan
+    with pytest.raises(LibraryError, match="numbers that are none"):
+        replace(library, signatures=signatures).classify(stationary("malv"))
+
+
+def test_a_library_of_another_make_says_so(library, stationary) -> None:
+    """Of signatures or parameters that a newer or older program made."""
+    surface = stationary("malv")
+    with pytest.raises(LibraryError, match=r"signatures are of shape .* train it again"):
+        replace(library, signatures=library.signatures[:, :-1]).classify(surface)
+    short = {name: values for name, values in library.parameters.items() if name != "whitening"}
+    with pytest.raises(LibraryError, match=r"does not fit joint .* train it again"):
+        replace(library, parameters=short).classify(surface)
+    narrow = {**library.parameters, "whitening": np.eye(3)}
+    with pytest.raises(LibraryError, match=r"does not fit joint .* train it again"):
+        replace(library, parameters=narrow).classify(surface)
+
+
+def test_a_library_knows_the_lights_that_all_its_sets_had(photographed, stationary) -> None:
+    surface = stationary("malv", side=64)
+    at_45, near_45, at_50 = (photographed(surface, slant) for slant in (45.0, 45.4, 50.0))
+    assert TextureLibrary.train([("a", at_45), ("a", near_45)]).lighting == Lighting.ring(45.0)
+    assert TextureLibrary.train([("a", at_45), ("b", at_50)]).lighting is None
+    assert TextureLibrary.train([("a", at_45), ("b", surface)]).lighting is None
+    assert common_lighting([None, Lighting.ring()]) is None
+    assert common_lighting([Lighting.ring()]) == Lighting.ring()
+
+
+@pytest.mark.slow
+def test_ten_thousand_pixels_a_side(stationary, surface_of) -> None:
+    """A hundred million pixels, 5 gigabytes."""
+    library = TextureLibrary.train(
+        (kind, stationary(kind, seed=1, side=512)) for kind in ("sand", "malv")
+    )
+    tile = stationary("sand", 30.0, seed=2, side=500)
+    large = surface_of(*(np.tile(getattr(tile, name), (20, 20)) for name in ("p", "q", "albedo")))
+    match = library.classify(large)
+    assert match.label == "sand"
+    assert off_deg(match.orientation_deg, 30.0) < 2.0

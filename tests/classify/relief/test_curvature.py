@@ -1,0 +1,240 @@
+"""Curvature against surfaces whose curvature is known."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from classify import InputError, SurfaceEstimate, surface_curvature
+
+SurfaceOf = Callable[..., SurfaceEstimate]
+Gradients = tuple[np.ndarray, np.ndarray]
+
+
+def grid(rows: int = 96, columns: int = 120) -> tuple[np.ndarray, np.ndarray]:
+    return np.meshgrid(np.arange(columns) - (columns - 1) / 2, (rows - 1) / 2 - np.arange(rows))
+
+
+def ball(radius: float) -> Gradients:
+    x, y = grid()
+    z = np.sqrt(radius**2 - x * x - y * y)
+    return -x / z, -y / z
+
+
+def rod(radius: float, axis_deg: float) -> Gradients:
+    x, y = grid()
+    across = np.radians(axis_deg + 90.0)
+    u = x * np.cos(across) + y * np.sin(across)
+    slope = -u / np.sqrt(radius**2 - u * u)
+    return slope * np.cos(across), slope * np.sin(across)
+
+
+@pytest.fixture
+def of(surface_of: SurfaceOf) -> Callable[[Gradients], SurfaceEstimate]:
+    return lambda gradients: surface_of(*gradients, np.ones(gradients[0].shape))
+
+
+@pytest.mark.parametrize("scale_px", [0.5, 1.0, 3.0])
+def test_a_ball_is_a_ball_up_to_the_border_at_any_scale(of: SurfaceOf, scale_px: float) -> None:
+    radius = 100.0
+    found = surface_curvature(of(ball(radius)), scale_px)
+    np.testing.assert_allclose(found.mean * radius, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(found.gaussian * radius**2, 1.0, rtol=2e-3)
+    assert found.mean.dtype == found.gaussian.dtype == np.float32
+
+
+def test_a_bowl_is_a_ball_with_the_other_mean_curvature(of: SurfaceOf) -> None:
+    p, q = ball(100.0)
+    ball_, bowl = surface_curvature(of((p, q))), surface_curvature(of((-p, -q)))
+    np.testing.assert_allclose(bowl.mean, -ball_.mean, atol=1e-7)
+    np.testing.assert_allclose(bowl.gaussian, ball_.gaussian, atol=1e-8)
+
+
+@pytest.mark.parametrize("axis_deg", [0.0, 30.0, 45.0, 90.0, 135.0])
+def test_a_rod_is_curved_across_and_can_be_unrolled(of: SurfaceOf, axis_deg: float) -> None:
+    radius = 120.0
+    found = surface_curvature(of(rod(radius, axis_deg)))
+    np.testing.assert_allclose(found.mean * 2 * radius, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(found.gaussian * radius**2, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.5, 0.0), (-0.3, 1.7)])
+def test_a_plane_is_not_curved_however_it_is_tilted(
+    of: SurfaceOf, slopes: tuple[float, float]
+) -> None:
+    found = surface_curvature(of(tuple(np.full((40, 50), slope) for slope in slopes)))
+    np.testing.assert_allclose(found.mean, 0.0, atol=1e-6)
+    np.testing.assert_allclose(found.gaussian, 0.0, atol=1e-7)
+
+
+def test_a_saddle_has_negative_gaussian_curvature(of: SurfaceOf) -> None:
+    """Z = (x^2 - y^2) / (2 R): p_x = 1/R, q_y = -1/R."""
+    radius = 200.0
+    x, y = grid()
+    p, q = x / radius, -y / radius
+    w2 = 1 + p * p + q * q
+    found = surface_curvature(of((p, q)))
+    np.testing.assert_allclose(found.gaussian * radius**2, -1 / w2**2, atol=6e-3)
+    np.testing.assert_allclose(found.mean * radius, -(q * q - p * p) / (2 * w2**1.5), atol=3e-3)
+
+
+def test_a_twisted_saddle_needs_the_mixed_derivative(of: SurfaceOf) -> None:
+    """Z = x y / R: p = y / R, q = x / R, nothing but p_y = q_x = 1/R."""
+    radius = 200.0
+    x, y = grid()
+    p, q = y / radius, x / radius
+    w2 = 1 + p * p + q * q
+    found = surface_curvature(of((p, q)))
+    np.testing.assert_allclose(found.gaussian * radius**2, -1 / w2**2, atol=6e-3)
+    np.testing.assert_allclose(found.mean * radius, p * q / w2**1.5, atol=3e-3)
+
+
+def test_curl_is_no_curvature(of: SurfaceOf) -> None:
+    """P = -c y, q = c x belongs to no surface: p_y + q_x = 0. Where it is flat, H = K = 0."""
+    x, y = grid(41, 41)
+    found = surface_curvature(of((-0.02 * y, 0.02 * x)))
+    assert abs(found.mean[20, 20]) < 1e-6
+    assert abs(found.gaussian[20, 20]) < 1e-6  # unsymmetrised: 4e-4
+
+
+@pytest.fixture(scope="module")
+def egg_box() -> tuple[Gradients, np.ndarray, np.ndarray]:
+    """Z = A sin(u x) cos(v y) with its curvatures after the formulas for a Monge patch."""
+    x, y = grid(160, 200)
+    A, u, v = 3.0, 2 * np.pi / 40, 2 * np.pi / 60
+    sx, cx, sy, cy = np.sin(u * x), np.cos(u * x), np.sin(v * y), np.cos(v * y)
+    p, q = A * u * cx * cy, -A * v * sx * sy
+    p_x, q_y, p_y = -A * u * u * sx * cy, -A * v * v * sx * cy, -A * u * v * cx * sy
+    w2 = 1 + p * p + q * q
+    H = -((1 + q * q) * p_x - 2 * p * q * p_y + (1 + p * p) * q_y) / (2 * w2**1.5)
+    return (p, q), H, (p_x * q_y - p_y**2) / w2**2
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.square(values).mean()))
+
+
+def test_an_egg_box_has_the_curvature_of_its_formula(
+    of: SurfaceOf, egg_box: tuple[Gradients, np.ndarray, np.ndarray]
+) -> None:
+    gradients, H, K = egg_box
+    found = surface_curvature(of(gradients))
+    assert rms(found.mean - H) < 0.03 * rms(H)
+    assert rms(found.gaussian - K) < 0.05 * rms(K)
+    finer = surface_curvature(of(gradients), 0.5)
+    assert rms(finer.mean - H) < 0.015 * rms(H)
+    assert rms(finer.gaussian - K) < 0.02 * rms(K)
+
+
+def test_a_few_wild_slopes_spoil_their_neighbours_only(
+    of: SurfaceOf, egg_box: tuple[Gradients, np.ndarray, np.ndarray]
+) -> None:
+    (p, q), H, _ = egg_box
+    rng = np.random.default_rng(1)
+    wild = rng.random(p.shape) < 0.002
+    p, q = np.where(wild, 30.0, p), np.where(wild, -30.0, q)
+    assert rms(surface_curvature(of((p, q))).mean - H) < 0.25 * rms(H)
+
+
+def test_noise_is_left_as_the_docstring_says(of: SurfaceOf) -> None:
+    rng = np.random.default_rng(2)
+    p, q = 0.01 * rng.standard_normal((2, 300, 300))
+    for scale_px in (1.0, 2.0):
+        found = surface_curvature(of((p, q)), scale_px)
+        expected = 0.01 / (scale_px**2 * np.sqrt(8 * np.pi)) / np.sqrt(2)
+        assert found.mean[10:-10, 10:-10].std() == pytest.approx(expected, rel=0.05)
+
+
+def test_invalid_pixels_take_no_part(of: SurfaceOf) -> None:
+    """Holes, a lone pixel and a stripe of nonsense in a ball: the rest is still that ball."""
+    radius = 100.0
+    surface = of(ball(radius))
+    valid = np.random.default_rng(3).random(surface.shape) > 0.2
+    valid[40:50] = False
+    nonsense = np.where(valid, np.float32(0), np.float32(np.nan))
+    broken = replace(surface, p=surface.p + nonsense, q=surface.q + nonsense, valid=valid)
+    found = surface_curvature(broken)
+    assert (found.mean[~valid] == 0).all()
+    assert (found.gaussian[~valid] == 0).all()
+    np.testing.assert_allclose(found.mean[valid] * radius, 1.0, rtol=0.02)
+    np.testing.assert_allclose(found.gaussian[valid] * radius**2, 1.0, rtol=0.04)
+
+
+def test_strips_leave_no_seams(of: SurfaceOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    surface = of(tuple(rng.standard_normal((2, 150, 37))))
+    whole = surface_curvature(surface)
+    monkeypatch.setattr("classify.relief.curvature._STRIP_PX", 1)
+    cut = surface_curvature(surface)
+    np.testing.assert_allclose(cut.mean, whole.mean, atol=1e-6)
+    np.testing.assert_allclose(cut.gaussian, whole.gaussian, atol=1e-6)
+
+
+slopes = hnp.arrays(
+    np.float32,
+    st.tuples(st.just(2), st.integers(1, 24), st.integers(1, 24)),
+    elements=st.floats(-3, 3, width=32),
+)
+
+
+@settings(deadline=None)
+@given(slopes)
+def test_turning_the_surface_turns_the_maps(surface_of: SurfaceOf, gradients: np.ndarray) -> None:
+    """A quarter turn anticlockwise takes (p, q) to (-q, p)."""
+    p, q = gradients
+    still = surface_curvature(surface_of(p, q, np.ones(p.shape)))
+    turned = surface_curvature(surface_of(*np.rot90([-q, p], axes=(1, 2)), np.ones(p.T.shape)))
+    np.testing.assert_allclose(turned.mean, np.rot90(still.mean), atol=1e-4)
+    np.testing.assert_allclose(turned.gaussian, np.rot90(still.gaussian), atol=1e-4)
+
+
+@settings(deadline=None)
+@given(slopes)
+def test_mirroring_changes_nothing_and_inverting_the_sign_of_the_mean(
+    surface_of: SurfaceOf, gradients: np.ndarray
+) -> None:
+    p, q = gradients
+    ones = np.ones(p.shape)
+    still = surface_curvature(surface_of(p, q, ones))
+    mirrored = surface_curvature(surface_of(-p[:, ::-1], q[:, ::-1], ones))
+    inverted = surface_curvature(surface_of(-p, -q, ones))
+    np.testing.assert_allclose(mirrored.mean[:, ::-1], still.mean, atol=1e-4)
+    np.testing.assert_allclose(mirrored.gaussian[:, ::-1], still.gaussian, atol=1e-4)
+    np.testing.assert_allclose(inverted.mean, -still.mean, atol=1e-6)
+    np.testing.assert_allclose(inverted.gaussian, still.gaussian, atol=1e-6)
+
+
+def test_one_pixel_and_one_row_have_what_can_be_known(surface_of: SurfaceOf) -> None:
+    one = np.ones((1, 1))
+    found = surface_curvature(surface_of(one, one, one))
+    assert found.mean.tolist() == found.gaussian.tolist() == [[0.0]]
+    x = np.arange(-30, 31)[None, :]
+    arc = surface_of(-x / np.sqrt(100.0**2 - x * x), 0 * x, np.ones(x.shape))
+    row = surface_curvature(arc)
+    np.testing.assert_allclose(row.mean * 200.0, 1.0, rtol=1e-3)
+    np.testing.assert_allclose(row.gaussian, 0.0, atol=1e-8)
+
+
+def test_no_valid_pixel_has_no_curvature(of: SurfaceOf) -> None:
+    surface = of(ball(100.0))
+    found = surface_curvature(replace(surface, valid=np.zeros(surface.shape, bool)))
+    assert not found.mean.any()
+    assert not found.gaussian.any()
+
+
+@pytest.mark.parametrize("scale_px", [0.0, 0.4, -1.0, np.nan, np.inf])
+def test_an_unusable_scale_is_named(of: SurfaceOf, scale_px: float) -> None:
+    with pytest.raises(InputError, match=f"scale_px is {scale_px}"):
+        surface_curvature(of(ball(100.0)), scale_px)
+
+
+def test_a_slope_that_is_no_number_is_refused(of: SurfaceOf) -> None:
+    for bad in (np.nan, np.inf):
+        p, q = ball(100.0)
+        q[3, 4] = bad
+        with pytest.raises(InputError, match="NaN or infinity"):
+            surface_curvature(of((p, q)))

@@ -1,0 +1,233 @@
+"""ps4_robust: the noise gate, what is left out, and what is filled in."""
+
+import numpy as np
+import pytest
+
+from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.solvers import relaxation
+
+SIDE = 96
+RING = Lighting.ring(60.0)
+WHITE = 200.0
+QUIET = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=0.3)
+
+
+def waves(steepness: float = 0.3, side: int = SIDE) -> tuple[np.ndarray, np.ndarray]:
+    """P and q of z = sin(x / 8) sin(y / 6): a surface, free of curl."""
+    column, row = np.meshgrid(np.arange(side), -np.arange(side))
+    x, y = column / 8.0, row / 6.0
+    return (
+        steepness * np.cos(x) * np.sin(y),
+        steepness * 8.0 / 6.0 * np.sin(x) * np.cos(y),
+    )
+
+
+def shading(p: np.ndarray, q: np.ndarray, lighting: Lighting = RING) -> np.ndarray:
+    normals = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p * p + q * q)
+    lit = np.maximum(np.tensordot(lighting.directions, normals, 1), 0.0)
+    return lit * lighting.intensities[:, None, None]
+
+
+def solved(
+    values: np.ndarray, noise: SensorNoise | None = QUIET, lighting: Lighting = RING
+) -> SurfaceEstimate:
+    return photometric_stereo(values.astype(np.float32), lighting, "ps4_robust", noise=noise)
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def test_it_is_the_default_for_four_lights_and_for_no_other_number() -> None:
+    images = np.full((4, 8, 8), 90, np.uint8)
+    assert photometric_stereo(images, Lighting.ring()).method == "ps4_robust"
+    six = Lighting.ring(45, [0, 60, 120, 180, 240, 300])
+    assert photometric_stereo(np.full((6, 8, 8), 90, np.uint8), six).method == "least_squares"
+
+
+def test_without_shadow_it_is_least_squares_but_for_three_in_a_thousand() -> None:
+    sigma = 2.0
+    p, q = waves(0.2, 200)
+    values = WHITE * shading(p, q) + np.random.default_rng(0).normal(0, sigma, (4, 200, 200))
+    robust = solved(values, SensorNoise(1e9, sigma))
+    plain = photometric_stereo(values.astype(np.float32), RING, "least_squares")
+    same = robust.dropped == 255
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(robust.p[same], plain.p[same], atol=1e-5)
+    np.testing.assert_allclose(robust.albedo[same], plain.albedo[same], rtol=1e-5)
+    np.testing.assert_allclose(robust.residual, plain.residual, atol=1e-3)
+    assert rms(robust.p - p) < 1.02 * rms(plain.p - p)
+    assert robust.valid.all()
+
+
+@pytest.mark.parametrize("lights", [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
+def test_where_two_lights_are_dark_the_slope_comes_from_around(lights: tuple[int, int]) -> None:
+    p, q = waves()
+    values = WHITE * shading(p, q)
+    hole = np.zeros((SIDE, SIDE), bool)
+    hole[30:60:7, 20:70] = True  # one pixel wide
+    hole[65:69, 20:70] = True  # four
+    for light in lights:
+        values[light][hole] = 0.0
+    surface = solved(values)
+    plain = photometric_stereo(values.astype(np.float32), RING, "ps4")
+    np.testing.assert_array_equal(surface.repaired, hole)
+    assert surface.valid.all()
+    assert not plain.valid[hole].any()
+    for found, dropped, true in ((surface.p, plain.p, p), (surface.q, plain.q, q)):
+        assert rms((found - true)[hole]) < 0.03
+        assert rms((found - true)[hole]) < 0.2 * max(rms((dropped - true)[hole]), 0.15)
+    assert rms(surface.albedo[hole] / WHITE - 1.0) < 0.03
+    assert (surface.shadow_count[hole] == 2).all()
+    assert (surface.dropped[hole] == min(lights)).all()
+    np.testing.assert_allclose(surface.p[~hole], p[~hole], atol=2e-3)
+
+
+@pytest.mark.parametrize("lit", [None, 2])
+def test_one_light_or_none_is_filled_in_but_not_valid(lit: int | None) -> None:
+    p, q = waves()
+    values = WHITE * shading(p, q)
+    for light in {0, 1, 2, 3} - {lit}:
+        values[light, 40:44, 40:44] = 0.0
+    surface = solved(values)
+    hole = np.zeros((SIDE, SIDE), bool)
+    hole[40:44, 40:44] = True
+    np.testing.assert_array_equal(surface.repaired, hole)
+    np.testing.assert_array_equal(surface.valid, ~hole)
+    assert rms((surface.p - p)[hole]) < 0.06
+    assert rms((surface.q - q)[hole]) < 0.06
+    np.testing.assert_allclose(surface.albedo[hole], WHITE, rtol=0.02)
+    assert (surface.shadow_count[hole] == (4 if lit is None else 3)).all()
+
+
+def test_deep_inside_a_black_area_nothing_is_made_up() -> None:
+    values = WHITE * shading(*waves())
+    values[:, 20:80, 20:80] = 0.0
+    surface = solved(values)
+    inside = np.s_[30:70, 30:70]
+    assert not surface.valid[20:80, 20:80].any()
+    assert not surface.repaired[inside].any()
+    assert (surface.p[inside] == 0).all()
+    assert (surface.q[inside] == 0).all()
+    assert surface.repaired[21, 50]
+
+
+def test_the_result_does_not_depend_on_the_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    values = WHITE * shading(*waves(0.6)) + rng.normal(0, 2.0, (4, SIDE, SIDE))
+    values[rng.random(values.shape) < 0.2] = 0.0
+    noise = SensorNoise(1e9, 2.0)
+    alone = solved(values, noise)
+    monkeypatch.setattr(relaxation, "_FEW", 0)
+    together = solved(values, noise)
+    assert alone.repaired.mean() > 0.1
+    for name in ("p", "q", "albedo", "shadow_count", "dropped", "valid", "repaired"):
+        np.testing.assert_array_equal(getattr(alone, name), getattr(together, name))
+
+
+def test_turning_the_scene_by_a_quarter_turns_the_answer() -> None:
+    """Nothing prefers an axis or a light, in the repair as elsewhere; sweeps have a direction."""
+    p, q = waves(0.7)
+    values = np.round(WHITE * shading(p, q))
+    values[:, 50:53, :] *= np.array([1, 1, 0, 0])[:, None, None]
+    surface = solved(values)
+    # Anticlockwise: light k shines from where light k + 1 did, and (p, q) -> (-q, p).
+    turned = solved(np.rot90(np.roll(values, 1, axis=0), 1, (1, 2)))
+    assert surface.repaired.mean() > 0.02
+    np.testing.assert_allclose(turned.p, -np.rot90(surface.q), atol=0.02)
+    np.testing.assert_allclose(turned.q, np.rot90(surface.p), atol=0.02)
+    np.testing.assert_array_equal(turned.repaired, np.rot90(surface.repaired))
+
+
+def test_a_light_of_wrong_strength_is_not_mistaken_for_shadow() -> None:
+    """5 % weaker than known, at low noise: every pixel contradicts itself, by a little."""
+    p, q = waves(0.2)
+    values = 3000.0 * shading(p, q, Lighting.ring())
+    values[1] *= 0.95
+    noise = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=1.0)
+    surface = solved(values, noise, lighting=Lighting.ring())
+    assert (surface.dropped == 255).all()
+    assert not surface.specular.any()
+    # The error is the same everywhere: a tilt, not a pattern.
+    assert (surface.q - q).std() < 0.005
+
+
+def test_dark_material_is_not_shadow() -> None:
+    """At slant 70 a level surface gives a third of its albedo: here four standard deviations."""
+    lighting = Lighting.ring(70.0)
+    sigma = 2.0
+    p, q = waves(0.0, 128)
+    values = 24.0 * shading(p, q, lighting)
+    values += np.random.default_rng(2).normal(0, sigma, values.shape)
+    surface = solved(values, SensorNoise(1e9, sigma), lighting=lighting)
+    assert surface.repaired.mean() < 0.05
+    assert surface.valid.mean() > 0.95
+    assert rms(surface.p) < 0.12
+
+
+def test_noise_of_the_sensor_decides_what_is_contradiction() -> None:
+    """A value 20 too low of 100 is five standard deviations of the contradiction at 2, not at 8."""
+    images = np.full((4, 32, 32), 100.0, np.float32)
+    images[2, :8] = 80.0
+    for read_noise, dropped in ((2.0, True), (8.0, False)):
+        surface = solved(images, SensorNoise(1e9, read_noise), lighting=Lighting.ring())
+        assert ((surface.dropped[:8] == 2) == dropped).all()
+    # Shot noise: 100 electrons have a deviation of 10.
+    surface = solved(images, SensorNoise(1.0, 0.0), lighting=Lighting.ring())
+    assert (surface.dropped == 255).all()
+    assert (solved(images, SensorNoise(1.0, 0.0, black_level_dn=99.0), lighting=Lighting.ring())
+            .dropped[:8] == 2).all()  # fmt: skip
+
+
+def test_noise_is_estimated_where_the_sensor_is_unknown() -> None:
+    """From the images alone, even where most of them is in shadow of some light."""
+    sigma = 2.0
+    rng = np.random.default_rng(3)
+    values = WHITE * shading(*waves(0.2, 160)) + rng.normal(0, sigma, (4, 160, 160))
+    for light in range(3):
+        values[light, 40 * light : 40 * light + 40] = rng.normal(0, sigma, (40, 160))
+    known = solved(values, SensorNoise(1e9, sigma))
+    unknown = solved(values, None)
+    assert (known.dropped != unknown.dropped).mean() < 0.01
+    shadowed = np.arange(160) < 120
+    assert (unknown.dropped[shadowed] < 3).mean() > 0.99
+
+
+def test_ambient_light_raises_what_counts_as_dark() -> None:
+    """A pixel without light is the difference of two, each with the noise of the ambient level."""
+    values = np.full((4, 32, 32), 1000.0)
+    ambient = np.full((32, 32), 400.0, np.float32)
+    values[2:, 10] = 400.0 + 50.0
+    images = values.astype(np.float32)
+    # 20 DN of shot noise at the ambient level, 28 in the difference: 50 is dark, at 4 DN it is not.
+    for gain, repaired in ((1.0, True), (25.0, False)):
+        surface = photometric_stereo(
+            images, Lighting.ring(), "ps4_robust", ambient=ambient, noise=SensorNoise(gain, 0.0)
+        )
+        assert (surface.repaired[10] == repaired).all()
+
+
+@pytest.mark.parametrize("saturated", [1, 2, 3, 4])
+def test_saturated_lights_do_not_count(saturated: int) -> None:
+    p, q = waves(0.2)
+    values = np.round(3000.0 * shading(p, q))
+    spot = np.zeros((SIDE, SIDE), bool)
+    spot[40:43, 50:53] = True
+    values[:saturated, spot] = 4095.0
+    surface = photometric_stereo(values.astype(np.uint16), RING, full_scale=4095, noise=QUIET)
+    np.testing.assert_array_equal(surface.saturated, spot)
+    np.testing.assert_array_equal(surface.valid, ~spot | (saturated == 1))
+    np.testing.assert_array_equal(surface.repaired, spot & (saturated > 1))
+    np.testing.assert_array_equal(surface.specular, spot & (saturated == 1))
+    assert rms((surface.p - p)[spot]) < (0.005 if saturated == 1 else 0.05)
+
+
+def test_a_part_of_the_images_gives_that_part_of_the_answer() -> None:
+    """Far from its edge: what is filled in comes from near."""
+    p, q = waves(0.5, 160)
+    values = WHITE * shading(p, q)
+    values[:2, 60:64, 40:120] = 0.0
+    whole = solved(values)
+    part = solved(values[:, 30:100, 30:130])
+    np.testing.assert_allclose(part.p[5:-5, 5:-5], whole.p[35:95, 35:125], atol=5e-3)
+    np.testing.assert_array_equal(part.repaired, whole.repaired[30:100, 30:130])

@@ -1,0 +1,175 @@
+"""Which of two ways a texture lies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.texture.fields import texture_fields
+from classify.texture.heading import (
+    HEADING_FLOATS,
+    heading_moments,
+    heading_numbers,
+    heading_scores,
+    heading_variances,
+)
+from classify.texture.statistics import local_statistics
+
+SIDE = 192
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def sawtooth(
+    surface_of, turn_deg: float, seed: int, skew: float = 0.35, side: int = SIDE
+) -> SurfaceEstimate:
+    """Ripples that are steeper on one side by `skew`, wavy and rough, turned anticlockwise."""
+    rng = np.random.default_rng(seed)
+    column, row = np.meshgrid(np.arange(side), -np.arange(side))
+    turn = np.radians(turn_deg)
+    x = column * np.cos(turn) + row * np.sin(turn)
+    y = row * np.cos(turn) - column * np.sin(turn)
+    phase = 2 * np.pi * (x + 3.0 * np.sin(2 * np.pi * y / 70.0 + rng.uniform(0, 9))) / 12.0
+    phase += rng.uniform(0, 2 * np.pi)
+    slope = 0.3 * (np.cos(phase) + skew * np.cos(2 * phase))
+    p, q, albedo = 0.05 * rng.standard_normal((3, side, side))
+    return surface_of(
+        p + slope * np.cos(turn), q + slope * np.sin(turn), 0.6 + 0.1 * albedo + 0 * slope
+    )
+
+
+@pytest.fixture(scope="module")
+def library(stationary, surface_of) -> TextureLibrary:
+    return TextureLibrary.train(
+        [
+            ("sawtooth", sawtooth(surface_of, 0.0, 0)),
+            ("even", sawtooth(surface_of, 0.0, 1, skew=0.0)),
+            ("malv", stationary("malv", seed=1, side=SIDE)),
+            ("brushed", stationary("brushed", seed=1, side=SIDE)),
+        ]
+    )
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 33.0, 90.0, 150.0, 180.0, 213.0, 270.0, 341.0])
+def test_a_steeper_side_tells_the_turn_over_the_full_circle(
+    library, surface_of, turn_deg: float
+) -> None:
+    match = library.classify(sawtooth(surface_of, turn_deg, seed=int(turn_deg) + 7))
+    assert match.nearest == "sawtooth"
+    assert abs((match.heading_deg - turn_deg + 180.0) % 360.0 - 180.0) < 2.0
+    assert match.heading_deg % 180.0 == pytest.approx(match.orientation_deg, abs=1e-5)
+
+
+@pytest.mark.parametrize("turn_deg", [20.0, 111.0, 200.0, 291.0])
+def test_where_both_sides_are_alike_no_way_is_told(
+    library, stationary, surface_of, turn_deg: float
+) -> None:
+    even = library.classify(sawtooth(surface_of, turn_deg, seed=3, skew=0.0))
+    assert even.nearest == "even"
+    assert even.heading_deg is None
+    assert even.orientation_deg is not None
+    for kind in ("malv", "brushed"):
+        found = library.classify(stationary(kind, turn_deg, seed=5, side=SIDE))
+        assert found.label == kind
+        assert found.heading_deg is None
+
+
+def test_sets_of_a_class_are_aligned_over_the_full_circle(surface_of) -> None:
+    """The second set is learned upside down: its angle is 200, and not 20."""
+    first, second = (sawtooth(surface_of, turn, seed) for turn, seed in ((0.0, 0), (200.0, 1)))
+    library = TextureLibrary.train([("sawtooth", first), ("sawtooth", second)])
+    assert library.orientations_deg[-1] == pytest.approx(200.0, abs=2.0)
+    only_second = replace(
+        library,
+        labels=library.labels[-1:],
+        orientations_deg=library.orientations_deg[-1:],
+        signatures=library.signatures[-1:],
+    )
+    for asked in (library, only_second):
+        match = asked.classify(sawtooth(surface_of, 75.0, 2))
+        assert match.heading_deg == pytest.approx(75.0, abs=2.0)
+
+
+def test_a_set_that_may_lie_either_way_tells_none(surface_of) -> None:
+    """Aligned to an even one, a skewed set has an angle modulo 180 only."""
+    library = TextureLibrary.train(
+        [
+            ("ripples", sawtooth(surface_of, 0.0, 0, skew=0.0)),
+            ("ripples", sawtooth(surface_of, 40.0, 1)),
+        ]
+    )
+    match: Match = library.classify(sawtooth(surface_of, 60.0, 2))
+    assert match.orientation_deg == pytest.approx(60.0, abs=2.0)
+    assert match.heading_deg is None
+
+
+def test_known_orientations_are_kept_over_the_full_circle(surface_of) -> None:
+    library = TextureLibrary.train([("sawtooth", sawtooth(surface_of, 10.0, 0), 250.0)])
+    match = library.classify(sawtooth(surface_of, 10.0 + 30.0, 1))
+    assert match.heading_deg == pytest.approx(280.0, abs=2.0)
+    assert match.orientation_deg == pytest.approx(100.0, abs=2.0)
+
+
+def measured(surface: SurfaceEstimate) -> np.ndarray:
+    return local_statistics(texture_fields(surface), 3).headings
+
+
+def test_moments_turn_like_vectors(surface_of) -> None:
+    """A quarter turn of an odd frame moves every pixel, of every level, to another pixel."""
+    surface = sawtooth(surface_of, 25.0, 4, side=193)
+    turned = replace(
+        surface,
+        p=-np.rot90(surface.q),
+        q=np.rot90(surface.p),
+        albedo=np.rot90(surface.albedo),
+        valid=np.rot90(surface.valid),
+    )
+    before, after = measured(surface), measured(turned)
+    assert before.shape == (5, 2, 6)
+    factors = np.array([1j] * 5 + [-1j])
+    np.testing.assert_allclose(after[0], factors * before[0], atol=1e-5)
+
+
+def test_moments_are_those_of_their_definition() -> None:
+    rng = np.random.default_rng(0)
+    p, q, z, a = rng.standard_normal((4, 500))
+    g = p + 1j * q
+    products = [np.abs(g) ** 2 * g, z * z * g, a * g, a * a * g, a * z * g, g**3]
+    parts = [part for product in products for part in (product.real.sum(), product.imag.sum())]
+    sums = np.array([np.square(np.abs(g)).sum(), *parts])
+    found = heading_moments(sums, np.array(500.0), np.array([z.var(), a.var()]))
+    r, z_rms, a_rms = np.sqrt(np.square(np.abs(g)).mean()), z.std(), a.std()
+    units = [r**3, z_rms**2 * r, a_rms * r, a_rms**2 * r, a_rms * z_rms * r, r**3]
+    expected = [product.mean() / unit for product, unit in zip(products, units, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.floats(0.0, 360.0), st.integers(1, 4))
+def test_a_reference_scores_as_much_turned_as_not_and_less_the_other_way(
+    seed: int, turn_deg: float, levels: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    way = rng.standard_normal((levels, 6)) + 1j * rng.standard_normal((levels, 6))
+    scatter = rng.standard_normal((5, levels, 6)) + 1j * rng.standard_normal((5, levels, 6))
+    moments = 3.0 * way + 0.1 * scatter
+    typical = heading_variances(moments)
+    reference = heading_numbers(moments, typical)
+    assert reference.shape == (HEADING_FLOATS,)
+    spins = np.array([1, 1, 1, 1, 1, 3])
+    turned = heading_numbers(moments * np.exp(1j * np.radians(turn_deg) * spins), typical)
+    (score,) = heading_scores(turned, reference[None], np.array([turn_deg]))
+    (other,) = heading_scores(turned, reference[None], np.array([turn_deg + 180.0]))
+    assert score > 4.0
+    assert other == pytest.approx(-score, rel=1e-4)
+
+
+def test_moments_within_their_scatter_are_no_way_to_lie() -> None:
+    rng = np.random.default_rng(1)
+    moments = rng.standard_normal((5, 3, 6)) + 1j * rng.standard_normal((5, 3, 6))
+    moments[0] = moments[1:].mean(axis=0)
+    numbers = heading_numbers(moments, heading_variances(moments))
+    assert (numbers[-HEADING_FLOATS // 3 :] == 0.0).all()
+    assert heading_scores(numbers, numbers[None], np.zeros(1)).tolist() == [0.0]

@@ -1,0 +1,81 @@
+"""The turn between polar spectra, against brute force."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from classify.texture.orientation import (
+    STEP_DEG,
+    roll_angles,
+    squared_errors_by_turn,
+    turn_of_least_error,
+)
+from classify.texture.spectra import ANGLES
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def bumps(turn: float, count: int = ANGLES) -> np.ndarray:
+    """A band-limited polar spectrum, turned by `turn` steps."""
+    angle = 2 * np.pi * (np.arange(count) - turn) / count
+    return 3 + np.cos(angle) + 0.6 * np.cos(2 * angle + 1) + 0.3 * np.sin(5 * angle)
+
+
+@given(SEEDS, st.integers(1, 4), st.sampled_from([(), (1,), (3,), (2, 4)]), st.integers(2, 24))
+def test_errors_by_turn_are_those_of_brute_force(
+    seed: int, references: int, between: tuple[int, ...], count: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    test = rng.random((*between, count))
+    stored = rng.random((references, *between, count)).astype(np.float32)
+    errors = squared_errors_by_turn(test, stored)
+    assert errors.shape == (references, count)
+    for j in range(count):
+        difference = np.roll(test, -j, axis=-1) - stored
+        expected = (difference**2).reshape(references, -1).sum(axis=1)
+        np.testing.assert_allclose(errors[:, j], expected, atol=1e-9)
+
+
+@given(st.integers(0, ANGLES - 1), SEEDS)
+def test_a_spectrum_rolled_by_whole_steps_is_found_exactly(steps: int, seed: int) -> None:
+    reference = np.random.default_rng(seed).random(ANGLES)
+    errors = squared_errors_by_turn(np.roll(reference, steps), reference[None])
+    assert int(errors.argmin()) == steps
+    assert errors.min() == pytest.approx(0.0, abs=1e-9)
+
+
+@given(st.floats(0, ANGLES, exclude_max=True))
+def test_a_turn_between_steps_is_found_to_a_fiftieth_of_a_step(turn: float) -> None:
+    errors = squared_errors_by_turn(bumps(turn), bumps(0.0)[None])
+    found = turn_of_least_error(errors)[0]
+    assert abs((found - turn + ANGLES / 2) % ANGLES - ANGLES / 2) < 0.02
+
+
+def test_without_any_direction_the_turn_is_some_finite_one() -> None:
+    flat = np.ones(ANGLES)
+    turns = turn_of_least_error(squared_errors_by_turn(flat, np.stack([flat, 2 * flat])))
+    assert np.isfinite(turns).all()
+    assert ((turns >= 0) & (turns < ANGLES)).all()
+
+
+@given(st.floats(-200, 200), st.sampled_from([(), (4,), (2, 3)]))
+def test_rolling_turns_a_band_limited_spectrum_exactly(
+    turn: float, before: tuple[int, ...]
+) -> None:
+    stack = np.broadcast_to(bumps(turn), (*before, ANGLES))
+    back = roll_angles(stack, np.array([turn, 0.0]))
+    assert back.shape == (2, *before, ANGLES)
+    np.testing.assert_allclose(back[0], np.broadcast_to(bumps(0.0), stack.shape), atol=1e-9)
+    np.testing.assert_allclose(back[1], stack, atol=1e-9)
+
+
+@given(SEEDS, st.integers(-200, 200))
+def test_rolling_by_whole_steps_is_a_roll_of_the_array(seed: int, steps: int) -> None:
+    polar = np.random.default_rng(seed).random((3, ANGLES))
+    expected = np.roll(polar, -steps, axis=-1)
+    np.testing.assert_allclose(roll_angles(polar, np.array([float(steps)]))[0], expected, atol=1e-9)
+
+
+def test_the_grid_covers_half_a_turn() -> None:
+    assert STEP_DEG * ANGLES == 180.0

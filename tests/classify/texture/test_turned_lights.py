@@ -1,0 +1,78 @@
+"""A surface as it would have been solved under turned lights."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import Lighting, SurfaceEstimate, photometric_stereo
+from classify.relief.shadows import cast_shadow
+from classify.texture.turned_lights import under_turned_lights
+
+
+@pytest.fixture(scope="module")
+def truth() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Height, p and q of waves along x, steep enough to cast shadows at slant 65."""
+    x = np.arange(96)
+    height = np.tile(3.0 * np.sin(2 * np.pi * x / 24.0), (96, 1)).astype(np.float32)
+    p = np.tile(3.0 * 2 * np.pi / 24.0 * np.cos(2 * np.pi * x / 24.0), (96, 1))
+    return height, p.astype(np.float32), np.zeros((96, 96), np.float32)
+
+
+def solved(truth, lighting: Lighting, method="ps4") -> SurfaceEstimate:
+    height, p, q = truth
+    normals = np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
+    images = 0.6 * np.maximum(np.einsum("nk,hwk->nhw", lighting.directions, normals), 0.0)
+    images = images.astype(np.float32)
+    for image, direction in zip(images, lighting.directions, strict=True):
+        image[cast_shadow(height, direction)] = 0.0
+    return photometric_stereo(images, lighting, method)
+
+
+def test_a_surface_in_shadow_is_seen_three_more_times(truth) -> None:
+    surface = solved(truth, Lighting.ring(65.0))
+    assert surface.shadow_mask.mean() > 0.1
+    others = list(under_turned_lights(surface))
+    assert len(others) == 3
+    for step, other in enumerate(others, start=1):
+        assert other.shape == surface.shape
+        assert other.method == surface.method
+        expected = Lighting.ring(65.0, tuple((t - 22.5 * step) % 360 for t in (0, 90, 180, 270)))
+        assert other.lighting.within(1e-4, expected)
+
+
+def test_what_is_seen_is_what_turned_lights_show_of_the_true_surface(truth) -> None:
+    """Nearer to it than the estimate it was made from, where shadows fall another way."""
+    surface = solved(truth, Lighting.ring(65.0))
+    for step, other in enumerate(under_turned_lights(surface), start=1):
+        tilts = tuple(tilt - 22.5 * step for tilt in (0.0, 90.0, 180.0, 270.0))
+        true = solved(truth, Lighting.from_angles(tilts, 65.0))
+        both = true.valid & other.valid & surface.valid
+        shares = [float(np.median(np.abs(each.p - true.p)[both])) for each in (other, surface)]
+        assert shares[0] <= shares[1] + 0.02
+        # The shadows lie where those of the true surface lie.
+        agreed = np.mean(other.shadow_mask == true.shadow_mask)
+        assert agreed > 0.8
+
+
+def test_no_pixel_is_moved(truth) -> None:
+    """The waves of the estimates stand where those of the surface stand."""
+    surface = solved(truth, Lighting.ring(65.0))
+    for other in under_turned_lights(surface):
+        both = surface.valid & other.valid
+        assert np.corrcoef(surface.p[both], other.p[both])[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("change", ["no lights", "ps3", "no shadow", "another method"])
+def test_where_there_is_nothing_to_learn_from_turned_lights_there_is_nothing(
+    truth, change: str
+) -> None:
+    surface = solved(truth, Lighting.ring(65.0), "ps3a" if change == "ps3" else "ps4")
+    if change == "no lights":
+        surface = replace(surface, lighting=None)
+    elif change == "no shadow":
+        surface = solved(truth, Lighting.ring(30.0))
+        assert not surface.shadow_mask.any()
+    elif change == "another method":
+        surface = replace(surface, method="by hand")
+    assert list(under_turned_lights(surface)) == []
