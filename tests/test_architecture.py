@@ -41,6 +41,7 @@ STOREYS = {
         {"lights", "v4l2"},
         {"opencv_camera", "simulation"},
         {"rig"},
+        {"fresh_frame"},
         {"latency"},
         {"doctor"},
     ),

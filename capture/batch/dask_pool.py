@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from classify.errors import InputError
 
-from .runner import call_in_one_thread
+from .one_thread import call_in_one_thread
 
 __all__ = ["DaskPool"]
 

@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
-from .runner import call_in_one_thread
+from .one_thread import call_in_one_thread
 
 __all__ = ["LocalPool"]
 

@@ -8,7 +8,6 @@ the items it had are run again.
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +19,7 @@ from typing import Generic, Protocol, Self, TypeVar
 
 from classify.errors import InputError
 
-__all__ = ["Batch", "Pool", "call_in_one_thread"]
+__all__ = ["Batch", "Pool"]
 
 # A worker process is of use this long after it is started: it has to import numba, scipy and
 # OpenCV (1.4 s measured, 2 s with a worker on each core). What takes no longer in all is done
@@ -119,24 +118,6 @@ class Batch:
                 self._pool.close()
             else:
                 self._pool.abort()
-
-
-_one_at_a_time = threading.Lock()
-
-
-def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
-    """``function(item)`` as workers call it: there is a worker for each core already.
-
-    A worker of a Dask cluster may have several threads. They take turns, because some of the
-    layers that numba has for its threads may not be entered twice.
-    """
-    import cv2
-    import numba
-
-    with _one_at_a_time:
-        numba.set_num_threads(1)
-        cv2.setNumThreads(1)
-        return function(item)
 
 
 @dataclass

@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig import CameraError, Frame, FrameFlag, HardwareError, Rig, RigConfig, open_rig
+from rig import HardwareError, Rig, RigConfig, open_rig
+from rig.fresh_frame import fresh_frame
 
 from .shots import Shot, shot_of
 
@@ -17,7 +18,6 @@ RETRY_S = 2.0
 # Leaves the machine time for its viewers.
 _PAUSE_S = 0.05
 _LEAST_STALE_S = 3.0
-_SPARE_S = 0.5
 
 
 @dataclass
@@ -105,23 +105,9 @@ def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) 
 
 def _show_each_light(rig: Rig, preview: Preview, stopping: threading.Event) -> None:
     for light in range(len(rig.lighting)):
-        preview.shown(light, shot_of(_fresh_frame(rig, light)))
+        preview.shown(light, shot_of(fresh_frame(rig, light)))
         if stopping.wait(_PAUSE_S):
             return
-
-
-def _fresh_frame(rig: Rig, light: int) -> Frame:
-    """The first good frame whose exposure began under the light."""
-    info, switch = rig.camera.info, rig.lights.select(light)
-    not_before_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    patience_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s + _SPARE_S
-    deadline_s = rig.clock.now_s() + patience_s
-    while rig.clock.now_s() < deadline_s:
-        frame = rig.camera.read(patience_s)
-        if frame.exposure_start_s >= not_before_s and frame.flags == FrameFlag.GOOD:
-            rig.lights.confirm(light)
-            return frame
-    raise CameraError(f"no good frame under LED {light} in {patience_s:.1f} s")
 
 
 def _account(name: str, shot: Shot | None, now_s: float) -> dict[str, Any]:

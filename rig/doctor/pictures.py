@@ -11,16 +11,13 @@ import numpy.typing as npt
 from classify import Lighting
 from classify.lights.agreement import light_agreement
 from classify.lights.order import Order, light_order
-from rig.camera import Frame, FrameFlag
-from rig.errors import CameraError
+from rig.fresh_frame import fresh_frame
 from rig.rig import Rig
 
 from .check import Check, Status
 
 __all__ = ["Pictures", "check_pictures", "take_pictures"]
 
-_READ_TIMEOUT_S = 2.0
-_MAX_STALE = 64
 # An LED is dead below the first share of the brightest one, weak below the second.
 _DEAD, _WEAK = 0.05, 0.5
 # Strengths of LEDs against each other are told when known so well, and taken for equal when they
@@ -64,25 +61,13 @@ def take_pictures(rig: Rig) -> Pictures:
         If the controller or the camera fails, or no good frame comes after a switch.
     """
     try:
-        dark, *lit = (_picture(rig, led) for led in (None, *range(len(rig.lighting))))
+        dark, *lit = (
+            fresh_frame(rig, led).pixels.astype(np.uint16)
+            for led in (None, *range(len(rig.lighting)))
+        )
     finally:
         rig.lights.off()
     return Pictures(dark, np.stack(lit), (1 << rig.camera.info.bit_depth) - 1)
-
-
-def _picture(rig: Rig, led: int | None) -> npt.NDArray[np.uint16]:
-    switch = rig.lights.off() if led is None else rig.lights.select(led)
-    fresh_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    timeout_s = _READ_TIMEOUT_S + rig.camera.info.frame_period_s
-    for _ in range(_MAX_STALE):
-        frame: Frame = rig.camera.read(timeout_s)
-        if frame.exposure_start_s >= fresh_s and frame.flags == FrameFlag.GOOD:
-            rig.lights.confirm(led)
-            return frame.pixels.astype(np.uint16)
-    raise CameraError(
-        f"none of {_MAX_STALE} frames after a switch was good and exposed after it; run ps4rig rig "
-        "latency"
-    )
 
 
 def check_pictures(

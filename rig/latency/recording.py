@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from rig.camera import Frame, FrameFlag
+from rig.camera import Frame
 from rig.errors import CameraError
+from rig.fresh_frame import frames_until
 from rig.rig import Rig
 
 from .fit import StepFit, Steps, fit_steps
@@ -22,11 +23,9 @@ Floats = npt.NDArray[np.float64]
 _BANDS = 32
 # Periods of frames looked at after a step, beyond those that may be older than it.
 _PERIODS_AFTER = 2.0
-_READ_TIMEOUT_S = 2.0
 # A band whose light changes by less than this share of the range says nothing.
 _LEAST_CONTRAST = 0.01
 _MOST_SATURATED = 0.01
-_MOST_FRAMES = 64
 # Quartz against quartz.
 _CLOCK_DRIFT = 5e-5
 _NEIGHBOURS = 8
@@ -102,7 +101,7 @@ def record_steps(
     # One in each part, in no order, so that no phase is missed.
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
-    for _ in _frames_until(rig, dark_s + after_s):
+    for _ in frames_until(rig, dark_s + after_s):
         pass
     aim: _Aim | None = None
     for number in numbers:
@@ -118,7 +117,7 @@ def record_steps(
         recording.switches.append(
             _Step(asked_s, switch.acknowledged_s, switch.controller_time_us / 1e6, rising)
         )
-        for frame in _frames_until(rig, switch.acknowledged_s + after_s):
+        for frame in frames_until(rig, switch.acknowledged_s + after_s):
             recording.reported_s.append(frame.exposure_start_s)
             recording.came_s.append(clock.now_s())
             recording.of_step.append(number)
@@ -154,20 +153,6 @@ def evaluate(rig: Rig, recording: Recording) -> Seen:
         after_s=np.array(recording.came_s) - acknowledged_s[of_step],
         delay_s=float(np.median(switched_s - asked_s)),
         unknown_s=unknown_s,
-    )
-
-
-def _frames_until(rig: Rig, begun_s: float) -> Iterator[Frame]:
-    """All good frames up to the first that is said to have begun then or later."""
-    for _ in range(_MOST_FRAMES):
-        frame = rig.camera.read(_READ_TIMEOUT_S)
-        if frame.flags == FrameFlag.GOOD:
-            yield frame
-            if frame.exposure_start_s >= begun_s:
-                return
-    raise CameraError(
-        f"{_MOST_FRAMES} frames came and none of them after the switch, by its time stamp; the "
-        "camera's time stamps are not on the rig's clock"
     )
 
 

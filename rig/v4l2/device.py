@@ -20,6 +20,7 @@ from typing import NoReturn
 from rig.errors import CameraError
 
 from . import abi
+from .buffers import buffer_of, claim_buffers
 from .ioctl import ask, explained, open_node
 
 __all__ = ["Capture", "NoCaptureDeviceError", "OfferedFormat", "V4l2Device", "VideoFormat"]
@@ -246,19 +247,8 @@ class V4l2Device:
         # Keeps other programs from changing controls; drivers without priorities say ENOTTY.
         with suppress(OSError):
             self.try_call(abi.VIDIOC_S_PRIORITY, ctypes.c_uint32(abi.PRIORITY_RECORD))
-        request = abi.RequestBuffers(
-            count=buffers, type=abi.BUF_TYPE_VIDEO_CAPTURE, memory=abi.MEMORY_MMAP
-        )
-        self.call("has no buffers for us", abi.VIDIOC_REQBUFS, request)
-        for index in range(request.count):
-            buffer = self._buffer(index)
-            self.call("has no such buffer", abi.VIDIOC_QUERYBUF, buffer)
-            try:
-                self._buffers.append(mmap.mmap(self._fd, buffer.length, offset=buffer.m.offset))
-            except OSError as error:
-                self.fail("its buffers cannot be mapped", error)
-        if not self._buffers:
-            raise CameraError(f"{self.path}: the driver has no buffers for us")
+        mapped = claim_buffers(self._fd, self.path, abi.BUF_TYPE_VIDEO_CAPTURE, buffers)
+        self._buffers = list(mapped.values())
         return len(self._buffers)
 
     def start(self) -> None:
@@ -332,7 +322,7 @@ class V4l2Device:
         return capture
 
     def _buffer(self, index: int) -> abi.Buffer:
-        return abi.Buffer(index=index, type=abi.BUF_TYPE_VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+        return buffer_of(abi.BUF_TYPE_VIDEO_CAPTURE, index)
 
     def close(self) -> None:
         """Stop the stream and release the device; a second call does nothing."""

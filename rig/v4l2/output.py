@@ -10,6 +10,7 @@ import os
 from rig.errors import CameraError
 
 from . import abi
+from .buffers import buffer_of, claim_buffers
 from .ioctl import ask, explained, open_node
 
 __all__ = ["V4l2Output"]
@@ -58,7 +59,7 @@ class V4l2Output:
             self._claim()
             self._set_format(fourcc, width_px, height_px, bytes_per_line)
             self._set_period(period_s)
-            self._buffers = self._map_buffers()
+            self._maps = claim_buffers(self._fd, path, abi.BUF_TYPE_VIDEO_OUTPUT, _BUFFERS)
             kind = ctypes.c_int32(abi.BUF_TYPE_VIDEO_OUTPUT)
             self._call("takes no stream", abi.VIDIOC_STREAMON, kind)
         except BaseException:
@@ -77,7 +78,7 @@ class V4l2Output:
         """
         if len(frame) != self._frame_bytes:
             raise ValueError(f"a frame of {len(frame)} bytes instead of {self._frame_bytes}")
-        buffer = self._buffer(self._written % self._buffers)
+        buffer = self._buffer(self._written % len(self._maps))
         # Asked each time: a reader that wants fewer buffers moves those that there are.
         self._call("has lost a buffer", abi.VIDIOC_QUERYBUF, buffer)
         self._maps[buffer.m.offset][: len(frame)] = frame
@@ -147,22 +148,5 @@ class V4l2Output:
         interval.numerator, interval.denominator = round(1e6 * period_s), 1_000_000
         self._call(f"cannot keep {1.0 / period_s:g} Hz", abi.VIDIOC_S_PARM, parm)
 
-    def _map_buffers(self) -> int:
-        request = abi.RequestBuffers(
-            count=_BUFFERS, type=abi.BUF_TYPE_VIDEO_OUTPUT, memory=abi.MEMORY_MMAP
-        )
-        self._call("has no buffers", abi.VIDIOC_REQBUFS, request)
-        for index in range(request.count):
-            buffer = self._buffer(index)
-            self._call("has no such buffer", abi.VIDIOC_QUERYBUF, buffer)
-            try:
-                mapped = mmap.mmap(self._fd, buffer.length, offset=buffer.m.offset)
-            except OSError as error:
-                raise explained(self._path, "its buffers cannot be mapped", error) from error
-            self._maps[buffer.m.offset] = mapped
-        if not request.count:
-            raise CameraError(f"{self._path}: the driver has no buffers for us")
-        return int(request.count)
-
     def _buffer(self, index: int) -> abi.Buffer:
-        return abi.Buffer(index=index, type=abi.BUF_TYPE_VIDEO_OUTPUT, memory=abi.MEMORY_MMAP)
+        return buffer_of(abi.BUF_TYPE_VIDEO_OUTPUT, index)

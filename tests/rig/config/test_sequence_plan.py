@@ -1,0 +1,69 @@
+"""What the controller is asked to do by itself: it leaves time to settle, or is refused."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig import ConfigError, RigConfig
+from rig.config import SequencePlan, plan_sequence
+from rig.config.sequence_plan import REACTION_S
+
+SMALL = {"width_px": 16, "height_px": 16}
+
+
+def config(synchronisation: str = "strobe", **changes: dict[str, object]) -> RigConfig:
+    lights = {"synchronisation": synchronisation, **changes.pop("lights", {})}
+    camera = {**SMALL, **changes.pop("camera", {})}
+    return RigConfig().with_changes(lights=lights, camera=camera, **changes)
+
+
+@given(
+    settle_ms=st.floats(0.0, 200.0),
+    period_ms=st.floats(2.0, 200.0),
+    exposed_share=st.floats(0.01, 0.7),
+    triggers=st.booleans(),
+)
+def test_a_plan_leaves_time_to_settle(settle_ms, period_ms, exposed_share, triggers):
+    exposed_s = exposed_share * period_ms / 1e3
+    plan = plan_sequence(
+        4,
+        triggers=triggers,
+        settle_s=settle_ms / 1e3,
+        period_s=period_ms / 1e3,
+        exposed_s=exposed_s,
+    )
+    assert plan.lights == (None, 0, 1, 2, 3)
+    step_s = plan.wait_us / 1e6 if triggers else plan.frames_per_step * period_ms / 1e3
+    assert step_s >= exposed_s + REACTION_S + settle_ms / 1e3 - 1e-9
+    if not triggers and plan.frames_per_step > 1:  # and no exposure more is passed over than must
+        assert step_s - period_ms / 1e3 < exposed_s + REACTION_S + settle_ms / 1e3
+    assert plan.command.endswith(",-1,0,1,2,3")
+    assert len(f"#65535 {plan.command}~FF") <= 64
+
+
+def test_what_does_not_fit_is_refused_with_its_numbers():
+    with pytest.raises(ConfigError, match=r"33 ms of a frame period of 33.33 ms.*no pause"):
+        config(camera={"exposure_ms": 33.0})
+    with pytest.raises(ConfigError, match=r"settle_ms = 5, but these simulated LEDs take 8.38 ms"):
+        config(simulation={"led_rise_ms": 4.0})
+    with pytest.raises(ConfigError, match="16 steps, too few for 16 lights"):
+        config(lights={"tilts_deg": [360.0 * n / 16 for n in range(16)]})
+    with pytest.raises(ConfigError, match="watchdog_ms = 200 would end a sequence of 238 ms"):
+        config(lights={"watchdog_ms": 200})
+    with pytest.raises(ConfigError, match=r"needs to know.*camera.readout_ms"):
+        config(
+            lights={"port": "/dev/ttyACM0"},
+            camera={"kind": "v4l2", "device": "/dev/video0", "bits": 8},
+        )
+    assert config("software", simulation={"led_rise_ms": 4.0}).sequence_plan is None
+
+
+def test_a_longer_settle_time_takes_every_other_frame():
+    assert plan_of_config(config(lights={"settle_ms": 12.0})).frames_per_step == 1
+    assert plan_of_config(config(lights={"settle_ms": 13.0})).frames_per_step == 2
+    assert plan_of_config(config(simulation={"readout_ms": 9.0})).frames_per_step == 2
+
+
+def plan_of_config(config: RigConfig) -> SequencePlan:
+    assert config.sequence_plan is not None
+    return config.sequence_plan
