@@ -65,6 +65,7 @@ def test_never_two_leds_at_once(pico, line):
         assert sum(duty > 0 for duty in duties.values()) <= 1
 
 
+@pytest.mark.slow
 def test_its_time_goes_on_when_the_counter_wraps(line):
     # the counter of board.mjs wraps 1 s after the start
     times_us = []

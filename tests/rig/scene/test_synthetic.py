@@ -32,6 +32,12 @@ SAME_RELIEF = {
     "ripples_tinted": "ripples_fine",
 }
 
+# Every texture, but in the fast tests those of the thesis alone.
+FOUR_AND_MORE = [
+    name if name in SYNTHETIC_NAMES else pytest.param(name, marks=pytest.mark.slow)
+    for name in SYNTHETIC_TEXTURES
+]
+
 
 @cache
 def surface_of(name: str, seed: int = 0) -> PeriodicSurface:
@@ -124,7 +130,7 @@ def test_a_texture_is_scaled_band_limited_and_repeatable(name: str) -> None:
         assert spectrum[beyond].sum() <= 1e-8 * max(spectrum.sum(), 1.0)
 
 
-@pytest.mark.parametrize("name", SYNTHETIC_TEXTURES)
+@pytest.mark.parametrize("name", FOUR_AND_MORE)
 def test_the_size_of_the_tile_does_not_matter(name: str) -> None:
     """Mean frequency and bandwidth, from eight small tiles and from two large ones."""
     small = [synthetic_surface(name, seed, 128) for seed in range(8)]
@@ -142,6 +148,7 @@ def test_the_size_of_the_tile_does_not_matter(name: str) -> None:
             assert moments(channel, small) == pytest.approx(moments(channel, large), rel=0.12)
 
 
+@pytest.mark.slow
 def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
     """The mean log spectra of two realisations are nearest to those of two others of the class."""
 
