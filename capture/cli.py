@@ -15,9 +15,9 @@ import typer
 
 from classify.errors import InputError
 
-from . import bench_command, demo_command, reproduce_command, set_commands, texture_commands
+from .commands import bench, demo, reproduce, sets, textures
+from .commands.rig import rig_app
 from .console import INTERRUPTED_STATUS, describe
-from .rig_commands import rig_app
 
 __all__ = ["app", "run"]
 
@@ -26,15 +26,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(demo_command.demo)
-app.command()(set_commands.capture)
-app.command("import")(set_commands.import_)
-app.command()(set_commands.solve)
-app.command()(texture_commands.train)
-app.command()(texture_commands.classify)
-app.command("evaluate")(texture_commands.evaluate_)
-app.command()(reproduce_command.reproduce)
-app.command()(bench_command.bench)
+app.command()(demo.demo)
+app.command()(sets.capture)
+app.command("import")(sets.import_)
+app.command()(sets.solve)
+app.command()(textures.train)
+app.command()(textures.classify)
+app.command("evaluate")(textures.evaluate_)
+app.command()(reproduce.reproduce)
+app.command()(bench.bench)
 app.add_typer(rig_app, name="rig")
 
 

@@ -17,28 +17,10 @@ from capture.cli import app
 from capture.sets.metadata import ImageRecord, LightingRecord
 from capture.sets.ome_tiff import pixels_sha256
 from classify import Lighting
-from rig import Placement, Rig, RigConfig, Simulation, open_rig
-from rig.scene import SceneImages
+from rig import Rig, RigConfig, open_rig
 
 COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]
-
-
-@pytest.fixture(scope="module")
-def scenes_are_rendered_once() -> Iterator[None]:
-    """For tests that open many rigs above the same few parts."""
-    render = Simulation._rendered
-    scenes: dict[object, SceneImages] = {}
-
-    def rendered_once(simulation: Simulation, placement: Placement) -> SceneImages:
-        key = (placement, simulation._config.lights)
-        if key not in scenes:
-            scenes[key] = render(simulation, placement)
-        return scenes[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Simulation, "_rendered", rendered_once)
-        yield
 
 
 @pytest.fixture(scope="session")

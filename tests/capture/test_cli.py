@@ -111,7 +111,9 @@ def test_the_rig_is_the_one_in_rig_toml_and_nothing_becomes_simulated(
     assert refused("capture", "a.ome.tif", status=3).startswith("/dev/ttyNONE: no such port")
     assert "for a simulated rig" in refused("capture", "--surface", "rock", "a.ome.tif")
     assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
-    Path("rig.toml").write_text('[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\n')
+    Path("rig.toml").write_text(
+        '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 48\n'
+    )
     assert ps4rig("capture", "a.ome.tif").exit_code == 0
 
 
@@ -130,18 +132,19 @@ def test_a_real_controller_with_a_simulated_camera_is_refused(
 @pytest.mark.parametrize(
     ("config", "status", "message"),
     [
-        ("[camera]\nframe_rate_hz = 10\nexposure_ms = 100", 1, "set rejected: LED 0 .* saturated"),
-        ("[camera]\nexposure_ms = 0.001", 1, "set rejected: LED 0 .* dark"),
+        ("frame_rate_hz = 10\nexposure_ms = 100", 1, "set rejected: LED 0 .* saturated"),
+        ("exposure_ms = 0.001", 1, "set rejected: LED 0 .* dark"),
         ("[simulation]\nambient = 0.9", 1, "set rejected: ambient light fills"),
-        ("[camera]\nbits = 9", 2, "camera.bits"),
-        ("[camera]\nbits = ", 2, "not valid TOML"),
+        ("bits = 9", 2, "camera.bits"),
+        ("bits = ", 2, "not valid TOML"),
         ("[simulation.placement]\nsurface = 'none'", 2, "surface 'none' is neither a material"),
     ],
 )
 def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
     refused: Refused, in_folder: Path, config: str, status: int, message: str
 ) -> None:
-    Path("rig.toml").write_text(f'[lights]\nport = "simulated"\n{config}\n')
+    camera = "[camera]\nwidth_px = 64\nheight_px = 64"
+    Path("rig.toml").write_text(f'[lights]\nport = "simulated"\n{camera}\n{config}\n')
     line = refused("capture", "a.ome.tif", status=status)
     assert re.search(message, line)
     assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
@@ -154,11 +157,17 @@ def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
         (["--bits", "9", "a.ome.tif"], "camera.bits"),
         (["--size", "8", "a.ome.tif"], "camera.width_px"),
         (["--slant", "90", "a.ome.tif"], "lights.slant_deg"),
-        (["--average", "1025", "a.ome.tif"], "average is 1025; it must be 1 to 1024"),
+        (
+            ["--size", "64", "--average", "1025", "a.ome.tif"],
+            "average is 1025; it must be 1 to 1024",
+        ),
         (["--seed", "-1", "a.ome.tif"], "placement.seed"),
         (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
         (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
-        (["--label", "two\nlines", "a.ome.tif"], r"label 'two\nlines': use printable"),
+        (
+            ["--size", "64", "--label", "two\nlines", "a.ome.tif"],
+            r"label 'two\nlines': use printable",
+        ),
         (
             ["--size", "64", "none/a.ome.tif"],
             "none/a.ome.tif: cannot be written: there is no folder",

@@ -6,6 +6,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from capture import CapturedSet
 from classify import TextureLibrary
 from rig import surface_names
@@ -30,6 +32,7 @@ class _Links(HTMLParser):
             self.rows.append(dict(attrs).get("class"))
 
 
+@pytest.mark.slow
 def test_the_demo_captures_trains_classifies_and_reports(
     ps4rig: Callable[..., Any], tmp_path: Path
 ) -> None:

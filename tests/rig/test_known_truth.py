@@ -55,7 +55,7 @@ def photographed(
     )
 
 
-def measure(bit_depth: int) -> tuple[Table, dict[str, float]]:
+def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:
     """Mean error in degrees by method and number of lights, and the share of such pixels.
 
     Every pixel counts, also those that a method itself calls invalid (it leaves them level).
@@ -64,7 +64,7 @@ def measure(bit_depth: int) -> tuple[Table, dict[str, float]]:
     sensor = SensorModel(bit_depth=bit_depth)
     errors: dict[tuple[str, str], list[np.ndarray]] = {}
     for name in SYNTHETIC_NAMES:
-        for seed in range(3):
+        for seed in range(seeds):
             scene = render_frame(synthetic_surface(name, seed, 512), lighting, 256)
             lit = 4 - scene.shadowed.sum(axis=0)
             for method in METHODS:
@@ -78,11 +78,18 @@ def measure(bit_depth: int) -> tuple[Table, dict[str, float]]:
 
 
 @pytest.fixture(
-    scope="module", params=[8, pytest.param(16, marks=pytest.mark.slow)], ids=["8 bit", "16 bit"]
+    scope="module",
+    params=[
+        (8, 1),
+        pytest.param((8, 3), marks=pytest.mark.slow),
+        pytest.param((16, 3), marks=pytest.mark.slow),
+    ],
+    ids=["8 bit, 1 seed", "8 bit, 3 seeds", "16 bit, 3 seeds"],
 )
 def table(request: pytest.FixtureRequest) -> Table:
-    means, shares = measure(request.param)
-    print(f"\nmean angular error in degrees, slant {SLANT_DEG:g}, {request.param} bit")
+    bit_depth, seeds = request.param
+    means, shares = measure(bit_depth, seeds)
+    print(f"\nmean angular error in degrees, slant {SLANT_DEG:g}, {bit_depth} bit")
     print(f"{'lit by':14}" + "".join(f"{lights:>9}" for lights in LIT_BY))
     print(f"{'% of pixels':14}" + "".join(f"{100 * shares[lights]:9.2f}" for lights in LIT_BY))
     for method in METHODS:
@@ -198,7 +205,10 @@ def show(title: str, errors: Errors, slant_deg: int) -> None:
         print(f"{label:16}" + "".join(f"{value:9.4f}" for value in known[slant_deg]))
 
 
-@pytest.mark.parametrize("slant_deg", [30, 50, 70])
+@pytest.mark.parametrize(
+    "slant_deg",
+    [pytest.param(30, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.slow), 70],
+)
 def test_robust_ps4_beats_the_table(slant_deg: int) -> None:
     errors = science_errors(slant_deg, the_four(1, every_combination=False))
     show("rock, sand, malv, ogil", errors, slant_deg)
@@ -266,7 +276,8 @@ def material_errors(slant_deg: float, size_px: int) -> dict[str, tuple[np.ndarra
     return found
 
 
-@pytest.mark.parametrize("slant_deg", [pytest.param(45.0, marks=pytest.mark.slow), 70.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("slant_deg", [45.0, 70.0])
 def test_robust_ps4_is_nowhere_clearly_worse_on_scanned_materials(slant_deg: float) -> None:
     found = material_errors(slant_deg, 256)
     print(f"\nrms slope error, scanned materials, slant {slant_deg:g}: ps4 / ps4_robust")

@@ -24,6 +24,7 @@ from rig import (
     RigConfig,
     open_rig,
 )
+from rig.lights import driver
 
 Outputs = Callable[[Rig], list[float]]
 
@@ -400,7 +401,10 @@ def test_a_set_is_begun_again_when_the_controller_restarts_in_it(rig: Rig) -> No
 
 
 @pytest.mark.usefixtures("dark_after")
-def test_lights_unplugged_between_led_2_and_3_are_an_error(rig: Rig) -> None:
+def test_lights_unplugged_between_led_2_and_3_are_an_error(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driver, "_RECOVER_TIMEOUT_S", 0.3)
     assert rig.simulation is not None
     select = rig.lights.select
 

@@ -16,8 +16,6 @@ SLANTS_DEG = (30.0, 45.0, 60.0, 75.0)
 BITS = (8, 10, 12, 16)
 ROTATIONS_DEG = (0.0, 25.0)
 
-pytestmark = pytest.mark.usefixtures("scenes_are_rendered_once")
-
 
 def refusals(surfaces: tuple[str, ...], slant_deg: float, bits: int) -> tuple[list[str], int, int]:
     """What was refused and why, and how many sets there were and took a second look."""

@@ -24,8 +24,6 @@ TOLERANCE = 0.05
 RANDOM_SETS = 2000
 SURFACES = ("rock", "sand", "malv", "ogil", "cobbles", "rock_speckled", "Fabric018")
 
-pytestmark = pytest.mark.usefixtures("scenes_are_rendered_once")
-
 
 def rig_with(plan: dict[str, Any], **camera: object) -> RigConfig:
     return RigConfig().with_changes(

@@ -77,7 +77,7 @@ def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     "bench",
     [
         Bench(30.0, 20.0, lag_ms=24.0),
-        Bench(60.0, 10.0, lag_ms=14.0),
+        pytest.param(Bench(60.0, 10.0, lag_ms=14.0), marks=pytest.mark.slow),
         pytest.param(Bench(30.0, 20.0, lag_ms=39.0, readout_ms=15.0), marks=pytest.mark.slow),
         pytest.param(Bench(30.0, 20.0, lag_ms=24.0, jitter_ms=2.0), marks=pytest.mark.slow),
         pytest.param(

@@ -42,14 +42,16 @@ def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
         assert lights._link is link
 
 
-def test_unplugged_and_plugged_in_again_elsewhere() -> None:
+def test_unplugged_and_plugged_in_again_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
         rig.lights.set_level(2, 98)
         capture_set(rig)
         rig.simulation.unplug_lights()
-        with pytest.raises(LightControllerError, match="gone"):
-            capture_set(rig)
+        with monkeypatch.context() as patch:
+            patch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 0.3)
+            with pytest.raises(LightControllerError, match="gone"):
+                capture_set(rig)
         rig.simulation.replug_lights()
         capture_set(rig)
         assert rig.lights.port == rig.simulation.port

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig import CameraError
@@ -32,6 +32,7 @@ def padded(rows: npt.NDArray[np.uint8], padding: int, *, whole: bool) -> bytes:
     return full if whole or not padding else full[:-padding]
 
 
+@settings(max_examples=25)  # for each format
 @pytest.mark.parametrize("entry", MONO, ids=lambda entry: entry.name)
 @given(height=sides, width=sides, seed=seeds, padding=paddings, whole=st.booleans())
 def test_grey_and_raw_bayer_are_the_sensors_values(
@@ -73,6 +74,7 @@ def test_luma_of_colour_has_the_weights_of_bt601(
     assert np.abs(pixels - colours @ np.array(weights)).max() <= 0.51
 
 
+@settings(max_examples=25)  # for each format
 @pytest.mark.parametrize("entry", UNCOMPRESSED, ids=lambda entry: entry.name)
 @given(height=sides, half=sides, wrong=st.sampled_from([-1, 1]), padding=paddings)
 def test_a_buffer_of_another_size_is_refused(

@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from classify.errors import InputError
-from classify.methods import METHODS, Method
-
-from .console import (
+from capture.console import (
     JsonOption,
     SchedulerOption,
     SetsArgument,
@@ -23,6 +20,9 @@ from .console import (
     progress,
     reported,
 )
+from classify.errors import InputError
+from classify.methods import METHODS, Method
+
 from .simulated_options import (
     SIMULATION,
     BitsOption,
@@ -37,11 +37,10 @@ from .simulated_options import (
 )
 
 if TYPE_CHECKING:
+    from capture.batch.tasks import SolvedSet
+    from capture.sets import CapturedSet
     from classify import Lighting
     from rig import Placement, Rig
-
-    from .batch.tasks import SolvedSet
-    from .sets import CapturedSet
 
 __all__ = ["capture", "import_", "solve"]
 
@@ -72,9 +71,8 @@ def capture(
     json: JsonOption = False,
 ) -> None:
     """Take one captured set, or several: ambient image, then each LED in order."""
+    from capture.sets.ome_tiff import check_path
     from rig import ConfigError, open_rig
-
-    from .sets.ome_tiff import check_path
 
     check_path(output)
     config = chosen_config(rig)
@@ -124,7 +122,7 @@ def _time_taken(captured: CapturedSet) -> str:
 def _captured(
     rig: Rig, placements: list[Placement], count: int, label: str | None, average: int
 ) -> Iterator[CapturedSet]:
-    from .acquisition import capture_set
+    from capture.acquisition import capture_set
 
     for placement in placements:
         if rig.simulation is not None and rig.simulation.placement not in (None, placement):
@@ -134,7 +132,7 @@ def _captured(
 
 
 def _numbered(output: Path, count: int) -> list[Path]:
-    from .sets.ome_tiff import SUFFIX
+    from capture.sets.ome_tiff import SUFFIX
 
     if count == 1:
         return [output]
@@ -176,10 +174,9 @@ def import_(
     json: JsonOption = False,
 ) -> None:
     """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
+    from capture.sets import import_images, load_light_list
+    from capture.sets.ome_tiff import SUFFIX
     from classify import Lighting
-
-    from .sets import import_images, load_light_list
-    from .sets.ome_tiff import SUFFIX
 
     *images, output = paths
     if not output.name.endswith(SUFFIX):
@@ -247,10 +244,10 @@ def solve(
     if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
-    from .batch import Batch
-    from .batch.tasks import SolveTask, solve_set
-    from .maps.surface_maps import RELIT_LIGHT
-    from .sets import output_folders
+    from capture.batch import Batch
+    from capture.batch.tasks import SolveTask, solve_set
+    from capture.maps.surface_maps import RELIT_LIGHT
+    from capture.sets import output_folders
 
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)

@@ -12,10 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from classify.errors import InputError
-from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
-
-from .console import (
+from capture.console import (
     JsonOption,
     SchedulerOption,
     SetsArgument,
@@ -26,11 +23,12 @@ from .console import (
     progress,
     reported,
 )
+from classify.errors import InputError
+from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
 
 if TYPE_CHECKING:
+    from capture.batch.tasks import ClassifiedSet
     from classify import Evaluation
-
-    from .batch.tasks import ClassifiedSet
 
 __all__ = ["classify", "evaluate_", "train"]
 
@@ -54,10 +52,9 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Learn textures from labelled sets, any number per class."""
+    from capture.sets import find_sets
+    from capture.training import train_library
     from classify.library.ps4lib import check_path
-
-    from .sets import find_sets
-    from .training import train_library
 
     check_path(library)
     paths = find_sets(sets)
@@ -82,7 +79,7 @@ def classify(
     json: JsonOption = False,
 ) -> None:
     """Say which texture each set shows, and how far it is turned."""
-    from .sets import find_sets
+    from capture.sets import find_sets
 
     paths = find_sets(sets)
     answers = _classified(paths, library, workers, scheduler)
@@ -123,9 +120,8 @@ def evaluate_(
     json: JsonOption = False,
 ) -> None:
     """Classify labelled sets, all those below a folder, and compare with their labels."""
+    from capture.sets import find_sets
     from classify import Trial, evaluate
-
-    from .sets import find_sets
 
     paths = find_sets(sets)
     with _library_for(library, classifier, workers, scheduler) as asked:
@@ -169,10 +165,9 @@ def _classified(
     scheduler: str | None,
     label_required: bool = False,
 ) -> list[ClassifiedSet]:
+    from capture.batch import Batch
+    from capture.batch.tasks import classify_set
     from classify import TextureLibrary
-
-    from .batch import Batch
-    from .batch.tasks import classify_set
 
     TextureLibrary.load(library)  # once here, so that what is wrong with it is said at once
     task = partial(classify_set, library=library.absolute(), label_required=label_required)
@@ -192,9 +187,8 @@ def _library_for(
     library: Path, classifier: str | None, workers: int | None, scheduler: str | None
 ) -> Iterator[Path]:
     """The library itself, or one of the same sets for another classifier, for as long as asked."""
+    from capture.training import train_again
     from classify import TextureLibrary
-
-    from .training import train_again
 
     if classifier is None or TextureLibrary.load(library).classifier == _known(classifier):
         yield library

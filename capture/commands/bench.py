@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from .console import JsonOption, out, print_json, reported
+from capture.console import JsonOption, out, print_json, reported
 
 __all__ = ["bench"]
 
@@ -19,8 +19,8 @@ def bench(
     json: JsonOption = False,
 ) -> None:
     """Measure this machine: ratios to a floor measured in the same run, with times beside them."""
-    from .benchmark.figures import as_json, print_chapter
-    from .benchmark.run import chapters, machine
+    from capture.benchmark.figures import as_json, print_chapter
+    from capture.benchmark.run import chapters, machine
 
     about = machine()
     if json:

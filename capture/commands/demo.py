@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .console import reported
+from capture.console import reported
 
 __all__ = ["demo"]
 
@@ -19,6 +19,6 @@ def demo(
     ] = Path("demo-report"),
 ) -> None:
     """Capture, train and classify on the simulated rig, and write a report. No hardware."""
-    from .demo import run_demo
+    from capture.demo import run_demo
 
     run_demo(output)

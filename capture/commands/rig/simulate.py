@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import out, reported
-from capture.simulated_options import (
+from capture.commands.simulated_options import (
     SIMULATION,
     BitsOption,
     RigOption,
@@ -21,6 +20,7 @@ from capture.simulated_options import (
     chosen_config,
     with_part,
 )
+from capture.console import out, reported
 from classify.errors import InputError
 
 if TYPE_CHECKING:

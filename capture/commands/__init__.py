@@ -1,0 +1,1 @@
+"""The commands of ``ps4rig``: their options and what they print. `cli` registers them."""
