@@ -62,6 +62,10 @@ class CameraInfo:
         As read back from the camera.
     queue_length
         Frames the driver keeps: as many may be older than the last request.
+    readout_s
+        From the exposure of the first row to that of the last, at most; None where nobody knows.
+    start_known_to_s
+        By how much later than a frame's `exposure_start_s` its exposure may have begun.
     gain_e_per_dn, read_noise_dn, black_level_dn
         Noise model of the sensor, None where it is not known.
     controls
@@ -76,6 +80,8 @@ class CameraInfo:
     frame_period_s: float
     exposure_s: float
     queue_length: int
+    readout_s: float | None = None
+    start_known_to_s: float = 0.0
     gain_e_per_dn: float | None = None
     read_noise_dn: float | None = None
     black_level_dn: float | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .config import CameraConfig
 from .errors import ConfigError
 
-__all__ = ["exposure_start_s", "require_measured_mode"]
+__all__ = ["exposure_start_s", "require_measured_mode", "start_known_to_s"]
 
 
 def exposure_start_s(
@@ -35,6 +35,11 @@ def exposure_start_s(
         return stamp_s
     readout_s = period_s if config.readout_ms is None else config.readout_ms / 1e3
     return stamp_s - readout_s - exposure_s
+
+
+def start_known_to_s(config: CameraConfig) -> float:
+    """By how much later than `exposure_start_s` says an exposure may have begun."""
+    return 2.0 * config.timestamp_uncertainty_ms / 1e3
 
 
 def require_measured_mode(config: CameraConfig) -> None:

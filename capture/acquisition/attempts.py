@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -30,7 +29,7 @@ from rig import CameraInfo, HardwareError, Rig
 from .fresh_frames import FrameBeat, light_name
 from .hardware_set import images_in_sequence
 from .light_checks import Pictures, check_ambient, check_lights
-from .light_images import LightImage, image_under
+from .light_images import LightImage, images_under
 from .quality import check_images
 
 __all__ = ["MAX_AVERAGE", "MAX_RETRIES", "capture_set"]
@@ -154,7 +153,8 @@ def _taken(rig: Rig, average: int) -> _Taken:
     def second_look() -> npt.NDArray[np.uint16]:
         if not by_software:
             return _looked_in_sequence(rig, average).images
-        again = _under(rig, average, beat, reversed(_order(rig)))
+        order = [light for group in like_signed(rig.lighting) for light in group][::-1]
+        again = dict(zip(order, images_under(rig, order, average, beat), strict=True))
         return np.stack([again[light][0] for light in sorted(again)])
 
     checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
@@ -170,26 +170,16 @@ def _looked(rig: Rig, average: int, beat: FrameBeat) -> _Look:
     consecutive pictures, either makes the lights disagree or the ambient images differ.
     """
     first, second = like_signed(rig.lighting)
-    ambient = image_under(rig, None, average, beat)
-    taken = _under(rig, average, beat, first)
-    later_ambient = image_under(rig, None, average, beat)
-    taken |= _under(rig, average, beat, second)
-    return _Look(ambient, tuple(taken[light] for light in sorted(taken)), later_ambient)
+    taken = images_under(rig, (None, *first, None, *second), average, beat)
+    ambient, later_ambient = taken[0], taken.pop(len(first) + 1)
+    lights = dict(zip((*first, *second), taken[1:], strict=True))
+    return _Look(ambient, tuple(lights[light] for light in sorted(lights)), later_ambient)
 
 
 def _looked_in_sequence(rig: Rig, average: int) -> _Look:
     """One look, switched by the controller at each frame, without a frame to spare."""
     ambient, *lights = images_in_sequence(rig, average)
     return _Look(ambient, tuple(lights))
-
-
-def _order(rig: Rig) -> list[int]:
-    first, second = like_signed(rig.lighting)
-    return [*first, *second]
-
-
-def _under(rig: Rig, average: int, beat: FrameBeat, lights: Iterable[int]) -> dict[int, LightImage]:
-    return {light: image_under(rig, light, average, beat) for light in lights}
 
 
 def _put_out(rig: Rig) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 from capture.errors import SetRejected
@@ -19,6 +20,7 @@ _FINGERPRINT_PX = 4096
 # camera reports its period.
 _BEAT_FRAMES = 4
 _PERIOD_ERROR = 0.01
+_SHORTEST = 1.0 - _PERIOD_ERROR
 
 
 def light_name(rig: Rig, light: int | None) -> str:
@@ -33,6 +35,7 @@ class FrameBeat:
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
+        self._began_s: float | None = None
         self._sequence: int | None = None
         self._received = 0
         self._print = b""
@@ -49,10 +52,38 @@ class FrameBeat:
         same_number = self._sequence is not None and frame.sequence <= self._sequence
         alike = print_ != b"" and print_ == self._print and not self._is_repeat
         self._is_repeat = same_number or alike
-        self._received += not self._is_repeat
+        if not self._is_repeat:
+            earlier_s = self._began_s
+            self._received += 1
+            self._began_s = frame.exposure_start_s
+            if earlier_s is not None:
+                self._began_s = max(self._began_s, earlier_s + self._period_s * _SHORTEST)
         self._sequence = max(frame.sequence, self._sequence or 0)
         self._print = print_
         return self._is_repeat
+
+    @property
+    def began_s(self) -> float | None:
+        """When the last frame began, by its time stamp and by those of the frames before it.
+
+        The later of the two, as exposures begin one period apart or more; None without a frame.
+        """
+        return self._began_s
+
+    def next_start_s(self, not_before_s: float, known_to_s: float, ahead: int) -> float | None:
+        """When the first frame will begin that is not older than that, at the latest.
+
+        None where nothing is known of the beat, if it is more than `ahead` frames away, or if two
+        frames may be that one, as times are known to `known_to_s`.
+        """
+        if self._began_s is None:
+            return None
+        frames = max(1, math.ceil((not_before_s - self._began_s) / self._period_s))
+        error_s = known_to_s + frames * self._period_s * _PERIOD_ERROR
+        start_s = self._began_s + frames * self._period_s
+        newer_s = start_s - not_before_s
+        certain = error_s <= newer_s and (frames == 1 or newer_s <= self._period_s - error_s)
+        return start_s + error_s if certain and frames <= min(ahead, _BEAT_FRAMES) else None
 
     def accept(self, acknowledged_s: float, name: str) -> None:
         """Remember that this frame, the last one, was taken for newer than an acknowledge."""
@@ -72,7 +103,7 @@ class FrameBeat:
         for number, acknowledged_s, name in self._accepted:
             # Those that were received: of numbers that were skipped nobody knows what they count.
             frames = self._received - number
-            began_s = frame.exposure_start_s - frames * self._period_s * (1.0 - _PERIOD_ERROR)
+            began_s = frame.exposure_start_s - frames * self._period_s * _SHORTEST
             if 0 < frames <= _BEAT_FRAMES and began_s < acknowledged_s:
                 raise SetRejected(
                     f"set rejected: the time stamp of a frame under {name} was late: by those of "
@@ -99,7 +130,39 @@ class FreshFrames:
         self.lost = 0
 
     def take(self) -> Frame:
-        """The next good frame.
+        """The next good frame; raises what `_next_good` does."""
+        return self._accepted(self._next_good())
+
+    def take_exposed_by(self, by_s: float) -> Frame | None:
+        """The next good frame, or None if light may have fallen on it after `by_s`.
+
+        Its exposure has an end that is known, see `next_end_s`. Raises what `take` does.
+        """
+        frame = self._next_good()
+        end_s = self._end_s(self._beat.began_s)
+        return self._accepted(frame) if end_s is not None and end_s <= by_s else None
+
+    def next_end_s(self) -> float | None:
+        """When a good frame is going to have been exposed, to its last row; None if not known."""
+        info = self._rig.camera.info
+        # Those before it wait in the queue, where there must be room for it.
+        ahead = info.queue_length - 1
+        return self._end_s(
+            self._beat.next_start_s(self._not_before_s, info.start_known_to_s, ahead)
+        )
+
+    def _end_s(self, start_s: float | None) -> float | None:
+        info = self._rig.camera.info
+        if start_s is None or info.readout_s is None:
+            return None
+        return start_s + info.exposure_s + info.start_known_to_s + info.readout_s
+
+    def _accepted(self, frame: Frame) -> Frame:
+        self._beat.accept(self._acknowledged_s, light_name(self._rig, self._light))
+        return frame
+
+    def _next_good(self) -> Frame:
+        """The next frame that is newer than the light, not corrupt and not empty.
 
         Raises
         ------
@@ -131,8 +194,6 @@ class FreshFrames:
             elif frame.flags != FrameFlag.GOOD or self._is_empty(frame):
                 self.corrupt += 1
             else:
-                name = light_name(self._rig, self._light)
-                self._beat.accept(self._acknowledged_s, name)
                 return frame
         raise SetRejected(
             f"set rejected: no good frame under {light_name(self._rig, self._light)} in "

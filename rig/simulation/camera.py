@@ -75,7 +75,8 @@ class SimulatedCamera:
 
     `strobe` is the wire that tells whether any row is exposed, with the time of the change.
     `reported_start_s` makes of a frame's sequence number and the true start of its exposure what
-    the rig is told of it.
+    the rig is told of it, which is early by `start_known_to_s` at most. Of the readout it is told
+    `reported_readout_s`.
     """
 
     def __init__(
@@ -91,6 +92,8 @@ class SimulatedCamera:
         buffers: int = 4,
         readout_s: float = 0.0,
         reported_start_s: Callable[[int, float], float] = _as_it_is,
+        reported_readout_s: float | None = None,
+        start_known_to_s: float = 0.0,
         identity: CameraIdentity = CameraIdentity(),
         strobe: Callable[[bool, float], object] = _unwired,
         triggered: bool = False,
@@ -105,6 +108,8 @@ class SimulatedCamera:
         self._buffers = buffers
         self._readout_s = readout_s
         self._reported_start_s = reported_start_s
+        self._reported_readout_s = reported_readout_s
+        self._start_known_to_s = start_known_to_s
         self._identity = identity
         self._strobe = strobe
         self._exposures = 0  # that are under way: with a rolling shutter they may overlap
@@ -130,6 +135,8 @@ class SimulatedCamera:
             frame_period_s=self._period_s,
             exposure_s=self._exposure_s,
             queue_length=self._buffers,
+            readout_s=self._reported_readout_s,
+            start_known_to_s=self._start_known_to_s,
             gain_e_per_dn=self._sensor.gain_e_per_dn,
             read_noise_dn=self._sensor.read_noise_dn,
             black_level_dn=self._sensor.black_level_dn,
@@ -153,8 +160,12 @@ class SimulatedCamera:
             if ready_s - now_s > timeout_s:
                 self._clock.sleep_s(now_s + timeout_s - self._clock.now_s())
                 raise CameraError(f"no frame from the camera in {timeout_s:g} s")
+            # Its pixels are made while it is transferred, or on the real clock it would come late.
+            self._clock.sleep_s(ready_s - _TRANSFER_S - self._clock.now_s())
+            self._fill_buffers(ready_s)
+            frame = self._developed(self._queue.popleft())
             self._clock.sleep_s(ready_s - self._clock.now_s())
-            self._fill_buffers(self._clock.now_s())
+            return frame
         return self._developed(self._queue.popleft())
 
     def frame_end_s(self, frame: Frame) -> float:

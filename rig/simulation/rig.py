@@ -24,7 +24,7 @@ from firmware_sim.led import Led
 from firmware_sim.server import Device
 from rig.camera import Camera
 from rig.config import FaultPlan, Placement, RigConfig
-from rig.frame_time import exposure_start_s, require_measured_mode
+from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 from rig.lights import TendedClock
 from rig.scene import (
     SYNTHETIC_NAMES,
@@ -134,6 +134,8 @@ class Simulation:
             seed=config.simulation.placement.seed,
             readout_s=config.simulation.readout_ms / 1000.0,
             reported_start_s=_driver_stamps(config),
+            reported_readout_s=_reported_readout_s(config),
+            start_known_to_s=_start_known_to_s(config),
             identity=seen.identity,
             strobe=controller.strobe,
             triggered=config.lights.synchronisation == "trigger",
@@ -223,6 +225,19 @@ def _driver_stamps(config: RigConfig) -> Callable[[int, float], float]:
         return exposure_start_s(stamp_s, False, camera, period_s, exposure_s)
 
     return reported_start_s
+
+
+def _reported_readout_s(config: RigConfig) -> float | None:
+    """What the rig knows of the readout: of a simulated driver that stamps without a lag, all."""
+    lagging = config.simulation.stamp_lag_ms is not None
+    readout_ms = config.camera.readout_ms if lagging else config.simulation.readout_ms
+    return None if readout_ms is None else readout_ms / 1e3
+
+
+def _start_known_to_s(config: RigConfig) -> float:
+    if config.simulation.stamp_lag_ms is not None:
+        return start_known_to_s(config.camera)
+    return max(0.0, -_driver_stamps(config)(0, 0.0))
 
 
 def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:

@@ -11,7 +11,7 @@ import numpy as np
 from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
 from rig.config import CameraConfig
 from rig.errors import CameraError
-from rig.frame_time import exposure_start_s, require_measured_mode
+from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 
 from .camera_list import device_path
 from .controls import list_controls, read_control
@@ -77,6 +77,7 @@ class V4l2Camera:
     @property
     def info(self) -> CameraInfo:
         """What holds for every frame."""
+        readout_ms = self._config.readout_ms
         return CameraInfo(
             kind="v4l2",
             name=self._device.card,
@@ -86,6 +87,8 @@ class V4l2Camera:
             frame_period_s=self._period_s,
             exposure_s=self._exposure_s,
             queue_length=self._queue_length,
+            readout_s=None if readout_ms is None else readout_ms / 1e3,
+            start_known_to_s=start_known_to_s(self._config),
             controls=self._controls,
         )
 

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
 
 import pytest
 import serial
@@ -219,12 +220,15 @@ def test_the_watchdog_works_in_real_time():
 def test_an_exchange_is_quick():
     with serve_pty(controller(RealClock())) as server, opened(server.address) as port:
         ask(port, b"*IDN?")
-        durations_s = []
-        for _ in range(50):
+
+        def exchange_s() -> float:
             start_s = time.perf_counter()
             ask(port, b"LED:STAT?")
-            durations_s.append(time.perf_counter() - start_s)
-    assert sorted(durations_s)[25] < 0.001
+            return time.perf_counter() - start_s
+
+        # One that waited for a turn of the server would take milliseconds, and most of them would.
+        # A machine that does other things leaves some stretch of time to this test.
+        assert any(median(exchange_s() for _ in range(20)) < 0.001 for _ in range(50))
 
 
 @pytest.mark.parametrize("serve", [serve_pty, serve_tcp])

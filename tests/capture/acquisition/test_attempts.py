@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture import SetRejected, capture_set
+from capture import CapturedSet, SetRejected, capture_set
 from classify.errors import InputError
 from rig import (
     Camera,
@@ -52,14 +52,14 @@ def with_frames(rig: Rig, change: Callable[[Frame], Frame]) -> Rig:
 
 
 def under(rig: Rig, led: int | None, action: Callable[[], object]) -> Rig:
-    """Do something once, when a frame is handed out while `led` (None: no LED) is lit."""
+    """Do something once, when a frame is handed out that saw `led` (None: no LED)."""
     done = False
 
     def change(frame: Frame) -> Frame:
         nonlocal done
         assert rig.simulation is not None
-        now_s, board = rig.clock.now_s(), rig.simulation.board
-        lit = [other for other in range(4) if board.output(other, now_s) > 0.5]
+        exposed_s, board = frame.exposure_end_s - 1e-3, rig.simulation.board
+        lit = [other for other in range(4) if board.output(other, exposed_s) > 0.5]
         if not done and lit == ([] if led is None else [led]):
             done = True
             action()
@@ -142,23 +142,31 @@ def test_each_image_is_what_the_scene_looks_like_under_that_light(rig: Rig) -> N
 
 
 def test_a_set_on_virtual_time_takes_no_time(rig: Rig) -> None:
-    capture_set(rig)
-    started_s, simulated_s = time.monotonic(), rig.clock.now_s()
-    capture_set(rig)
-    assert time.monotonic() - started_s < 0.5
-    assert rig.clock.now_s() - simulated_s > 4.9 / 30
+    def took_s() -> float:
+        started_s, simulated_s = time.monotonic(), rig.clock.now_s()
+        capture_set(rig)
+        assert rig.clock.now_s() - simulated_s > 4.9 / 30
+        return time.monotonic() - started_s
+
+    # The first one loads what it needs, and a machine that is busy takes longer.
+    assert any(took_s() < 0.15 for _ in range(10))
 
 
 def test_a_set_on_the_real_clock_takes_what_its_frames_take(small_config: RigConfig) -> None:
     with open_rig(small_config.with_changes(simulation={"clock": "real"})) as rig:
-        started_s = time.monotonic()
-        captured = capture_set(rig)
-        took_s = time.monotonic() - started_s
-    # Each image waits for a whole frame after the switch: between one and two periods.
-    assert 6 / 30 < took_s < 6 * (2 / 30 + 0.015) + 0.4
-    for record in captured.metadata.images:
-        assert record.led_acknowledged_s is not None
-        assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
+
+        def took_s() -> float:
+            started_s = time.monotonic()
+            captured = capture_set(rig)
+            ended_s = time.monotonic()
+            for record in captured.metadata.images:
+                assert record.led_acknowledged_s is not None
+                assert record.frames[0].exposure_start_s >= record.led_acknowledged_s + 0.005
+            return ended_s - started_s
+
+        fastest_s = min(took_s() for _ in range(3))
+    # Of six images each begins a frame period after the one before, or two.
+    assert 5 / 30 + 0.02 < fastest_s < 6 * 2 / 30 + 0.2
 
 
 def test_the_same_rig_gives_the_same_set(small_config: RigConfig) -> None:
@@ -423,6 +431,32 @@ def test_any_error_of_a_program_in_mid_set_puts_the_leds_out(
 
     with pytest.raises(type(error)):
         capture_set(under(rig, led, fail))
+
+
+def test_a_light_comes_again_whose_frame_came_later_than_was_foreseen() -> None:
+    def taken(frames: list[dict[str, object]]) -> CapturedSet:
+        config = RigConfig().with_changes(
+            camera={"width_px": 64, "height_px": 64}, simulation={"faults": {"frames": frames}}
+        )
+        with open_rig(config) as rig:
+            return capture_set(rig)
+
+    def signals(captured: CapturedSet) -> np.ndarray:
+        assert captured.ambient is not None
+        return captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
+
+    clean, later = taken([]), []
+    for number in range(2, 7):
+        captured = taken([{"kind": "dropped", "when": {"nth": number}}])
+        assert captured.metadata.retries == ()
+        np.testing.assert_allclose(signals(captured), signals(clean), rtol=0.01)
+        for image in captured.metadata.images:
+            assert image.led_acknowledged_s is not None
+            (frame,) = image.frames
+            assert frame.exposure_start_s >= image.led_acknowledged_s + 0.005
+        frames = [image.frames[0].sequence for image in captured.metadata.images]
+        later.append(max(frames) - min(frames))
+    assert max(later) > 5
 
 
 @pytest.mark.usefixtures("dark_after")

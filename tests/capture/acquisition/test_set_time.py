@@ -88,11 +88,21 @@ def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
 )
 def test_a_measured_camera_takes_two_frames_per_image_at_most(bench: Bench) -> None:
     apart, wholes = set_times(bench)
+    assert len(wholes) == SETS
     assert apart.max() <= 2
     # All frames there are from the ambient one to the last, and around them: the wait until an
     # exposure begins in known darkness, transfer, and six exchanges of 1 ms.
     around_ms = bench.config.lights.settle_ms + bench.readout_ms + 4.0 + 6.0
     assert wholes.max() <= 2 * apart.shape[1] + 1 + 1 + around_ms * bench.rate_hz / 1e3
+
+
+@pytest.mark.parametrize("bench", [Bench(30.0, 20.0, 24.0), Bench(60.0, 4.0, 8.0)], ids=str)
+def test_where_exposure_and_switch_fit_into_a_period_an_image_takes_one(bench: Bench) -> None:
+    apart, wholes = set_times(bench)
+    # The first image is awaited to its arrival: the beat of the frames is not known before.
+    assert apart[:, 1:].max() <= 1
+    # All of a set, with both ambient images: two periods for each light, and one.
+    assert wholes.max() <= 2 * 4 + 1
 
 
 @pytest.mark.slow

@@ -28,18 +28,23 @@ CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
 
 
-def config(pixel_format: str = "GREY", device: str = VIDEO, **changes: object) -> CameraConfig:
+def config(
+    pixel_format: str = "GREY",
+    device: str = VIDEO,
+    frame_rate_hz: float = RATE_HZ,
+    **changes: object,
+) -> CameraConfig:
     values = {
         "kind": "v4l2",
         "device": device,
         "pixel_format": pixel_format,
         "width_px": 320,
         "height_px": 180,
-        "frame_rate_hz": RATE_HZ,
+        "frame_rate_hz": frame_rate_hz,
         "exposure_ms": 20.0,
         "fixed_exposure": True,
-        "readout_ms": 0.0,
-        "timestamp_offset_ms": -1000.0 * PERIOD_S,
+        # A frame is filled at some time in the period before its stamp.
+        "readout_ms": 1000.0 / frame_rate_hz,
     }
     return CameraConfig.model_validate(values | changes)
 

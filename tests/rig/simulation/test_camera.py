@@ -85,11 +85,17 @@ def test_frames_come_at_the_frame_rate_on_a_virtual_clock_in_no_time() -> None:
 
 def test_frames_come_at_the_frame_rate_on_the_real_clock() -> None:
     rig = setup(RealClock(), rate_hz=50.0, exposure_ms=5.0)
-    rig.camera.read(1.0)
-    started_s = time.monotonic()
-    frames = [rig.camera.read(1.0) for _ in range(10)]
-    assert time.monotonic() - started_s == pytest.approx(0.2, abs=0.05)
-    assert frames[-1].exposure_end_s < time.monotonic() < frames[-1].exposure_end_s + 0.1
+
+    def is_in_time() -> bool:
+        rig.camera.read(1.0)
+        started_s = time.monotonic()
+        frames = [rig.camera.read(1.0) for _ in range(10)]
+        now_s = time.monotonic()
+        assert frames[-1].exposure_end_s < now_s
+        return abs(now_s - started_s - 0.2) < 0.05 and now_s < frames[-1].exposure_end_s + 0.1
+
+    # A machine that does other things as well stands still now and then.
+    assert any(is_in_time() for _ in range(5))
 
 
 def test_a_frame_is_handed_out_only_after_its_exposure() -> None:
