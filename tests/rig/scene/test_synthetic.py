@@ -114,7 +114,7 @@ def test_the_four_are_filtered_white_noise_and_stay_so(name: str, formula) -> No
     assert (surface.albedo == np.float32(ALBEDO)).all()
 
 
-@pytest.mark.parametrize("name", SYNTHETIC_TEXTURES)
+@pytest.mark.parametrize("name", FOUR_AND_MORE)
 def test_a_texture_is_scaled_band_limited_and_repeatable(name: str) -> None:
     surface, other = surface_of(name), surface_of(name, 1)
     again = synthetic_surface(name, 0, SIDE)
@@ -168,6 +168,7 @@ def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
     assert nearest == list(SYNTHETIC_30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "partner"), [*EQUAL_SPECTRUM_TWINS.items(), *SAME_RELIEF.items()])
 def test_these_have_equal_power_spectra_of_relief(name: str, partner: str) -> None:
     seeds = range(6)
@@ -219,7 +220,7 @@ def test_a_turned_spectrum_turns_the_surface_anticlockwise(turn_deg: float) -> N
     assert np.degrees(np.angle(tensor)) / 2 % 180 == pytest.approx(turn_deg, abs=0.5)
 
 
-@pytest.mark.parametrize("name", SYNTHETIC_TEXTURES)
+@pytest.mark.parametrize("name", FOUR_AND_MORE)
 def test_the_smallest_tile_has_relief_whatever_the_seed(name: str) -> None:
     for seed in range(5):
         assert rms_slope(*(lambda s: (s.p, s.q))(synthetic_surface(name, seed, 16))) > 0.3
