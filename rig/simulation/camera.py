@@ -21,6 +21,8 @@ __all__ = ["CameraIdentity", "LitScene", "SimulatedCamera"]
 
 # From the end of the last row's exposure to the frame in the driver's queue.
 _TRANSFER_S = 0.004
+# A controller that steps at the end of an exposure needs the processor first.
+_STEP_S = 0.001
 # How often a program that waits for a frame looks whether one has been triggered.
 _TRIGGER_LOOK_S = 0.001
 # A clock that slept until a frame was ready may stand a hair before it.
@@ -161,7 +163,7 @@ class SimulatedCamera:
                 self._clock.sleep_s(now_s + timeout_s - self._clock.now_s())
                 raise CameraError(f"no frame from the camera in {timeout_s:g} s")
             # Its pixels are made while it is transferred, or on the real clock it would come late.
-            self._clock.sleep_s(ready_s - _TRANSFER_S - self._clock.now_s())
+            self._clock.sleep_s(ready_s - _TRANSFER_S + _STEP_S - self._clock.now_s())
             self._fill_buffers(ready_s)
             frame = self._developed(self._queue.popleft())
             self._clock.sleep_s(ready_s - self._clock.now_s())
