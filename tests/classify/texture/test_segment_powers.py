@@ -49,13 +49,15 @@ def test_powers_are_those_of_plain_transforms(shape: tuple[int, int], side: int)
 
 def test_threads_change_no_digit() -> None:
     fields = noise_fields((300, 260))
-    of_all = segment_powers(fields, 128)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
+    before = numba.get_num_threads()
+    powers = []
     try:
-        np.testing.assert_array_equal(segment_powers(fields, 128), of_all)
+        for threads in (1, numba.config.NUMBA_NUM_THREADS):
+            numba.set_num_threads(threads)
+            powers.append(segment_powers(fields, 128))
     finally:
-        numba.set_num_threads(threads)
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(*powers)
 
 
 def test_a_cut_of_a_larger_plane_gives_what_its_copy_gives() -> None:
