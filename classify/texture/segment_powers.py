@@ -24,7 +24,7 @@ _POWERS = 6
 # Sums of so many threads at most. As many on every machine: the order of a sum decides its last
 # digits.
 _LANES = 4
-# Below so many pixels all is done before a thread has started.
+# Below so many pixels all is done before another thread has woken.
 _FEW_PX = 1 << 17
 
 Array = npt.NDArray[Any]
@@ -66,8 +66,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     if len(corners) * side * side < _FEW_PX:
         sums = list(map(summed, lanes))
     else:
-        with ThreadPoolExecutor(get_num_threads()) as threads:
-            sums = list(threads.map(summed, lanes))
+        sums = list(_kept_threads(get_num_threads()).map(summed, lanes))
     powers = sums[0]
     for lane in sums[1:]:
         powers += lane
@@ -88,6 +87,12 @@ def _starts(length: int, side: int) -> list[int]:
     """First pixels of segments that cover `length` evenly and overlap by half or more."""
     count = -(-2 * length // side) - 1
     return [round(i * (length - side) / max(count - 1, 1)) for i in range(count)]
+
+
+@lru_cache(maxsize=1)
+def _kept_threads(count: int) -> ThreadPoolExecutor:
+    """Threads like those of numba's: to start some anew takes as long as a small frame."""
+    return ThreadPoolExecutor(count)
 
 
 @lru_cache(maxsize=8)
