@@ -12,9 +12,7 @@ PROGRAM = """
 import hashlib
 import numpy as np
 from classify import Lighting, TextureLibrary, photometric_stereo
-from classify.classifiers import classifier_named
-from rig.scene import render_frame
-from rig.synthetic import synthetic_surface
+from rig.scene import render_frame, synthetic_surface
 
 lighting = Lighting.ring(60.0)
 scene = render_frame(synthetic_surface("sand", 0, 256), lighting, 192)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rig import CameraError, ConfigError, Frame, Rig, RigConfig, open_rig
@@ -75,8 +75,8 @@ def check_stored_values(truth: Truth, found: CameraLatency) -> None:
     error_ms = max(5.0 * 1e3 * found.fit.readout_error_s, 0.1)
     assert number(found, "readout_ms") == pytest.approx(truth.readout_ms, abs=error_ms)
     rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
-    # Jitter looks like light that is slow.
-    within_ms = 0.3 + truth.jitter_ms
+    # Jitter looks like light that is slow, by up to twice of it in few steps of a short exposure.
+    within_ms = 0.3 + 2.0 * truth.jitter_ms
     assert rise_ms == pytest.approx(truth.rise_ms, abs=within_ms, rel=0.3)
     assert fall_ms == pytest.approx(truth.fall_ms, abs=within_ms, rel=0.3)
 
@@ -150,6 +150,7 @@ def test_what_is_stored_is_true_and_no_stale_or_mixed_frame_passes(truth: Truth)
 
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None)
+@example(Truth(60.0, 3.0, lag_ms=16.0, jitter_ms=0.5, readout_ms=0.0, rise_ms=0.25, fall_ms=0.25))
 @given(
     truth=st.builds(
         Truth,
