@@ -1,4 +1,4 @@
-"""Least squares and PS3, and how every solver ends a row.
+"""Least squares and PS3, and how solvers of any number of lights end a row.
 
 A kernel goes from raw images to gradients, albedo and validity row by row, while the row is in the
 cache. A row is done in several short loops: each is branch-free, so that the compiler makes it

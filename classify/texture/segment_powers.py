@@ -103,7 +103,7 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sums over pairs of segments, in one piece of memory small enough for a core's own cache.
+    """Sums over pairs of segments, each in the same memory as the pair before.
 
     Two real fields are one complex one, whose transform costs little more than that of one: p and
     q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
