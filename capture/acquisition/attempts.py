@@ -23,7 +23,7 @@ from capture.sets.metadata import (
 )
 from capture.sets.ome_tiff import pixels_sha256
 from classify.errors import InputError, Ps4rigError
-from classify.lights.agreement import like_signed
+from classify.lights import like_signed
 from rig import CameraInfo, HardwareError, Rig
 
 from .fresh_frames import FrameBeat, light_name

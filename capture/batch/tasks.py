@@ -18,9 +18,9 @@ from capture.sets import CapturedSet, ome_tiff
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
-from classify.library.texture_library import TrainingRow, common_lighting, observe
+from classify.library import TrainingRow, common_lighting, observe
 from classify.methods import DEFAULT_CLASSIFIER
-from classify.texture.spectra import segment_for
+from classify.texture import segment_for
 
 __all__ = [
     "ClassifiedSet",

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from capture.console import progress
 from classify import Method, TextureLibrary
-from classify.surface.estimate import FloatMap
+from classify.surface import FloatMap
 
 from .figures import Chapter, Figure
 from .scenes import Shot

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
-from classify.library.texture_library import TrainingRow, observe
-from classify.surface.estimate import FloatMap
-from classify.texture.spectra import ANGLES, segment_for
+from classify.library import TrainingRow, observe
+from classify.surface import FloatMap
+from classify.texture import ANGLES, segment_for
 from rig import SYNTHETIC_30, SYNTHETIC_TEXTURES
 
 from .scenes import patch

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
-from classify.images.noise import SensorNoise
+from classify.images import SensorNoise
 from rig import synthetic_surface
 from rig.scene import SYNTHETIC_NAMES, SceneImages, SurfacePatch, render_frame, render_scene
 from rig.simulation import SensorModel

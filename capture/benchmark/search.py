@@ -13,8 +13,8 @@ import numpy.typing as npt
 from capture.console import progress
 from classify import TextureLibrary
 from classify.classifiers import Comparison, classifier_named
-from classify.library.candidates import Sieve
-from classify.surface.estimate import FloatMap
+from classify.library import Sieve
+from classify.surface import FloatMap
 
 from .figures import Chapter, Figure
 from .references import SETS_OF_A_CLASS, Mixtures, Textures

@@ -54,7 +54,7 @@ def train(
     """Learn textures from labelled sets, any number per class."""
     from capture.sets import find_sets
     from capture.training import train_library
-    from classify.library.ps4lib import check_path
+    from classify.library import check_path
 
     check_path(library)
     paths = find_sets(sets)

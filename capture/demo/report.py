@@ -16,7 +16,7 @@ from capture.maps import pictures
 from capture.sets import CapturedSet
 from classify import Evaluation, Match, Spectra, SurfaceEstimate
 from classify.durable_file import durable_file
-from classify.surface.estimate import FloatMap
+from classify.surface import FloatMap
 from rig import ControllerIdentity, RigConfig
 
 __all__ = ["ANGLE_NOTE", "ReportEntry", "write_report"]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from capture.sets import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface.estimate import FloatMap
+from classify.surface import FloatMap
 
 __all__ = [
     "ColourScale",

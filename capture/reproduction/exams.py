@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from classify import Method, TextureLibrary
 from classify.classifiers import classifier_named
-from classify.surface.estimate import FloatMap
+from classify.surface import FloatMap
 
 from .plan import BEST_SOLVER, OURS, THESIS, Exam, Experiment, Protocol
 from .rejection import References, ScorePair, distance_pair, without

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Method, SurfaceEstimate, integrate_gradients
-from classify.surface.estimate import FloatMap
-from classify.texture.fields import TextureFields, texture_fields
-from classify.texture.spectra import field_spectra, segment_for
+from classify.surface import FloatMap
+from classify.texture import TextureFields, field_spectra, segment_for, texture_fields
 from rig.scene import SceneImages
 
 from .plan import SOLVERS

@@ -7,7 +7,7 @@ from typing import Literal
 
 from classify.classifiers import classifier_named
 from classify.methods import METHODS, Method
-from classify.texture.spectra import segment_for
+from classify.texture import segment_for
 
 from .scenes import Conditions, Place, Texture
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from classify import SurfaceEstimate, TextureLibrary
 from classify.classifiers import classifier_named
 from classify.classifiers.joint import STATISTICS
-from classify.surface.estimate import FloatMap
+from classify.surface import FloatMap
 
 __all__ = ["SCORES", "References", "ScorePair", "distance_pair", "quartered", "without"]
 

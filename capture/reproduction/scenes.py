@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.classifiers import Observation, classifier_named
-from classify.images.noise import SensorNoise
+from classify.images import SensorNoise
 from rig import synthetic_surface
 from rig.scene import PeriodicSurface, SceneImages, load_material, render_frame
 from rig.simulation import SensorModel
