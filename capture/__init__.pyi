@@ -1,5 +1,7 @@
-from .acquisition import capture_set
+from .acquisition.attempts import capture_set
 from .errors import SetRejected
-from .sets import CapturedSet, SetMetadata, import_images
+from .sets.captured_set import CapturedSet
+from .sets.metadata import SetMetadata
+from .sets.image_import import import_images
 
 __all__ = ["CapturedSet", "SetMetadata", "SetRejected", "capture_set", "import_images"]

@@ -12,7 +12,7 @@ from classify import TextureLibrary
 from classify.errors import InputError, LibraryError
 from classify.methods import DEFAULT_CLASSIFIER
 
-from .batch import Batch
+from .batch.runner import Batch
 from .batch.tasks import library_of, observe_set, read_header
 from .console import progress
 

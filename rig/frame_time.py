@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .config import CameraConfig
+from .config.camera import CameraConfig
 from .errors import ConfigError
 
 __all__ = ["exposure_start_s", "require_measured_mode", "start_known_to_s"]

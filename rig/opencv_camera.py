@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from .camera import CameraInfo, Frame, Pixels
-from .config import CameraConfig
+from .config.camera import CameraConfig
 from .errors import CameraError, ControlError, ControlFault
-from .v4l2 import device_path
+from .v4l2.camera_list import device_path
 
 __all__ = ["OpencvCamera"]
 

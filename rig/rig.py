@@ -12,10 +12,12 @@ from classify import Lighting
 from firmware_sim import Clock, RealClock
 
 from .camera import Camera
-from .config import AUTO, RigConfig, load_config
+from .config.lights import AUTO
+from .config.rig import RigConfig, load_config
 from .errors import ConfigError
-from .lights import LightController, find_controller, known_port, list_serial_ports, ports_to_try
-from .simulation import Simulation
+from .lights.driver import LightController
+from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
+from .simulation.rig import Simulation
 
 __all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of"]
 
@@ -151,7 +153,7 @@ def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
     """The camera of a rig."""
     if config.camera.kind == "v4l2":
         # Here, so that a simulated rig opens without loading it.
-        from .v4l2 import V4l2Camera
+        from .v4l2.camera import V4l2Camera
 
         return V4l2Camera(config.camera)
     if config.camera.kind == "opencv":

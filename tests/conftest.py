@@ -14,7 +14,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numba
 
 from rig import Placement, Simulation
-from rig.scene import SceneImages
+from rig.scene.render import SceneImages
 
 _KEPT_SCENES = 64
 

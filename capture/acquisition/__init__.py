@@ -3,8 +3,3 @@
 `attempts` is the order of things; by software `light_images` and `fresh_frames` take the pictures,
 with strobe or trigger `hardware_set` does. `quality` and `light_checks` reject.
 """
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

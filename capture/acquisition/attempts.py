@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.errors import SetRejected
-from capture.sets import CapturedSet, SetMetadata
+from capture.sets.captured_set import CapturedSet
+from capture.sets.metadata import SetMetadata
 from capture.sets.metadata import (
     CameraRecord,
     ChecksRecord,
@@ -23,7 +24,7 @@ from capture.sets.metadata import (
 )
 from capture.sets.ome_tiff import pixels_sha256
 from classify.errors import InputError, Ps4rigError
-from classify.lights import like_signed
+from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 
 from .fresh_frames import FrameBeat, light_name

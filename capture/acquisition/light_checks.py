@@ -18,8 +18,9 @@ from capture.errors import SetRejected
 from capture.sets.metadata import ChecksRecord
 from classify import Lighting
 from classify.errors import InputError
-from classify.images import SensorNoise
-from classify.lights import LightAgreement, light_agreement, light_order, picture_difference
+from classify.images.noise import SensorNoise
+from classify.lights.agreement import LightAgreement, light_agreement, picture_difference
+from classify.lights.order import light_order
 
 __all__ = ["Pictures", "check_ambient", "check_lights"]
 

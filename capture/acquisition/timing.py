@@ -9,9 +9,9 @@ from itertools import pairwise
 from typing import Literal
 
 from capture.errors import SetRejected
-from capture.sets import CapturedSet
+from capture.sets.captured_set import CapturedSet
 from rig import RigConfig, open_rig
-from rig.latency import measure_switch_latency
+from rig.latency.switch import measure_switch_latency
 
 from .attempts import capture_set
 

@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from capture.maps import write_maps
+from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
-from capture.sets import CapturedSet, ome_tiff
+from capture.sets.captured_set import CapturedSet
+from capture.sets import ome_tiff
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
-from classify.library import TrainingRow, common_lighting, observe
+from classify.library.texture_library import TrainingRow, common_lighting, observe
 from classify.methods import DEFAULT_CLASSIFIER
-from classify.texture import segment_for
+from classify.texture.spectra import segment_for
 
 __all__ = [
     "ClassifiedSet",

@@ -19,8 +19,8 @@ def bench(
     json: JsonOption = False,
 ) -> None:
     """Measure this machine: ratios to a floor measured in the same run, with times beside them."""
-    from capture.benchmark.figures import as_json, print_chapter
-    from capture.benchmark.run import chapters, machine
+    from capture.studies.benchmark.figures import as_json, print_chapter
+    from capture.studies.benchmark.run import chapters, machine
 
     about = machine()
     if json:

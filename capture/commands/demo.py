@@ -19,6 +19,6 @@ def demo(
     ] = Path("demo-report"),
 ) -> None:
     """Capture, train and classify on the simulated rig, and write a report. No hardware."""
-    from capture.demo import run_demo
+    from capture.studies.demo.run import run_demo
 
     run_demo(output)

@@ -32,8 +32,8 @@ def reproduce(
     scheduler: SchedulerOption = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    from capture.reproduction.experiments import material_textures, plan_of
-    from capture.reproduction.run import reproduce as run
+    from capture.studies.reproduction.experiments import material_textures, plan_of
+    from capture.studies.reproduction.run import reproduce as run
 
     plan = plan_of(quick, material_textures(materials))
     page = run(plan, output, workers, scheduler)

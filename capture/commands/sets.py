@@ -38,7 +38,7 @@ from .simulated_options import (
 
 if TYPE_CHECKING:
     from capture.batch.tasks import SolvedSet
-    from capture.sets import CapturedSet
+    from capture.sets.captured_set import CapturedSet
     from classify import Lighting
     from rig import Placement, Rig
 
@@ -122,7 +122,7 @@ def _time_taken(captured: CapturedSet) -> str:
 def _captured(
     rig: Rig, placements: list[Placement], count: int, label: str | None, average: int
 ) -> Iterator[CapturedSet]:
-    from capture.acquisition import capture_set
+    from capture.acquisition.attempts import capture_set
 
     for placement in placements:
         if rig.simulation is not None and rig.simulation.placement not in (None, placement):
@@ -174,7 +174,8 @@ def import_(
     json: JsonOption = False,
 ) -> None:
     """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
-    from capture.sets import import_images, load_light_list
+    from capture.sets.image_import import import_images
+    from capture.sets.light_list import load_light_list
     from capture.sets.ome_tiff import SUFFIX
     from classify import Lighting
 
@@ -244,10 +245,10 @@ def solve(
     if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
-    from capture.batch import Batch
+    from capture.batch.runner import Batch
     from capture.batch.tasks import SolveTask, solve_set
     from capture.maps.surface_maps import RELIT_LIGHT
-    from capture.sets import output_folders
+    from capture.sets.archive import output_folders
 
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)

@@ -52,9 +52,9 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Learn textures from labelled sets, any number per class."""
-    from capture.sets import find_sets
+    from capture.sets.archive import find_sets
     from capture.training import train_library
-    from classify.library import check_path
+    from classify.library.ps4lib import check_path
 
     check_path(library)
     paths = find_sets(sets)
@@ -79,7 +79,7 @@ def classify(
     json: JsonOption = False,
 ) -> None:
     """Say which texture each set shows, and how far it is turned."""
-    from capture.sets import find_sets
+    from capture.sets.archive import find_sets
 
     paths = find_sets(sets)
     answers = _classified(paths, library, workers, scheduler)
@@ -120,7 +120,7 @@ def evaluate_(
     json: JsonOption = False,
 ) -> None:
     """Classify labelled sets, all those below a folder, and compare with their labels."""
-    from capture.sets import find_sets
+    from capture.sets.archive import find_sets
     from classify import Trial, evaluate
 
     paths = find_sets(sets)
@@ -165,7 +165,7 @@ def _classified(
     scheduler: str | None,
     label_required: bool = False,
 ) -> list[ClassifiedSet]:
-    from capture.batch import Batch
+    from capture.batch.runner import Batch
     from capture.batch.tasks import classify_set
     from classify import TextureLibrary
 

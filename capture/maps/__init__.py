@@ -1,6 +1,1 @@
 """What follows from a solved surface: computed, as pictures, as files, and on one page."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import tifffile
 
-from capture.sets import CapturedSet
+from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.durable_file import durable_file, make_folder
 

@@ -12,7 +12,7 @@ from string import Template
 import cv2
 import numpy as np
 
-from capture.sets import CapturedSet
+from capture.sets.captured_set import CapturedSet
 
 from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters

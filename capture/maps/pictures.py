@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from capture.sets import CapturedSet
+from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = [
     "ColourScale",

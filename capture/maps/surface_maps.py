@@ -15,7 +15,7 @@ from classify import (
     surface_roughness,
 )
 from classify.errors import InputError
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = ["RELIT_LIGHT", "SurfaceMaps"]
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from capture.sets import CapturedSet
-from classify.relief import CURVATURE_SCALE_PX, default_cutoff_px
+from capture.sets.captured_set import CapturedSet
+from classify.relief.curvature import CURVATURE_SCALE_PX
+from classify.relief.local_height import default_cutoff_px
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 from . import pictures
 from .pictures import ColourScale, Picture

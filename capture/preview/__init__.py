@@ -1,6 +1,1 @@
 """``ps4rig rig preview``: light after light on the rig, and a page that shows it."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

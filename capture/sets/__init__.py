@@ -1,6 +1,1 @@
 """Captured sets: the images of one surface with all that is known about them, and their files."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

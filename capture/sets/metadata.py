@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from classify import Lighting
 from classify.errors import InputError
-from classify.images import SensorNoise
+from classify.images.noise import SensorNoise
 from rig import Placement
 
 __all__ = [

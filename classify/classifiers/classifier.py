@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 __all__ = ["Classifier", "Comparison", "Observation", "Parameters"]
 

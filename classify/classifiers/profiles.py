@@ -6,15 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.surface import FloatMap, SurfaceEstimate
-from classify.texture import (
-    STEP_DEG,
-    image_spectrum,
-    polar_radii_px,
-    roll_angles,
-    squared_errors_by_turn,
-    turn_of_least_error,
-)
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.texture.spectra import image_spectrum, polar_radii_px
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 from .spectra_2d import observe_spectra, turns_by_polar

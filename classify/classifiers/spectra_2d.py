@@ -5,15 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from classify.surface import FloatMap, SurfaceEstimate
-from classify.texture import (
-    STEP_DEG,
-    Spectra,
-    roll_angles,
-    squared_errors_by_turn,
-    surface_spectra,
-    turn_of_least_error,
-)
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.texture.spectra import Spectra, surface_spectra
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 

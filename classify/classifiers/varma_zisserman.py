@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from classify.surface import FloatMap, SurfaceEstimate
-from classify.texture import chi_squared, learn_textons, mr8_responses, texton_histogram
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.textons import chi_squared, learn_textons, texton_histogram
+from classify.texture.filter_bank import mr8_responses
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 from .profiles import first_light

@@ -11,7 +11,7 @@ from numba import njit, prange
 
 from classify.classifiers import Comparison
 from classify.compiling import FAST
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = ["COMPARED_AT_ONCE", "Sieve"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.classifiers import Comparison
-from classify.texture import LEAST_SCORE
+from classify.texture.heading import LEAST_SCORE
 
 __all__ = ["Match", "match_of"]
 

@@ -23,8 +23,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from classify.durable_file import durable_file, require_folder
 from classify.errors import LibraryError
 from classify.methods import CLASSIFIER_NAMES
-from classify.surface import FloatMap
-from classify.texture import MAX_SEGMENT_PX, MIN_SEGMENT_PX
+from classify.surface.estimate import FloatMap
+from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
 __all__ = ["SUFFIX", "VERSION", "Contents", "Header", "check_path", "read", "write"]
 

@@ -16,8 +16,9 @@ from classify.classifiers import Classifier, Comparison, Observation, Parameters
 from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER
-from classify.surface import FloatMap, SurfaceEstimate
-from classify.texture import LEAST_SCORE, segment_for
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.heading import LEAST_SCORE
+from classify.texture.spectra import segment_for
 
 from . import ps4lib
 from .candidates import COMPARED_AT_ONCE, Sieve

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.images import SensorNoise, noise_of_images
+from classify.images.noise import SensorNoise, noise_of_images
 from classify.lighting import Lighting
 
 from .algebra import drop_one_constants

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.images import Images, checked_ambient, checked_stack
+from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 
 from .algebra import drop_one_constants

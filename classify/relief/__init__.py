@@ -1,6 +1,1 @@
 """What slopes say beyond themselves: height, curvature, roughness, other lights, shadows."""
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 __all__ = ["CURVATURE_SCALE_PX", "MIN_CURVATURE_SCALE_PX", "Curvature", "surface_curvature"]
 

@@ -7,7 +7,7 @@ import scipy.fft
 from numba import get_num_threads
 
 from classify.errors import InputError
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = ["integrate_gradients"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from classify.lighting import Lighting
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 __all__ = ["relight"]
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .height import integrate_gradients
 

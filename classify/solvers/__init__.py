@@ -2,8 +2,3 @@
 
 `solver` checks what is given and chooses; the other files are its kernels.
 """
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,8 +2,3 @@
 
 `fields` are slopes and albedo without their outliers; all else is measured from them.
 """
-
-import lazy_loader
-
-# The names are those of __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,7 +16,7 @@ import scipy.fft
 from numba import njit, prange
 
 from classify.compiling import FAST
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "unturned_norms"]
 

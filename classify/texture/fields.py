@@ -11,7 +11,7 @@ from numba import njit, prange
 
 from classify.compiling import FAST
 from classify.errors import InputError
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 __all__ = ["TextureFields", "texture_fields"]
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from classify.errors import InputError
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = ["FILTER_PX", "MIN_IMAGE_PX", "RESPONSES", "mr8_filters", "mr8_responses"]
 

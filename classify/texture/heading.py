@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from classify.compiling import FAST
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 __all__ = [
     "HEADING_FLOATS",

@@ -14,7 +14,7 @@ from numba import get_num_threads, njit
 
 from classify.compiling import FAST
 from classify.errors import InputError
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 from .fields import TextureFields
 

@@ -14,7 +14,7 @@ from numba import njit
 
 from classify.compiling import FAST
 from classify.errors import InputError
-from classify.surface import FloatMap, SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .fields import TextureFields, texture_fields
 from .segment_powers import check_side, segment_powers

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 
 from classify.errors import InputError
-from classify.surface import FloatMap
+from classify.surface.estimate import FloatMap
 
 from .filter_bank import RESPONSES
 

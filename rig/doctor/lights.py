@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 from firmware_sim import Clock
 from firmware_sim.firmware import FIRMWARE_VERSION
-from rig.config import LightsConfig
-from rig.latency import measure_switch_latency
-from rig.lights import LightController
+from rig.config.lights import LightsConfig
+from rig.latency.switch import measure_switch_latency
+from rig.lights.driver import LightController
 
 from .check import Check
 

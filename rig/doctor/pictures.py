@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
-from classify.lights import Order, light_agreement, light_order
+from classify.lights.order import Order, light_order
+from classify.lights.agreement import light_agreement
 from rig.fresh_frame import fresh_frame
 from rig.rig import Rig
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rig.lights import SerialPort
+from rig.lights.discovery import SerialPort
 from rig.lights.port_holders import port_holders
 
 from .check import Check

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.config import CameraConfig, RigConfig
+from rig.config.camera import CameraConfig
+from rig.config.rig import RigConfig
 from rig.errors import CameraError, ConfigError
 from rig.rig import Rig
 

@@ -6,7 +6,7 @@ import statistics
 from dataclasses import dataclass
 
 from firmware_sim import Clock
-from rig.lights import LightController
+from rig.lights.driver import LightController
 
 __all__ = ["SwitchLatency", "measure_switch_latency"]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rig.config import AUTO, LightsConfig
+from rig.config.lights import AUTO, LightsConfig
 from rig.errors import LightControllerError
 
 from .link import ControllerIdentity, ControllerLink

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_sim.firmware import DARK, MESSAGES
-from rig.config import SequencePlan
+from rig.config.sequence_plan import SequencePlan
 from rig.errors import LightControllerError
 
 from .driver import Answer, LightController

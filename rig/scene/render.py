@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-from classify.relief import cast_shadow
+from classify.relief.shadows import cast_shadow
 
 from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
 

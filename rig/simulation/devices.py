@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 from firmware_sim import Server, serve_pty, serve_tty
 from firmware_sim.server import Device
-from rig.config import PIXEL_FORMAT_BITS, CameraConfig, RigConfig
+from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig
+from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
-from rig.v4l2 import PACKINGS, V4l2Output
+from rig.v4l2.pixel_packing import PACKINGS
+from rig.v4l2.output import V4l2Output
 
 from .rig import Simulation
 

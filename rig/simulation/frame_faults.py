@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from firmware_sim import Clock
 from rig.camera import Camera, CameraInfo, Frame, Pixels
-from rig.config import FrameFault
+from rig.config.fault_plan import FrameFault
 from rig.config.fault_plan import MOST_FRAMES_BACK
 from rig.errors import CameraError
 

@@ -20,7 +20,7 @@ import tifffile
 from classify import Lighting
 from classify.errors import InputError
 from rig.camera import Pixels
-from rig.scene import FloatImage
+from rig.scene.surfaces import FloatImage
 
 __all__ = ["RecordedPixels", "RecordedSet", "read_recorded_set"]
 

@@ -23,20 +23,15 @@ from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
 from firmware_sim.server import Device
 from rig.camera import Camera
-from rig.config import FaultPlan, Placement, RigConfig
+from rig.config.fault_plan import FaultPlan
+from rig.config.simulation import Placement
+from rig.config.rig import RigConfig
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
-from rig.lights import TendedClock
-from rig.scene import (
-    SYNTHETIC_NAMES,
-    SYNTHETIC_TEXTURES,
-    PeriodicSurface,
-    SceneImages,
-    bundled_materials,
-    load_material,
-    render_frame,
-    synthetic_surface,
-    tile_side_px,
-)
+from rig.lights.heartbeat import TendedClock
+from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.material_folder import bundled_materials, load_material
 
 from .camera import CameraIdentity, LitScene, SimulatedCamera
 from .frame_faults import FaultyCamera

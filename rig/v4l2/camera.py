@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
-from rig.config import CameraConfig
+from rig.config.camera import CameraConfig
 from rig.errors import CameraError
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 

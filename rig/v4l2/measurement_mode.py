@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from rig.config import CameraConfig
+from rig.config.camera import CameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi

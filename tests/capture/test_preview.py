@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.preview import Preview, run_preview, serving
+from capture.preview.loop import Preview, run_preview
+from capture.preview.server import serving
 from capture.preview.server import MAX_VIEWERS
 from capture.preview.shots import Shot, shot_of
 from classify.errors import InputError

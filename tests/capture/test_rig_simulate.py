@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.lights import LightController
+from rig.lights.driver import LightController
 
 Refused = Callable[..., str]
 Spawn = Callable[..., "subprocess.Popen[str]"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from capture.acquisition import compared_configs, measure_set_timing
+from capture.acquisition.timing import compared_configs, measure_set_timing
 from capture.cli import app
 from rig import RigConfig
 

@@ -19,7 +19,7 @@ from firmware_sim import (
     serve_tcp,
 )
 from rig import Rig, RigConfig, open_rig
-from rig.lights import LightController
+from rig.lights.driver import LightController
 
 from .live_film import rig_of_opencv
 

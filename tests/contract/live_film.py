@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig import Camera, CameraError, Rig, RigConfig, open_rig
-from rig.simulation import Simulation
+from rig.simulation.rig import Simulation
 
 __all__ = ["rig_of_opencv"]
 

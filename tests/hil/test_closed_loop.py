@@ -13,8 +13,9 @@ import pytest
 from capture import CapturedSet
 from classify import Lighting
 from rig import synthetic_surface
-from rig.scene import render_frame, tile_side_px
-from rig.simulation import SensorModel
+from rig.scene.render import render_frame
+from rig.scene.synthetic import tile_side_px
+from rig.simulation.sensor import SensorModel
 
 from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
 from .guest.loop_bench import EXPOSURE_MS, ROTATE_DEG, SEED, SETS, SIDE_PX, SURFACE, ps4rig

@@ -6,7 +6,7 @@ import time
 import pytest
 import serial
 
-from rig.lights import LightController
+from rig.lights.driver import LightController
 
 from .conftest import BOARD_FILES
 

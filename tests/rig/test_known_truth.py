@@ -10,17 +10,11 @@ import numpy as np
 import pytest
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
-from rig.scene import (
-    SYNTHETIC_30,
-    SYNTHETIC_NAMES,
-    PeriodicSurface,
-    SceneImages,
-    bundled_materials,
-    load_material,
-    render_frame,
-    synthetic_surface,
-)
-from rig.simulation import SensorModel
+from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.simulation.sensor import SensorModel
 
 SLANT_DEG = 45.0
 EXPOSURE_MS = 20.0

@@ -11,15 +11,10 @@ import pytest
 
 from classify import Lighting
 from classify.lights.order import light_order
-from rig.scene import (
-    SYNTHETIC_30,
-    SceneImages,
-    bundled_materials,
-    load_material,
-    render_frame,
-    synthetic_surface,
-)
-from rig.simulation import SensorModel
+from rig.scene.synthetic import SYNTHETIC_30, synthetic_surface
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.simulation.sensor import SensorModel
 
 EXCHANGED = {
     "opposite pair 0, 2": (2, 1, 0, 3),

@@ -17,7 +17,7 @@ from rig import (
     open_rig,
     surface_names,
 )
-from rig.scene import bundled_materials
+from rig.scene.material_folder import bundled_materials
 
 SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig import CameraError
-from rig.config import CameraConfig
+from rig.config.camera import CameraConfig
 from rig.opencv_camera import OpencvCamera
 
 ROWS, COLUMNS, COUNT = 48, 64, 40

@@ -30,7 +30,7 @@ def doctor(
     """
     from rich.text import Text
 
-    from rig.doctor import diagnose
+    from rig.doctor.diagnosis import diagnose
 
     checks = list(diagnose(rig))
     counts = {

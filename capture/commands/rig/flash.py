@@ -61,7 +61,7 @@ def flash(
 
 def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
     from rig.errors import LightControllerError
-    from rig.lights import list_serial_ports
+    from rig.lights.discovery import list_serial_ports
     from rig.lights.flash import board_files, find_board, find_drives, flash_folder, flash_port
 
     if to is None and port is None:

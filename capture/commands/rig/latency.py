@@ -12,7 +12,7 @@ import typer
 from capture.console import JsonOption, folding_table, out, print_json, progress, reported
 
 if TYPE_CHECKING:
-    from rig.latency import CameraLatency
+    from rig.latency.camera import CameraLatency
 
 __all__ = ["latency"]
 
@@ -41,8 +41,8 @@ def latency(
     changes. Run it again when exposure, frame rate, size or format were changed.
     """
     from rig import ConfigError, RigConfig, load_config, open_rig
-    from rig.config import store_values
-    from rig.latency import measure_latency, without_timing
+    from rig.config.toml_edit import store_values
+    from rig.latency.camera import measure_latency, without_timing
 
     config = RigConfig() if str(rig) == "sim" else load_config(rig)
     if led >= len(config.lights.tilts_deg):

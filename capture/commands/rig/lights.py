@@ -37,7 +37,7 @@ def lights(
     """
     from rig import ConfigError, RigConfig, load_config
     from rig.rig import open_lights
-    from rig.simulation import Simulation
+    from rig.simulation.rig import Simulation
 
     if led not in ("cycle", "off") and not led.isdecimal():
         raise ConfigError(f"LED {led!r} is neither a number nor cycle nor off")

@@ -31,7 +31,8 @@ def preview(
     """
     import threading
 
-    from capture.preview import Preview, run_preview, serving
+    from capture.preview.loop import Preview, run_preview
+    from capture.preview.server import serving
     from rig import RigConfig, load_config
 
     config = RigConfig() if str(rig) == "sim" else load_config(rig)

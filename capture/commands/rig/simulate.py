@@ -24,7 +24,7 @@ from capture.console import out, reported
 from classify.errors import InputError
 
 if TYPE_CHECKING:
-    from rig.simulation import DeviceSimulation
+    from rig.simulation.devices import DeviceSimulation
 
 __all__ = ["simulate"]
 
@@ -83,7 +83,7 @@ def simulate(
         bits=bits,
         size_px=size,
     )
-    from rig.simulation import DeviceSimulation
+    from rig.simulation.devices import DeviceSimulation
 
     simulation = DeviceSimulation(config, serial=serial, video=video)
     try:

@@ -27,7 +27,7 @@ def timing(
     own; of the simulated rig in all modes, at 30 and 60 frames per second, on a virtual and on the
     real clock. No set can take less than one frame period for each image.
     """
-    from capture.acquisition import compared_configs, measure_set_timing
+    from capture.acquisition.timing import compared_configs, measure_set_timing
     from rig import RigConfig, load_config
 
     config = RigConfig() if str(rig) == "sim" else load_config(rig)

@@ -6,9 +6,9 @@ import pytest
 
 from capture import SetRejected, capture_set, import_images
 from capture.acquisition.light_checks import Pictures, check_ambient, check_lights
-from capture.sets import load_light_list
+from capture.sets.light_list import load_light_list
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
-from rig.scene import bundled_materials
+from rig.scene.material_folder import bundled_materials
 
 BUTTERFLY = Path(__file__).parents[2] / "data" / "butterfly_crop"
 SURFACES = (*SYNTHETIC_30, *bundled_materials())

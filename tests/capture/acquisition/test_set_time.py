@@ -7,7 +7,7 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from rig import RigConfig, open_rig
-from rig.latency import measure_latency, without_timing
+from rig.latency.camera import measure_latency, without_timing
 
 SETS = 8
 

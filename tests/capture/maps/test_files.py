@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from capture import CapturedSet
-from capture.maps import write_maps
+from capture.maps.files import write_maps
 from classify import (
     Lighting,
     integrate_gradients,

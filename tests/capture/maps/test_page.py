@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.maps import SurfaceMaps, map_page, map_views
+from capture.maps.surface_maps import SurfaceMaps
+from capture.maps.page import map_page
+from capture.maps.views import map_views
 
 VOID = {"meta", "img", "br"}
 

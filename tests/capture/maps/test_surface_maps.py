@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capture.maps import SurfaceMaps
+from capture.maps.surface_maps import SurfaceMaps
 from classify import InputError, Lighting, photometric_stereo
-from rig.scene import render_frame, synthetic_surface
-from rig.simulation import SensorModel
+from rig.scene.render import render_frame
+from rig.scene.synthetic import synthetic_surface
+from rig.simulation.sensor import SensorModel
 
 EXPOSURE_MS = np.float32(20.0)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from capture.sets import find_sets, output_folders
+from capture.sets.archive import find_sets, output_folders
 from classify import InputError
 
 Command = Callable[..., Any]

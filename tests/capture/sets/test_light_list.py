@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.sets import load_light_list
+from capture.sets.light_list import load_light_list
 from classify import Lighting
 from classify.errors import InputError
 

@@ -9,7 +9,7 @@ from scipy.ndimage import binary_dilation, binary_erosion, map_coordinates
 from classify.errors import InputError
 from classify.lighting import light_vectors
 from classify.relief.shadows import cast_shadow
-from rig.scene import synthetic_surface
+from rig.scene.synthetic import synthetic_surface
 
 
 def marched(height: np.ndarray, light: np.ndarray, step_px: float = 0.25) -> np.ndarray:

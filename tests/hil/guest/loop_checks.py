@@ -16,8 +16,11 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_tty
 from rig import CameraError, load_config
-from rig.lights import LightController
-from rig.v4l2 import PACKINGS, PIXEL_FORMATS, V4l2Camera, V4l2Output
+from rig.lights.driver import LightController
+from rig.v4l2.pixel_packing import PACKINGS
+from rig.v4l2.pixel_formats import PIXEL_FORMATS
+from rig.v4l2.camera import V4l2Camera
+from rig.v4l2.output import V4l2Output
 from tests.hil.guest.loop_bench import (
     PERIOD_S,
     SETS,

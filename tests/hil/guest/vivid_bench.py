@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 from firmware_sim import SimulatedBoard
 from rig import Frame, Rig
-from rig.config import CameraConfig
-from rig.v4l2 import Control, V4l2Camera, V4l2Device
+from rig.config.camera import CameraConfig
+from rig.v4l2.controls import Control
+from rig.v4l2.camera import V4l2Camera
+from rig.v4l2.device import V4l2Device
 from rig.v4l2.controls import list_controls, write_control
 
 VIDEO = "/dev/video0"

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import ConfigError, load_config
-from rig.config import store_values
+from rig.config.toml_edit import store_values
 from rig.config.toml_edit import with_values
 
 BENCH = """\

@@ -21,7 +21,7 @@ from firmware_sim import (
     serve_pty,
 )
 from rig import LightControllerError
-from rig.lights import LightController
+from rig.lights.driver import LightController
 from rig.lights import link as link_module
 from rig.lights.driver import LightState
 

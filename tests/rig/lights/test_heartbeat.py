@@ -12,7 +12,8 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights import LightController, TendedClock
+from rig.lights.driver import LightController
+from rig.lights.heartbeat import TendedClock
 from rig.lights import driver as lights_module
 from rig.lights.heartbeat import Heartbeat
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from capture import capture_set
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights import LightController
+from rig.lights.driver import LightController
 from rig.lights import driver as lights_module
 from rig.lights import link as link_module
 

@@ -5,7 +5,9 @@ import pytest
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-from rig.scene import PeriodicSurface, SurfacePatch, render_frame, render_scene, synthetic_surface
+from rig.scene.surfaces import PeriodicSurface, SurfacePatch
+from rig.scene.render import render_frame, render_scene
+from rig.scene.synthetic import synthetic_surface
 from rig.scene.synthetic import ALBEDO
 
 

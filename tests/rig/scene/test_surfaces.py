@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.errors import InputError
-from rig.scene import SYNTHETIC_NAMES, PeriodicSurface, synthetic_surface, tile_side_px
+from rig.scene.synthetic import SYNTHETIC_NAMES, synthetic_surface, tile_side_px
+from rig.scene.surfaces import PeriodicSurface
 from rig.scene.resampling import sample_turned, spline_coefficients
 from rig.scene.surfaces import periodic_height, rms_slope, spectral_gradients
 from rig.scene.synthetic import RMS_SLOPE

@@ -8,8 +8,8 @@ import pytest
 
 from firmware_sim import Clock, RealClock, SimulatedBoard, VirtualClock
 from rig import CameraError, Frame
-from rig.scene import SceneImages
-from rig.simulation import SensorModel
+from rig.scene.render import SceneImages
+from rig.simulation.sensor import SensorModel
 from rig.simulation.camera import SimulatedCamera
 
 SHAPE = (32, 48)

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from rig.simulation import SensorModel
+from rig.simulation.sensor import SensorModel
 
 
 def exposed(sensor: SensorModel, light_ms: float, seed: int = 1) -> npt.NDArray[np.float64]:

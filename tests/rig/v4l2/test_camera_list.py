@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from rig import list_cameras
-from rig.config import CameraConfig
-from rig.v4l2 import device_path
+from rig.config.camera import CameraConfig
+from rig.v4l2.camera_list import device_path
 
 
 @pytest.mark.parametrize(

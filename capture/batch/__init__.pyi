@@ -1,5 +1,0 @@
-from .runner import Batch
-
-__all__ = [
-    "Batch",
-]

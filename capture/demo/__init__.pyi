@@ -1,5 +1,0 @@
-from .run import run_demo
-
-__all__ = [
-    "run_demo",
-]

@@ -1,5 +1,0 @@
-from .solver import photometric_stereo
-
-__all__ = [
-    "photometric_stereo",
-]

@@ -1,6 +1,0 @@
-from .estimate import FloatMap, SurfaceEstimate
-
-__all__ = [
-    "FloatMap",
-    "SurfaceEstimate",
-]
