@@ -1,14 +1,19 @@
 from .camera import Camera, CameraInfo, Frame, FrameFlag
 from .config.fault_plan import FaultPlan
-from .config.simulation import Placement
 from .config.rig import RigConfig, load_config
 from .config.sequence_plan import SequencePlan
+from .config.simulation import Placement
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
-from .lights.link import ControllerIdentity
 from .lights.driver import LightController, Switch
+from .lights.link import ControllerIdentity
 from .lights.sequence import LightStep, RunningSequence, SequenceReport
 from .rig import Rig, open_rig
-from .scene.synthetic import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES, synthetic_surface
+from .scene.synthetic import (
+    EQUAL_SPECTRUM_TWINS,
+    SYNTHETIC_30,
+    SYNTHETIC_TEXTURES,
+    synthetic_surface,
+)
 from .simulation.rig import Simulation, surface_names
 from .v4l2.camera_list import ListedCamera, list_cameras
 

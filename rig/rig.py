@@ -15,8 +15,8 @@ from .camera import Camera
 from .config.lights import AUTO
 from .config.rig import RigConfig, load_config
 from .errors import ConfigError
-from .lights.driver import LightController
 from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
+from .lights.driver import LightController
 from .simulation.rig import Simulation
 
 __all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of"]

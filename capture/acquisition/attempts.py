@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import SetMetadata
 from capture.sets.metadata import (
     CameraRecord,
     ChecksRecord,
     ControllerRecord,
     ImageRecord,
     LightingRecord,
+    SetMetadata,
     checked_label,
     image_noise,
 )

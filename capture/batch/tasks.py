@@ -14,8 +14,8 @@ from pathlib import Path
 
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
-from capture.sets.captured_set import CapturedSet
 from capture.sets import ome_tiff
+from capture.sets.captured_set import CapturedSet
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError

@@ -15,11 +15,28 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.angular_harmonics import HARMONICS, Complex, harmonics, least_error, unturned_norms
-from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores, heading_variances
-from classify.texture.statistics import PARTS, LocalStatistics, levels_for, local_statistics, statistics_vector
-from classify.texture.spectra import RADII, Spectra, field_spectra
+from classify.texture.angular_harmonics import (
+    HARMONICS,
+    Complex,
+    harmonics,
+    least_error,
+    unturned_norms,
+)
 from classify.texture.fields import TextureFields, texture_fields
+from classify.texture.heading import (
+    HEADING_FLOATS,
+    heading_numbers,
+    heading_scores,
+    heading_variances,
+)
+from classify.texture.spectra import RADII, Spectra, field_spectra
+from classify.texture.statistics import (
+    PARTS,
+    LocalStatistics,
+    levels_for,
+    local_statistics,
+    statistics_vector,
+)
 from classify.texture.turned_lights import under_turned_lights
 
 from .classifier import Classifier, Comparison, Observation, Parameters

@@ -7,7 +7,12 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.texture.orientation import (
+    STEP_DEG,
+    roll_angles,
+    squared_errors_by_turn,
+    turn_of_least_error,
+)
 from classify.texture.spectra import image_spectrum, polar_radii_px
 
 from .classifier import Classifier, Comparison, Observation, Parameters

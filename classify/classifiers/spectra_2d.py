@@ -6,7 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.orientation import STEP_DEG, roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.texture.orientation import (
+    STEP_DEG,
+    roll_angles,
+    squared_errors_by_turn,
+    turn_of_least_error,
+)
 from classify.texture.spectra import Spectra, surface_spectra
 
 from .classifier import Classifier, Comparison, Observation, Parameters

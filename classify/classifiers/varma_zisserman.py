@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.textons import chi_squared, learn_textons, texton_histogram
 from classify.texture.filter_bank import mr8_responses
+from classify.texture.textons import chi_squared, learn_textons, texton_histogram
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 from .profiles import first_light

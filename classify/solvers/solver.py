@@ -8,10 +8,15 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
+from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
-from classify.lights.algebra import drop_one_constants, drop_two_inverses, least_squares_weights, three_of_ring
+from classify.lights.algebra import (
+    drop_one_constants,
+    drop_two_inverses,
+    least_squares_weights,
+    three_of_ring,
+)
 from classify.lights.balance import light_balance
 from classify.methods import METHODS, Method
 from classify.shadow_rule import NO_DROPPED_LIGHT

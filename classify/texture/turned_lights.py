@@ -12,9 +12,9 @@ from collections.abc import Iterator
 
 from classify.lighting import Lighting
 from classify.methods import METHODS
-from classify.relief.shadows import cast_shadow
 from classify.relief.height import integrate_gradients
 from classify.relief.relighting import relight
+from classify.relief.shadows import cast_shadow
 from classify.solvers.solver import photometric_stereo
 from classify.surface.estimate import SurfaceEstimate
 

@@ -10,8 +10,8 @@ from classify.errors import Ps4rigError
 from rig.camera import Camera
 from rig.config.rig import RigConfig, load_config
 from rig.errors import ConfigError, ControlError, HardwareError
-from rig.lights.driver import LightController
 from rig.lights.discovery import list_serial_ports
+from rig.lights.driver import LightController
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
-from classify.lights.order import Order, light_order
 from classify.lights.agreement import light_agreement
+from classify.lights.order import Order, light_order
 from rig.fresh_frame import fresh_frame
 from rig.rig import Rig
 

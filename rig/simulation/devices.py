@@ -13,8 +13,8 @@ from firmware_sim.server import Device
 from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
-from rig.v4l2.pixel_packing import PACKINGS
 from rig.v4l2.output import V4l2Output
+from rig.v4l2.pixel_packing import PACKINGS
 
 from .rig import Simulation
 

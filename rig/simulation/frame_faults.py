@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from firmware_sim import Clock
 from rig.camera import Camera, CameraInfo, Frame, Pixels
-from rig.config.fault_plan import FrameFault
-from rig.config.fault_plan import MOST_FRAMES_BACK
+from rig.config.fault_plan import MOST_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
 __all__ = ["FaultyCamera"]

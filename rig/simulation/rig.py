@@ -24,14 +24,14 @@ from firmware_sim.led import Led
 from firmware_sim.server import Device
 from rig.camera import Camera
 from rig.config.fault_plan import FaultPlan
-from rig.config.simulation import Placement
 from rig.config.rig import RigConfig
+from rig.config.simulation import Placement
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 from rig.lights.heartbeat import TendedClock
-from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
-from rig.scene.surfaces import PeriodicSurface
-from rig.scene.render import SceneImages, render_frame
 from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 
 from .camera import CameraIdentity, LitScene, SimulatedCamera
 from .frame_faults import FaultyCamera

@@ -17,8 +17,8 @@ from typing import Any
 
 import pytest
 
-from capture.batch.runner import Batch
 from capture.batch import dask_pool, runner
+from capture.batch.runner import Batch
 from capture.batch.tasks import read_header
 from classify import InputError, TextureLibrary
 

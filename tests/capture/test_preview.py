@@ -19,8 +19,7 @@ import numpy as np
 import pytest
 
 from capture.preview.loop import Preview, run_preview
-from capture.preview.server import serving
-from capture.preview.server import MAX_VIEWERS
+from capture.preview.server import MAX_VIEWERS, serving
 from capture.preview.shots import Shot, shot_of
 from classify.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
-from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
-from rig.scene.surfaces import PeriodicSurface
-from rig.scene.render import SceneImages, render_frame
 from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
 from rig.simulation.sensor import SensorModel
 
 SLANT_DEG = 45.0

@@ -11,9 +11,9 @@ import pytest
 
 from classify import Lighting
 from classify.lights.order import light_order
-from rig.scene.synthetic import SYNTHETIC_30, synthetic_surface
-from rig.scene.render import SceneImages, render_frame
 from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.synthetic import SYNTHETIC_30, synthetic_surface
 from rig.simulation.sensor import SensorModel
 
 EXCHANGED = {

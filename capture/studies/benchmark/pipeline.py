@@ -8,9 +8,9 @@ import numpy as np
 
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
+from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
 from classify.texture.statistics import levels_for, local_statistics
-from classify.texture.fields import texture_fields
 
 from .figures import Chapter, Figure
 from .scenes import Shot, turned_patch

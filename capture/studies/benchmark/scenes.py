@@ -11,9 +11,9 @@ import numpy.typing as npt
 from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.images.noise import SensorNoise
 from rig import synthetic_surface
-from rig.scene.synthetic import SYNTHETIC_NAMES
 from rig.scene.render import SceneImages, render_frame, render_scene
 from rig.scene.surfaces import SurfacePatch
+from rig.scene.synthetic import SYNTHETIC_NAMES
 from rig.simulation.sensor import SensorModel
 
 __all__ = ["SLANT_DEG", "Shot", "mosaic", "patch", "turned_patch"]

@@ -15,9 +15,9 @@ from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
 from classify.classifiers import Observation, classifier_named
 from classify.images.noise import SensorNoise
 from rig import synthetic_surface
-from rig.scene.surfaces import PeriodicSurface
-from rig.scene.render import SceneImages, render_frame
 from rig.scene.material_folder import load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
 from rig.simulation.sensor import SensorModel
 
 __all__ = ["Conditions", "Patch", "Place", "Shot", "Texture", "expose", "render", "solve"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.maps.surface_maps import SurfaceMaps
 from capture.maps.page import map_page
+from capture.maps.surface_maps import SurfaceMaps
 from capture.maps.views import map_views
 
 VOID = {"meta", "img", "br"}

@@ -21,12 +21,20 @@ from capture.studies.reproduction.plan import Experiment, Plan
 from capture.studies.reproduction.rejection import ScorePair
 from capture.studies.reproduction.rejection_exhibits import accepted_at, rejection_curve
 from capture.studies.reproduction.run import reproduce
-from capture.studies.reproduction.scenes import Conditions, Patch, Place, Texture, expose, render, solve
+from capture.studies.reproduction.scenes import (
+    Conditions,
+    Patch,
+    Place,
+    Texture,
+    expose,
+    render,
+    solve,
+)
 from capture.studies.reproduction.shadow_counts import SHADOW_TILTS_DEG, ShadowTask, shadow_shares
 from capture.studies.reproduction.tally import Tally
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
-from rig.scene.surfaces import PeriodicSurface
 from rig.scene.material_folder import bundled_materials
+from rig.scene.surfaces import PeriodicSurface
 
 Rows = list[dict[str, str]]
 

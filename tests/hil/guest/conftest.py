@@ -9,8 +9,8 @@ from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_p
 from rig import Rig, RigConfig, open_rig
 from rig.config.camera import CameraConfig
 from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.device import V4l2Device
 from rig.v4l2.controls import write_control
+from rig.v4l2.device import V4l2Device
 from tests.hil.guest.vivid_bench import (
     SETTLE_MS,
     VIDEO,

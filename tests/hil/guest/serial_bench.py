@@ -11,8 +11,8 @@ from typing import TypeVar
 from firmware_sim import Clock, RealClock, SimulatedBoard, SimulatedController, serve_tty
 from rig import LightControllerError
 from rig.config.lights import LightsConfig
-from rig.lights.driver import LightController
 from rig.lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
+from rig.lights.driver import LightController
 
 T = TypeVar("T")
 

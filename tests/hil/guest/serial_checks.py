@@ -16,12 +16,12 @@ import pytest
 from capture import SetRejected, capture_set
 from rig import HardwareError, LightControllerError, Rig, RigConfig
 from rig.config.lights import LightsConfig
-from rig.lights.driver import LightController
 from rig.lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
+from rig.lights.driver import LightController
 from rig.lights.port_holders import port_holders
 from rig.scene.render import SceneImages
-from rig.simulation.sensor import SensorModel
 from rig.simulation.camera import SimulatedCamera
+from rig.simulation.sensor import SensorModel
 from tests.contract.test_lights_contract import (  # noqa: F401
     test_all_leds_are_out_once_it_is_open,
     test_close_puts_the_leds_out_and_the_next_program_can_open_it,

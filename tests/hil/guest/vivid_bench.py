@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from firmware_sim import SimulatedBoard
 from rig import Frame, Rig
 from rig.config.camera import CameraConfig
-from rig.v4l2.controls import Control
 from rig.v4l2.camera import V4l2Camera
+from rig.v4l2.controls import Control, list_controls, write_control
 from rig.v4l2.device import V4l2Device
-from rig.v4l2.controls import list_controls, write_control
 
 VIDEO = "/dev/video0"
 DISCONNECTED = "/dev/video1"

@@ -14,10 +14,10 @@ from capture import CapturedSet, capture_set
 from rig import CameraError, FrameFlag, list_cameras
 from rig.doctor.diagnosis import diagnose
 from rig.opencv_camera import OpencvCamera
-from rig.v4l2.pixel_formats import PIXEL_FORMATS
 from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.device import V4l2Device
 from rig.v4l2.controls import find_control, read_control, write_control
+from rig.v4l2.device import V4l2Device
+from rig.v4l2.pixel_formats import PIXEL_FORMATS
 
 # Asked of every camera. The one that is left out needs LEDs that the camera sees; a set below has
 # them.

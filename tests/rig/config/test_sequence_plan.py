@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import ConfigError, RigConfig
-from rig.config.sequence_plan import SequencePlan, plan_sequence
-from rig.config.sequence_plan import REACTION_S
+from rig.config.sequence_plan import REACTION_S, SequencePlan, plan_sequence
 
 SMALL = {"width_px": 16, "height_px": 16}
 

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import ConfigError, load_config
-from rig.config.toml_edit import store_values
-from rig.config.toml_edit import with_values
+from rig.config.toml_edit import store_values, with_values
 
 BENCH = """\
 # the bench by the window

@@ -12,11 +12,11 @@ from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import ListedCamera, RigConfig, open_rig
 from rig.config.camera import CameraConfig
-from rig.doctor.check import Check
-from rig.doctor.diagnosis import diagnose
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor import lights as light_checks_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
+from rig.doctor.check import Check
+from rig.doctor.diagnosis import diagnose
 from rig.doctor.pictures import Pictures, check_pictures, take_pictures
 from rig.doctor.serial_ports import (
     RULES_FILE,
@@ -26,13 +26,12 @@ from rig.doctor.serial_ports import (
     check_ports,
 )
 from rig.latency.switch import measure_switch_latency
-from rig.lights.driver import LightController
-from rig.lights.discovery import SerialPort
 from rig.lights import link as link_module
-from rig.lights.discovery import _VENDORS
+from rig.lights.discovery import _VENDORS, SerialPort
+from rig.lights.driver import LightController
+from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 from rig.v4l2.controls import Control
 from rig.v4l2.device import OfferedFormat
-from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 
 SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'\n"
 

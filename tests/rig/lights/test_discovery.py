@@ -12,12 +12,18 @@ import pytest
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import ConfigError, LightControllerError, RigConfig
 from rig.config.lights import LightsConfig
-from rig.lights.link import ControllerIdentity
-from rig.lights.driver import LightController
-from rig.lights.discovery import SerialPort, find_controller, known_port, list_serial_ports, ports_to_try
 from rig.lights import discovery as discovery_module
 from rig.lights import link as link_module
-from rig.lights.discovery import who_is_there
+from rig.lights.discovery import (
+    SerialPort,
+    find_controller,
+    known_port,
+    list_serial_ports,
+    ports_to_try,
+    who_is_there,
+)
+from rig.lights.driver import LightController
+from rig.lights.link import ControllerIdentity
 from rig.lights.port_holders import port_holders
 
 PICO, UNKNOWN = "2e8a:0005", "1234:5678"

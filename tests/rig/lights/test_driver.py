@@ -21,9 +21,8 @@ from firmware_sim import (
     serve_pty,
 )
 from rig import LightControllerError
-from rig.lights.driver import LightController
 from rig.lights import link as link_module
-from rig.lights.driver import LightState
+from rig.lights.driver import LightController, LightState
 
 Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 

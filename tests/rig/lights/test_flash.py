@@ -9,8 +9,8 @@ import pytest
 from classify.errors import InputError
 from firmware_sim.firmware import FIRMWARE_VERSION
 from rig.errors import LightControllerError
-from rig.lights.discovery import SerialPort
 from rig.lights import flash
+from rig.lights.discovery import SerialPort
 from rig.lights.flash import (
     BoardFile,
     board_files,

@@ -12,10 +12,9 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights.driver import LightController
-from rig.lights.heartbeat import TendedClock
 from rig.lights import driver as lights_module
-from rig.lights.heartbeat import Heartbeat
+from rig.lights.driver import LightController
+from rig.lights.heartbeat import Heartbeat, TendedClock
 
 SMALL = RigConfig().with_changes(
     camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}

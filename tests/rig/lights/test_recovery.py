@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from capture import capture_set
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights.driver import LightController
 from rig.lights import driver as lights_module
 from rig.lights import link as link_module
+from rig.lights.driver import LightController
 
 SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
 

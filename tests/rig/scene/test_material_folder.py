@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from classify.errors import InputError
-from rig.scene.surfaces import PeriodicSurface
 from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.surfaces import PeriodicSurface, rms_slope
 from rig.scene.synthetic import synthetic_surface
-from rig.scene.surfaces import rms_slope
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,9 @@ import pytest
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-from rig.scene.surfaces import PeriodicSurface, SurfacePatch
 from rig.scene.render import render_frame, render_scene
-from rig.scene.synthetic import synthetic_surface
-from rig.scene.synthetic import ALBEDO
+from rig.scene.surfaces import PeriodicSurface, SurfacePatch
+from rig.scene.synthetic import ALBEDO, synthetic_surface
 
 
 def plane(p: float, q: float, side: int = 40) -> SurfacePatch:

@@ -6,11 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.errors import InputError
-from rig.scene.synthetic import SYNTHETIC_NAMES, synthetic_surface, tile_side_px
-from rig.scene.surfaces import PeriodicSurface
 from rig.scene.resampling import sample_turned, spline_coefficients
-from rig.scene.surfaces import periodic_height, rms_slope, spectral_gradients
-from rig.scene.synthetic import RMS_SLOPE
+from rig.scene.surfaces import PeriodicSurface, periodic_height, rms_slope, spectral_gradients
+from rig.scene.synthetic import RMS_SLOPE, SYNTHETIC_NAMES, synthetic_surface, tile_side_px
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,18 @@ import pytest
 from classify import Lighting
 from classify.errors import InputError
 from rig import Placement, RigConfig, open_rig, surface_names
-from rig.scene.synthetic import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface
-from rig.scene.surfaces import PeriodicSurface, SurfacePatch
 from rig.scene.material_folder import bundled_materials
-from rig.scene.render import render_scene
 from rig.scene.power_spectra import ripples, together, turned
-from rig.scene.surfaces import rms_slope, round_band_limit
-from rig.scene.synthetic import ALBEDO
+from rig.scene.render import render_scene
+from rig.scene.surfaces import PeriodicSurface, SurfacePatch, rms_slope, round_band_limit
+from rig.scene.synthetic import (
+    ALBEDO,
+    EQUAL_SPECTRUM_TWINS,
+    SYNTHETIC_30,
+    SYNTHETIC_NAMES,
+    SYNTHETIC_TEXTURES,
+    synthetic_surface,
+)
 
 SIDE = 256
 SAME_RELIEF = {

@@ -9,8 +9,8 @@ import pytest
 from firmware_sim import Clock, RealClock, SimulatedBoard, VirtualClock
 from rig import CameraError, Frame
 from rig.scene.render import SceneImages
-from rig.simulation.sensor import SensorModel
 from rig.simulation.camera import SimulatedCamera
+from rig.simulation.sensor import SensorModel
 
 SHAPE = (32, 48)
 AMBIENT = 0.05

@@ -13,9 +13,9 @@ from rig import CameraError
 from rig.config.camera import CameraConfig
 from rig.doctor.cameras import check_controls
 from rig.errors import ControlError
-from rig.v4l2.device import V4l2Device
 from rig.v4l2 import abi as abi
 from rig.v4l2.controls import list_controls
+from rig.v4l2.device import V4l2Device
 from rig.v4l2.measurement_mode import check_measurement_mode, set_measurement_mode
 
 AUTO, TIME, PRIORITY = (

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig.v4l2.pixel_formats import PIXEL_FORMATS, decode
 from rig.v4l2.pixel_packing import PACKINGS
-from rig.v4l2.pixel_formats import PIXEL_FORMATS
-from rig.v4l2.pixel_formats import decode
 
 
 @pytest.mark.parametrize("name", ["GREY", "Y10", "Y12", "Y16"])
