@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import tifffile
-from rig.scene.colour import linear_from_srgb, luminance
 
 from classify import Lighting
 from classify.errors import InputError
+from classify.images.colour import linear_from_srgb, luminance
 
 from .captured_set import CapturedSet
 from .metadata import ImageRecord, LightingRecord, SetMetadata, checked_label

@@ -1,4 +1,4 @@
-"""What display colours mean in light."""
+"""From display colours to linear light."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 __all__ = ["linear_from_srgb", "luminance"]
 
-_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
+_BT709_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 
 
 def linear_from_srgb(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -18,4 +18,4 @@ def linear_from_srgb(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]
 
 def luminance(rgb: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """(H, W) luminance of linear red, green, blue (H, W, 3) float32 (ITU-R BT.709)."""
-    return np.asarray(rgb @ _WEIGHTS, np.float32)
+    return np.asarray(rgb @ _BT709_WEIGHTS, np.float32)

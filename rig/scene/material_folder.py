@@ -23,8 +23,8 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
 from classify.errors import InputError
+from classify.images.colour import linear_from_srgb, luminance
 
-from .colour import linear_from_srgb, luminance
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
 
 __all__ = ["bundled_materials", "load_material"]
