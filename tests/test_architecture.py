@@ -47,7 +47,7 @@ STOREYS = {
         {"doctor"},
     ),
     "capture": (
-        {"errors", "console", "process_settings"},
+        {"errors", "console", "outputs", "process_settings"},
         {"sets"},
         {"acquisition", "maps"},
         {"batch"},

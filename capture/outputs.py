@@ -1,0 +1,52 @@
+"""The checks that an output file passes before a command starts its work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from classify.durable_file import require_folder
+from classify.errors import InputError
+
+__all__ = ["ForceOption", "check_output"]
+
+ForceOption = Annotated[
+    bool, typer.Option("--force", help="Replace the output file if it exists already.")
+]
+
+
+def check_output(
+    path: Path, *, suffix: str, inputs: Iterable[Path] = (), force: bool = False
+) -> None:
+    """Check that a command may write the file `path`.
+
+    Parameters
+    ----------
+    path
+        The output file. A symbolic link stands for the file that it leads to.
+    suffix
+        The end that the name must have, such as ``.ome.tif``.
+    inputs
+        Files that the command reads. The output never replaces one of them, not even with `force`.
+    force
+        Allow that the file exists already.
+
+    Raises
+    ------
+    InputError
+        If the file must not be written, or its folder is missing. The message names the file.
+    """
+    if not path.name.endswith(suffix):
+        raise InputError(f"{path}: the name of the output must end in {suffix}")
+    require_folder(path)
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise InputError(f"{path}: exists and is not a regular file; choose another name")
+    if any(each.exists() and each.samefile(path) for each in inputs):
+        raise InputError(f"{path}: is an input of this command; choose another output")
+    if not force:
+        raise InputError(f"{path}: exists already; choose another name or give --force")

@@ -1,0 +1,48 @@
+"""Which files a command may write."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from capture.outputs import check_output
+from classify import InputError
+
+
+@pytest.fixture
+def existing(tmp_path: Path) -> Path:
+    path = tmp_path / "a.ome.tif"
+    path.touch()
+    return path
+
+
+def refuse(path: Path, reason: str, *, inputs: tuple[Path, ...] = (), force: bool = False) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(str(path))}: .*{reason}"):
+        check_output(path, suffix=".ome.tif", inputs=inputs, force=force)
+
+
+def test_a_new_file_may_be_written(tmp_path: Path, existing: Path) -> None:
+    check_output(tmp_path / "new.ome.tif", suffix=".ome.tif", inputs=[existing, tmp_path / "none"])
+    assert not (tmp_path / "new.ome.tif").exists()
+
+
+def test_an_existing_file_is_replaced_with_force_only(existing: Path) -> None:
+    refuse(existing, "exists already; .* --force")
+    check_output(existing, suffix=".ome.tif", force=True)
+
+
+@pytest.mark.parametrize("link", [os.symlink, os.link, None])
+def test_an_output_never_replaces_an_input(existing: Path, link: object) -> None:
+    name = existing
+    if callable(link):
+        name = existing.with_name("link.ome.tif")
+        link(existing, name)
+    refuse(name, "is an input", inputs=(existing,), force=True)
+
+
+def test_other_names_and_places_are_refused(tmp_path: Path) -> None:
+    refuse(tmp_path / "a.tif", r"must end in \.ome\.tif", force=True)
+    refuse(tmp_path / "none" / "a.ome.tif", "there is no folder", force=True)
+    (tmp_path / "folder.ome.tif").mkdir()
+    refuse(tmp_path / "folder.ome.tif", "not a regular file", force=True)
