@@ -36,7 +36,7 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"errors", "camera", "scene"},
+        {"acceptance", "errors", "camera", "scene"},
         {"config"},
         {"frame_time"},
         {"lights", "v4l2"},

@@ -21,25 +21,20 @@ from classify.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.lights.agreement import LightAgreement, light_agreement, picture_difference
 from classify.lights.order import light_order
+from rig.acceptance import (
+    LED_LEVEL_STANDARD_ERRORS,
+    MAX_AMBIENT_CHANGE,
+    MAX_LED_LEVEL_DIFFERENCE,
+    MAX_LED_LEVEL_ERROR,
+    MAX_REDUNDANCY_RESIDUAL,
+    MAX_RETAKE_CHANGE,
+    MIN_COMPARED_ROWS,
+    WEAK_LED_SHARE,
+)
 
 __all__ = ["Pictures", "check_ambient", "check_lights"]
 
 Images = npt.NDArray[np.uint16]
-
-# rms shares of the signal.
-MAX_AMBIENT_CHANGE = 0.02
-MAX_CONTRADICTION = 0.02
-MAX_CHANGE_BETWEEN_LOOKS = 0.02
-# Of one LED against the others.
-MAX_STRENGTH_DIFFERENCE = 0.04
-# Strengths are known when their standard error is this at most. Only what is beyond so many of it
-# counts.
-KNOWN_STRENGTH = 0.01
-STANDARD_ERRORS = 4.0
-# The share of rows in which four lights must have been compared: one that was not may be torn.
-MIN_SEEN = 1.0
-# Where strengths cannot be known: brightness of a light's picture against the median of all.
-MIN_SHARE_OF_MEDIAN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +158,7 @@ def _refuse_equal(images: Images, names: list[str]) -> None:
 def _check_strengths(agreement: LightAgreement, pictures: Pictures, names: list[str]) -> None:
     if agreement.strengths is None:
         return
-    room = max(MAX_STRENGTH_DIFFERENCE, STANDARD_ERRORS * agreement.strength_error)
+    room = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * agreement.strength_error)
     causes = [
         f"{name} gives {strength:.0%} of the others' light{_hint(pictures, light)}"
         for light, (name, strength) in enumerate(zip(names, agreement.strengths, strict=True))
@@ -195,13 +190,13 @@ def _undecided(agreement: LightAgreement | None) -> tuple[str, ...]:
     if agreement is None:
         return ("four lights in general position would vouch for each other",)
     causes = []
-    if agreement.contradiction > MAX_CONTRADICTION:
+    if agreement.contradiction > MAX_REDUNDANCY_RESIDUAL:
         causes.append(f"the pictures contradict each other by {agreement.contradiction:.1%}")
-    if agreement.seen < MIN_SEEN:
+    if agreement.seen < MIN_COMPARED_ROWS:
         causes.append(f"all lights together reach {agreement.seen:.0%} of the rows")
     if agreement.strengths is None:
         causes.append("no strengths of the lights explain the pictures")
-    elif agreement.strength_error > KNOWN_STRENGTH:
+    elif agreement.strength_error > MAX_LED_LEVEL_ERROR:
         causes.append(f"strengths of the lights are known to {agreement.strength_error:.1%} only")
     return tuple(causes)
 
@@ -212,7 +207,7 @@ def _compare(pictures: Pictures, again: Images, names: list[str]) -> None:
         signal = float(first.mean()) - dark
         change = picture_difference(first, second, signal, pictures.noise)
         change = max(change, abs(float(second.mean()) - dark - signal) / signal)
-        if change > MAX_CHANGE_BETWEEN_LOOKS:
+        if change > MAX_RETAKE_CHANGE:
             raise SetRejected(
                 f"set rejected: under {name} two pictures differ by {change:.0%}: the LED "
                 "flickers, the exposure drifts, a frame was torn or showed another light, or the "
@@ -225,7 +220,7 @@ def _check_shares(pictures: Pictures, lighting: Lighting, names: list[str]) -> N
     signals /= lighting.intensities
     median = float(np.median(signals))
     for name, signal in zip(names, signals, strict=True):
-        if signal < MIN_SHARE_OF_MEDIAN * median:
+        if signal < WEAK_LED_SHARE * median:
             raise SetRejected(
                 f"set rejected: {name} gives {signal / median:.0%} of the light of the others; is "
                 "the LED weak or covered, or the part in its shadow?"

@@ -8,16 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.errors import SetRejected
+from rig.acceptance import (
+    DEAD_LED_SHARE,
+    MAX_AMBIENT_SHARE,
+    MAX_SATURATED_SHARE,
+    MIN_SIGNAL_SHARE,
+)
 
 __all__ = ["check_images"]
-
-# A few specular glints are left to the solver, which marks their pixels.
-MAX_SATURATED_SHARE = 0.01
-# An LED that gives less than this share of the brightest one is dead, not weak.
-MIN_SHARE_OF_BRIGHTEST = 0.1
-# Below this share of full scale there is no signal to divide by.
-MIN_SHARE_OF_FULL_SCALE = 0.002
-MAX_AMBIENT_SHARE = 0.5
 
 
 def check_images(
@@ -48,12 +46,12 @@ def check_images(
                 f"{name}: {saturated:.1%} of the pixels are saturated (limit "
                 f"{MAX_SATURATED_SHARE:.0%}); shorten the exposure"
             )
-        elif signal < MIN_SHARE_OF_FULL_SCALE * full_scale:
+        elif signal < MIN_SIGNAL_SHARE * full_scale:
             causes.append(
                 f"{name}: dark, {signal:.1f} of {full_scale} above ambient; "
                 "is the LED dead or always on, or the exposure too short?"
             )
-        elif signal < MIN_SHARE_OF_BRIGHTEST * brightest:
+        elif signal < DEAD_LED_SHARE * brightest:
             causes.append(
                 f"{name}: only {signal / brightest:.0%} of the brightest light; is the LED dead "
                 "or covered?"

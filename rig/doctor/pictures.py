@@ -11,6 +11,16 @@ import numpy.typing as npt
 from classify import Lighting
 from classify.lights.agreement import light_agreement
 from classify.lights.order import Order, light_order
+from rig.acceptance import (
+    DEAD_LED_SHARE,
+    EQUAL_LED_LEVELS,
+    HIGH_AMBIENT_SHARE,
+    MAX_AMBIENT_SHARE,
+    MAX_LED_LEVEL_ERROR,
+    MAX_SATURATED_SHARE,
+    MIN_SIGNAL_SHARE,
+    WEAK_LED_SHARE,
+)
 from rig.fresh_frame import fresh_frame
 from rig.rig import Rig
 
@@ -18,14 +28,6 @@ from .check import Check, Status
 
 __all__ = ["Pictures", "check_pictures", "take_pictures"]
 
-# An LED is dead below the first share of the brightest one, weak below the second.
-_DEAD, _WEAK = 0.05, 0.5
-# Strengths of LEDs against each other are told when known so well, and taken for equal when they
-# are so near.
-_STRENGTH_KNOWN, _STRENGTH_ALIKE = 0.01, 0.02
-# Of full scale: what an LED must give above dark, and what other light may.
-_SIGNAL, _AMBIENT_WARNING, _AMBIENT_FAULT = 0.002, 0.1, 0.5
-_SATURATED_FAULT = 0.01
 # The brightest pixels but for a few glints are brought to this share of full scale.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
 _GOOD_EXPOSURE = (0.4, 0.95)
@@ -99,9 +101,9 @@ def check_pictures(
 
 def _ambient(share: float) -> Check:
     seen = f"{share:.1%} of full scale with all LEDs out"
-    if share <= _AMBIENT_WARNING:
+    if share <= HIGH_AMBIENT_SHARE:
         return Check("ambient light", "ok", seen)
-    status: Status = "fault" if share > _AMBIENT_FAULT else "warning"
+    status: Status = "fault" if share > MAX_AMBIENT_SHARE else "warning"
     return Check(
         "ambient light", status, seen, "shield the rig from other light; does an LED stay on?"
     )
@@ -110,7 +112,7 @@ def _ambient(share: float) -> Check:
 def _led(led: int, signal: float, brightest: float) -> Check:
     name = f"LED {led}"
     seen = f"{signal:.1%} of full scale above dark"
-    if signal < _SIGNAL or signal < _DEAD * brightest:
+    if signal < MIN_SIGNAL_SHARE or signal < DEAD_LED_SHARE * brightest:
         return Check(
             name,
             "fault",
@@ -118,7 +120,7 @@ def _led(led: int, signal: float, brightest: float) -> Check:
             "check its wiring, its resistor and whether something stands before it",
         )
     seen += f", {signal / brightest:.0%} of the brightest LED"
-    if signal < _WEAK * brightest:
+    if signal < WEAK_LED_SHARE * brightest:
         return Check(name, "warning", f"{seen}: weak", "clean or replace it, or lower the others")
     return Check(name, "ok", seen)
 
@@ -126,7 +128,7 @@ def _led(led: int, signal: float, brightest: float) -> Check:
 def _saturation(pictures: Pictures) -> Check:
     white = (pictures.lit >= pictures.full_scale).mean(axis=(1, 2))
     seen = f"at most {white.max():.2%} of the pixels are saturated, under LED {white.argmax()}"
-    if white.max() > _SATURATED_FAULT:
+    if white.max() > MAX_SATURATED_SHARE:
         return Check("saturation", "fault", seen, "shorten the exposure; see below")
     return Check("saturation", "ok", seen)
 
@@ -168,7 +170,7 @@ def _strengths(pictures: Pictures, lighting: Lighting) -> Check:
     if len(lighting) != 4:
         return Check(name, "unknown", "are told from the pictures for four LEDs only")
     told = light_agreement(pictures.lit, lighting, pictures.dark, pictures.full_scale, None)
-    if told.strengths is None or told.strength_error > _STRENGTH_KNOWN:
+    if told.strengths is None or told.strength_error > MAX_LED_LEVEL_ERROR:
         return Check(
             name,
             "unknown",
@@ -176,7 +178,7 @@ def _strengths(pictures: Pictures, lighting: Lighting) -> Check:
             "lay something matt with relief in all directions below the camera",
         )
     seen = "against the configured " + ", ".join(f"{each:.1%}" for each in told.strengths)
-    if all(abs(each - 1.0) <= _STRENGTH_ALIKE for each in told.strengths):
+    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in told.strengths):
         return Check(name, "ok", seen)
     line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.strengths)
     return Check(

@@ -73,6 +73,7 @@ ILLNESSES = [
         for illness in (
             (led_fault("swapped", 0, "other = 1"), "LED order", "fault", "LEDs 0 and 1 are"),
             (led_fault("dead", 2), "LED 2", "fault", "dead"),
+            (led_fault("dim", 2, "share = 0.93"), "LED 2", "fault", "dead"),
             (led_fault("dim", 1, "share = 0.7"), "LED 1", "warning", "weak"),
             (led_fault("stuck_on", 0, "share = 1.0"), "ambient light", "warning", "full scale"),
             (
