@@ -108,7 +108,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         checks=taken.checks,
-        retries=tuple(map(str, failures)),
+        failed_attempts=tuple(map(str, failures)),
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(taken.pictures.images, taken.pictures.ambient),
     )

@@ -121,12 +121,12 @@ def check_lights(
             _check_shares(pictures, lighting, names)
     return ChecksRecord(
         ambient_change=ambient_change,
-        contradiction=None if agreement is None else agreement.contradiction,
-        light_strengths=None if agreement is None else agreement.strengths,
-        light_strengths_error=None
+        redundancy_residual=None if agreement is None else agreement.contradiction,
+        light_levels=None if agreement is None else agreement.strengths,
+        light_levels_error=None
         if agreement is None or agreement.strengths is None
         else agreement.strength_error,
-        second_look=bool(undecided),
+        retaken=bool(undecided),
         light_order=_checked_order(pictures, lighting),
         undecided=undecided,
     )

@@ -31,7 +31,8 @@ Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
 class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # A file's keys are the aliases: some are older than the names here.
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
 class LightingRecord(_Record):
@@ -114,32 +115,31 @@ class ControllerRecord(_Record):
 
 
 class ChecksRecord(_Record):
-    """What the pictures of a set were found to say about their lights.
+    """What the images of a set say about their lights.
 
     Attributes
     ----------
     ambient_change
-        Between two pictures with all lights out, as a share of an LED's light; None where there
-        was only one.
-    contradiction
-        rms share by which the light images contradict one another beyond noise; None if there are
-        not four of them.
-    light_strengths, light_strengths_error
-        Relative strengths of the lights that explain the images, and their standard error; None
-        where none do.
-    second_look
-        Whether the light images were taken a second time, and found the same.
+        Between two images with all LEDs off, as a share of an LED's light; None if there was
+        only one.
+    redundancy_residual
+        rms share of the signal by which the light images contradict one another beyond noise;
+        None without four lights in general position.
+    light_levels, light_levels_error
+        LED levels that explain the light images, and their standard error; None if no levels do.
+    retaken
+        Whether the light images were captured a second time, and found the same.
     light_order
         By the shading: ``confirmed``, or ``undecided``.
     undecided
-        Why there was a second look: what the images alone could not vouch for.
+        Reasons for the retake: what the light images alone could not confirm.
     """
 
     ambient_change: FiniteFloat | None
-    contradiction: FiniteFloat | None
-    light_strengths: tuple[FiniteFloat, ...] | None
-    light_strengths_error: FiniteFloat | None
-    second_look: bool
+    redundancy_residual: FiniteFloat | None = Field(alias="contradiction")
+    light_levels: tuple[FiniteFloat, ...] | None = Field(alias="light_strengths")
+    light_levels_error: FiniteFloat | None = Field(alias="light_strengths_error")
+    retaken: bool = Field(alias="second_look")
     light_order: Literal["confirmed", "undecided"]
     undecided: tuple[str, ...] = ()
 
@@ -150,7 +150,7 @@ class SetMetadata(_Record):
     `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
     how far the part was turned, where that is known. `placement` is the simulated part.
     `synchronisation` is who moved on from light to light, see `rig.toml`. `checks` is what the
-    images say about their lights, `retries` are the causes for which the set was begun again.
+    images say about their lights, `failed_attempts` why each earlier attempt failed.
     """
 
     schema_version: Literal[1] = 1
@@ -169,7 +169,7 @@ class SetMetadata(_Record):
     camera: CameraRecord | None = None
     controller: ControllerRecord | None = None
     checks: ChecksRecord | None = None
-    retries: tuple[str, ...] = ()
+    failed_attempts: tuple[str, ...] = Field(default=(), alias="retries")
     gamma: str = "linear"
     calibration_ids: tuple[str, ...] = ()
     software_version: str

@@ -147,7 +147,9 @@ def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
     comment = ET.SubElement(
         annotations, "CommentAnnotation", ID="Annotation:0", Namespace=_NAMESPACE
     )
-    ET.SubElement(comment, "Value").text = json.dumps(metadata.model_dump(mode="json"))
+    ET.SubElement(comment, "Value").text = json.dumps(
+        metadata.model_dump(mode="json", by_alias=True)
+    )
     # ASCII with character references: a TIFF description has no other encoding to rely on.
     xml: bytes = ET.tostring(ome, encoding="us-ascii", xml_declaration=True)
     return xml

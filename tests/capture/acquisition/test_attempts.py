@@ -388,7 +388,7 @@ def test_a_set_is_begun_again_when_the_watchdog_trips_in_it(rig: Rig) -> None:
         rig.simulation.clock.attend(None)  # no heartbeat either
         rig.clock.sleep_s(5.5)
 
-    (cause,) = capture_set(under(rig, 1, hang)).metadata.retries
+    (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
     assert re.search(r"LED \d should be lit but no LED is.*watchdog", cause)
 
 
@@ -396,7 +396,7 @@ def test_a_set_is_begun_again_when_the_watchdog_trips_in_it(rig: Rig) -> None:
 def test_a_set_is_begun_again_when_the_controller_restarts_in_it(rig: Rig) -> None:
     assert rig.simulation is not None
     controller: Any = rig.simulation._server._controller
-    (cause,) = capture_set(under(rig, 1, controller.reset)).metadata.retries
+    (cause,) = capture_set(under(rig, 1, controller.reset)).metadata.failed_attempts
     assert str(rig.lights.port) in cause
 
 
@@ -448,7 +448,7 @@ def test_a_light_comes_again_whose_frame_came_later_than_was_foreseen() -> None:
     clean, later = taken([]), []
     for number in range(2, 7):
         captured = taken([{"kind": "dropped", "when": {"nth": number}}])
-        assert captured.metadata.retries == ()
+        assert captured.metadata.failed_attempts == ()
         np.testing.assert_allclose(signals(captured), signals(clean), rtol=0.01)
         for image in captured.metadata.images:
             assert image.led_acknowledged_s is not None
@@ -465,7 +465,7 @@ def test_a_set_is_begun_again_after_one_error_of_the_camera(rig: Rig, led: int |
     def fail() -> None:
         raise CameraError("no frame")
 
-    assert capture_set(under(rig, led, fail)).metadata.retries == ("no frame",)
+    assert capture_set(under(rig, led, fail)).metadata.failed_attempts == ("no frame",)
 
 
 @pytest.mark.usefixtures("dark_after")

@@ -35,9 +35,11 @@ def refusals(surfaces: tuple[str, ...], slant_deg: float, bits: int) -> tuple[li
                 except SetRejected as error:
                     refused.append(f"{surface}, slant {slant_deg}, {bits} bit: {error}")
                     continue
-                refused += [f"{surface}, {slant_deg}, {bits} bit: {c}" for c in metadata.retries]
+                refused += [
+                    f"{surface}, {slant_deg}, {bits} bit: {c}" for c in metadata.failed_attempts
+                ]
                 assert metadata.checks is not None
-                second_looks += metadata.checks.second_look
+                second_looks += metadata.checks.retaken
     return refused, sets, second_looks
 
 
@@ -74,5 +76,5 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     names = [f"light {number}" for number in chosen]
     checks = check_lights(pictures, lighting, names, change, lambda: images)
     # Near lights are not the same in all parts of the frame: these pictures cannot vouch for them.
-    assert checks.second_look
-    assert checks.light_strengths is None
+    assert checks.retaken
+    assert checks.light_levels is None

@@ -55,9 +55,9 @@ def outcome(config: RigConfig) -> tuple[str, str, float]:
             error = error_of(captured, rig)
     except (SetRejected, HardwareError) as refusal:
         return "rejected", str(refusal), 0.0
-    causes = "; ".join(captured.metadata.retries)
+    causes = "; ".join(captured.metadata.failed_attempts)
     assert captured.metadata.checks is not None
-    if error > max(TOLERANCE, 5.0 * (captured.metadata.checks.light_strengths_error or 0.0)):
+    if error > max(TOLERANCE, 5.0 * (captured.metadata.checks.light_levels_error or 0.0)):
         return "wrong", causes, error
     return "retried" if causes else "good", causes, error
 

@@ -257,7 +257,7 @@ def test_frames_that_are_not_as_they_should(rig: Rig, change, cause) -> None:
     except SetRejected as error:
         causes = str(error)
     else:
-        (causes,) = captured.metadata.retries
+        (causes,) = captured.metadata.failed_attempts
         assert wrong_light(rig, captured) < WRONG_LIGHT
     assert re.search(cause, causes)
     assert rig.lights.state().led is None
@@ -388,7 +388,7 @@ def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
         outcomes.append("accepted")
         noise_dn = np.sqrt(2.0 * (truth.images / 2.44 + 4.0))
         difference = np.abs(captured.images.astype(float) - truth.images)
-        assert (difference / noise_dn).mean() < 1.2, (nth, captured.metadata.retries)
+        assert (difference / noise_dn).mean() < 1.2, (nth, captured.metadata.failed_attempts)
     assert outcomes
 
 

@@ -102,6 +102,12 @@ def test_a_captured_set_comes_back_with_all_its_records(rig: Rig, tmp_path: Path
 # for other readers
 
 
+def test_keys_in_a_file_are_those_of_earlier_versions(rig: Rig) -> None:
+    fields = capture_set(rig).metadata.model_dump(by_alias=True)
+    assert fields["retries"] == ()
+    assert {"contradiction", "light_strengths", "second_look"} < fields["checks"].keys()
+
+
 def test_any_tiff_reader_sees_channels_named_by_tilt(path: Path) -> None:
     with tifffile.TiffFile(path) as tiff:
         assert tiff.is_ome
