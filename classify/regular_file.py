@@ -1,0 +1,68 @@
+"""Reading input files: regular files of bounded size, never pipes or devices."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from .errors import InputError
+
+__all__ = ["open_regular_file", "read_regular_file"]
+
+# Opening a pipe without a writer would block without O_NONBLOCK; a terminal must not become ours.
+_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+
+
+def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
+    """Open a regular file for reading; links to one are followed.
+
+    Raises
+    ------
+    InputError
+        If it is missing, unreadable, larger than `max_bytes`, a folder, a pipe or a device.
+    """
+    try:
+        descriptor = os.open(path, _FLAGS)
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # NUL, or characters that no file name can hold
+        raise InputError(f"{str(path)!r}: not a file name ({error})") from error
+    try:
+        about = os.fstat(descriptor)
+        if stat.S_ISDIR(about.st_mode):
+            raise InputError(f"{path}: cannot be read: it is a folder")
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"{path}: cannot be read: it is a pipe or a device; give a file")
+        if about.st_size > max_bytes:
+            raise _too_large(path, max_bytes)
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_regular_file(path: Path, max_bytes: int) -> bytes:
+    """Read a whole file as `open_regular_file` opens it; at most `max_bytes` are accepted.
+
+    Raises
+    ------
+    InputError
+        As `open_regular_file`, or if reading fails.
+    """
+    with open_regular_file(path, max_bytes) as file:
+        try:
+            # The size that a file states may be wrong: it may grow, and files of /proc state 0.
+            content = file.read(max_bytes + 1)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if len(content) > max_bytes:
+        raise _too_large(path, max_bytes)
+    return content
+
+
+def _too_large(path: Path, max_bytes: int) -> InputError:
+    return InputError(f"{path}: larger than {max_bytes} bytes, the most that is read")
