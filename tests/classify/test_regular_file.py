@@ -26,7 +26,7 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, target: str)
         (tmp_path / "link").symlink_to(target)
         places.append(tmp_path / "link")
     for place in places:
-        with pytest.raises(InputError, match="cannot be read: |not a file name"):
+        with pytest.raises(InputError, match=r"cannot be read: |not a file name"):
             read_regular_file(place, 100)
 
 
