@@ -21,16 +21,24 @@ Parameters = Mapping[str, npt.NDArray[np.float64]]
 
 
 class Comparison(NamedTuple):
-    """One signature against n references.
+    """One signature compared with n references, as (n,) arrays.
 
-    `turns_deg` is the anticlockwise turn from the reference to the test, [0, 180); `sharpness`
-    how clear that turn is, 0 not at all to 1; `headings` by how many standard deviations the test
-    lies that way round, negative where half a turn more fits better, 0 where both do. They are
-    None where a classifier knows no angles, or no more than angles modulo 180.
+    Attributes
+    ----------
+    distances
+        How different they are; 0 equal.
+    orientations_deg
+        Orientation of the surface relative to the reference, anticlockwise, [0, 180). None where
+        the classifier finds no orientation, as are the fields that follow.
+    sharpness
+        How well the orientation is determined: 0 not at all, 1 exactly.
+    headings
+        Standard deviations in favour of this orientation against the opposite one (180 degrees
+        more); negative where the opposite one fits better, 0 where both do.
     """
 
     distances: npt.NDArray[np.float64]
-    turns_deg: npt.NDArray[np.float64] | None = None
+    orientations_deg: npt.NDArray[np.float64] | None = None
     sharpness: npt.NDArray[np.float64] | None = None
     headings: npt.NDArray[np.float64] | None = None
 

@@ -20,7 +20,7 @@ from classify.texture.angular_harmonics import (
     Complex,
     harmonics,
     least_error,
-    unturned_norms,
+    shift_invariant_norms,
 )
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.heading import (
@@ -29,6 +29,7 @@ from classify.texture.heading import (
     heading_scores,
     heading_variances,
 )
+from classify.texture.rotated_lights import under_rotated_lights
 from classify.texture.spectra import RADII, Spectra, field_spectra
 from classify.texture.statistics import (
     PARTS,
@@ -37,7 +38,6 @@ from classify.texture.statistics import (
     local_statistics,
     statistics_vector,
 )
-from classify.texture.turned_lights import under_turned_lights
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 
@@ -123,7 +123,7 @@ def _observe_training(surface: SurfaceEstimate, segment_px: int) -> Observation:
         for cut in [np.s_[top : top + rows // 2, left : left + columns // 2]]
     ]
     spectra = [field_spectra(quarter, segment_px // 2) for quarter in quarters]
-    turned = [_observe(other, segment_px) for other in under_turned_lights(surface)]
+    turned = [_observe(other, segment_px) for other in under_rotated_lights(surface)]
     return {
         **_observation(fields, segment_px),
         "quarters": np.stack([_stacked(each) for each in spectra]),
@@ -281,11 +281,11 @@ def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     local = np.square(references[:, STATISTICS] - test[STATISTICS])
     total = found.errors + local.sum(axis=1, dtype=np.float64)
     total /= test[-1]
-    headings = heading_scores(test[_HEADING], references[:, _HEADING], found.turns_deg)
+    headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
     # The moments of a smaller frame scatter more.
     headings /= np.sqrt(test[-1])
     headings[found.sharpness < _DIRECTIONAL] = 0.0
-    return Comparison(total, found.turns_deg, found.sharpness, headings)
+    return Comparison(total, found.shifts_deg, found.sharpness, headings)
 
 
 def _series_of(signatures: FloatMap) -> Complex:
@@ -294,7 +294,7 @@ def _series_of(signatures: FloatMap) -> Complex:
 
 
 def _invariants(signatures: FloatMap) -> FloatMap:
-    norms = unturned_norms(_series_of(signatures))
+    norms = shift_invariant_norms(_series_of(signatures))
     return np.concatenate([norms, signatures[:, STATISTICS], signatures[:, -1:]], axis=1)
 
 

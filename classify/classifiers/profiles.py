@@ -7,16 +7,11 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.orientation import (
-    STEP_DEG,
-    roll_angles,
-    squared_errors_by_turn,
-    turn_of_least_error,
-)
+from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import image_spectrum, polar_radii_px
 
 from .classifier import Classifier, Comparison, Observation, Parameters
-from .spectra_2d import observe_spectra, turns_by_polar
+from .spectra_2d import observe_spectra, shifts_by_polar
 
 __all__ = ["IMAGE_POLAR", "POLAR", "POLAR_RADIAL", "first_light"]
 
@@ -53,9 +48,9 @@ def _polar(observation: Observation, _: Parameters) -> FloatMap:
 
 def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     """Least squared error over all turns, relative to the energy of both."""
-    errors = squared_errors_by_turn(test, references)
+    errors = squared_errors_by_shift(test, references)
     energy = _energy(test[None]) + _energy(references)
-    turns = turn_of_least_error(errors)
+    turns = best_shift(errors)
     return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, turns * STEP_DEG)
 
 
@@ -70,7 +65,7 @@ def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Co
     angles = 90
     polar, radial = test[:, :angles], test[:, angles:]
     polar_references, radial_references = references[..., :angles], references[..., angles:]
-    turns = turns_by_polar(polar[:, None], polar_references[:, :, None])
+    turns = shifts_by_polar(polar[:, None], polar_references[:, :, None])
     turned = roll_angles(polar, turns)
     shares = [
         np.square(one[:, channel] - other[:, channel], dtype=np.float64).sum(axis=-1)

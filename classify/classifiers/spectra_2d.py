@@ -6,17 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.orientation import (
-    STEP_DEG,
-    roll_angles,
-    squared_errors_by_turn,
-    turn_of_least_error,
-)
+from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import Spectra, surface_spectra
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 
-__all__ = ["SPECTRA_2D", "SPECTRA_2D_POWER", "observe_spectra", "per_octave", "turns_by_polar"]
+__all__ = ["SPECTRA_2D", "SPECTRA_2D_POWER", "observe_spectra", "per_octave", "shifts_by_polar"]
 
 
 def observe_spectra(surface: SurfaceEstimate, segment_px: int) -> Observation:
@@ -35,9 +30,9 @@ def per_octave(spectra: Spectra) -> FloatMap:
     return power
 
 
-def turns_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
     """(n,) turns in grid steps at the least squared error of the 1D polar spectra of M and A."""
-    return turn_of_least_error(_errors_1d(test, references))
+    return best_shift(_errors_1d(test, references))
 
 
 def _magnitude(observation: Observation, _: Parameters) -> FloatMap:
@@ -58,7 +53,7 @@ def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     divided by the energy of both signatures, for M and A separately, so that it lies between
     0 and 1 and a rough texture cannot drown a smooth one.
     """
-    turns = turns_by_polar(test, references)
+    turns = shifts_by_polar(test, references)
     turned = roll_angles(test, turns)
     difference = np.square(turned - references).sum(axis=(2, 3))
     energy = np.square(turned).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
@@ -77,7 +72,7 @@ def _errors_1d(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
         energy = np.sum(np.square(polar, dtype=np.float64)) + np.sum(
             np.square(reference_polar, dtype=np.float64), axis=1
         )
-        errors = squared_errors_by_turn(polar, reference_polar)
+        errors = squared_errors_by_shift(polar, reference_polar)
         errors_1d += errors / np.maximum(energy, np.finfo(np.float64).tiny)[:, None]
     return errors_1d
 

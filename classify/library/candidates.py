@@ -113,7 +113,7 @@ def _joined(first: Comparison, second: Comparison, order: Indices) -> Comparison
 
     return Comparison(
         np.concatenate([first.distances, second.distances])[order],
-        both(first.turns_deg, second.turns_deg),
+        both(first.orientations_deg, second.orientations_deg),
         both(first.sharpness, second.sharpness),
         both(first.headings, second.headings),
     )

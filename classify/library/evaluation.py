@@ -1,8 +1,8 @@
-"""How often a library is right, and by how many degrees."""
+"""Accuracy, confusion and orientation errors of a library on labelled sets."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,33 +11,91 @@ from classify.errors import InputError
 
 from .match import Match
 
-__all__ = ["ClassResult", "Evaluation", "OrientationError", "Trial", "evaluate"]
+__all__ = [
+    "ClassResult",
+    "Evaluation",
+    "OrientationError",
+    "Trial",
+    "accuracy",
+    "evaluate",
+    "nearest_accuracy",
+    "nearest_orientation_errors_deg",
+    "orientation_errors_deg",
+    "unknown_share",
+]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One test: the true class, the true orientation where it is known, and the answer."""
+    """One test: the true class, the true orientation where it is known, and the match.
+
+    `nearest_...` properties take the nearest class as the answer, even where it was rejected.
+    """
 
     label: str
     orientation_deg: float | None
     match: Match
 
     @property
+    def is_correct(self) -> bool:
+        """Whether the match names the true class."""
+        return self.match.label == self.label
+
+    @property
+    def nearest_is_correct(self) -> bool:
+        """Whether the nearest class is the true one."""
+        return self.match.nearest == self.label
+
+    @property
     def orientation_error_deg(self) -> float | None:
-        """Error modulo half a turn, 0 to 90; None where unknown or the class is wrong."""
+        """Error modulo 180, 0 to 90; None where unknown or the class is wrong."""
+        return self.nearest_orientation_error_deg if self.is_correct else None
+
+    @property
+    def nearest_orientation_error_deg(self) -> float | None:
+        """The same; None where unknown or the nearest class is wrong."""
         found_deg = self.match.orientation_deg
-        if self.orientation_deg is None or found_deg is None or self.match.label != self.label:
+        if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
             return None
-        difference = found_deg - self.orientation_deg
-        return abs((difference + 90.0) % 180.0 - 90.0)
+        return abs((found_deg - self.orientation_deg + 90.0) % 180.0 - 90.0)
 
     @property
     def is_reversed(self) -> bool | None:
-        """Whether the heading is the wrong way round; None where none was told or is known."""
+        """Whether the heading is off by more than 90 degrees; None without heading or truth."""
         found_deg = self.match.heading_deg
-        if self.orientation_deg is None or found_deg is None or self.match.label != self.label:
+        if self.orientation_deg is None or found_deg is None or not self.is_correct:
             return None
         return abs((found_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
+
+
+def accuracy(trials: Iterable[Trial]) -> float | None:
+    """Share of trials whose match names the true class; None without trials."""
+    return _share(trial.is_correct for trial in trials)
+
+
+def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
+    """Share of trials whose nearest class is the true one; None without trials."""
+    return _share(trial.nearest_is_correct for trial in trials)
+
+
+def unknown_share(trials: Iterable[Trial]) -> float | None:
+    """Share of trials that were matched with no class; None without trials."""
+    return _share(trial.match.label is None for trial in trials)
+
+
+def orientation_errors_deg(trials: Iterable[Trial]) -> list[float]:
+    """Errors of the correct trials whose orientation is known."""
+    return [error for trial in trials if (error := trial.orientation_error_deg) is not None]
+
+
+def nearest_orientation_errors_deg(trials: Iterable[Trial]) -> list[float]:
+    """The same for all trials whose nearest class is the true one."""
+    return [error for trial in trials if (error := trial.nearest_orientation_error_deg) is not None]
+
+
+def _share(outcomes: Iterable[bool]) -> float | None:
+    counted = list(outcomes)
+    return sum(counted) / len(counted) if counted else None
 
 
 @dataclass(frozen=True)
@@ -48,9 +106,9 @@ class OrientationError:
     p95: float | None
 
     @classmethod
-    def of(cls, trials: Sequence[Trial]) -> OrientationError:
-        """Over the trials with the right class and a known orientation."""
-        errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
+    def of(cls, trials: Iterable[Trial]) -> OrientationError:
+        """Summarise `orientation_errors_deg`."""
+        errors = orientation_errors_deg(trials)
         if not errors:
             return cls(None, None)
         return cls(float(np.median(errors)), float(np.percentile(errors, 95)))
@@ -66,7 +124,7 @@ class ClassResult:
 
     @property
     def accuracy(self) -> float:
-        """Share of right answers."""
+        """Share of correct trials."""
         return self.correct / self.sets
 
 
@@ -74,9 +132,9 @@ class ClassResult:
 class Evaluation:
     """Results over all trials.
 
-    `confusion[true][answered]` counts sets; the answer of an unknown is ``None``. Of the sets with
-    the right class and a known orientation, `headings` were told a heading too, and `reversed`
-    of these the wrong one.
+    `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``.
+    `headings` counts the correct trials with a known orientation and a heading, and `reversed`
+    those of them whose heading is off by more than 90 degrees.
     """
 
     sets: int
@@ -90,7 +148,7 @@ class Evaluation:
 
     @property
     def accuracy(self) -> float:
-        """Share of right answers; unknown counts as wrong."""
+        """Share of correct trials; an unknown one is not correct."""
         return self.correct / self.sets
 
 
@@ -113,12 +171,12 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
     per_class = {
         label: ClassResult(
             sets=len(group),
-            correct=sum(trial.match.label == label for trial in group),
+            correct=sum(trial.is_correct for trial in group),
             orientation_error_deg=OrientationError.of(group),
         )
         for label, group in sorted(by_class.items())
     }
-    told = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
+    reversals = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
     return Evaluation(
         sets=len(trials),
         correct=sum(result.correct for result in per_class.values()),
@@ -126,6 +184,6 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         per_class=per_class,
         confusion=confusion,
         orientation_error_deg=OrientationError.of(trials),
-        headings=len(told),
-        reversed=sum(told),
+        headings=len(reversals),
+        reversed=sum(reversals),
     )

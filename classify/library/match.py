@@ -103,8 +103,8 @@ def match_of(
         if runner_up is not None:
             reason += f", next is {runner_up} at {runner_up_distance:.2f}"
     orientation_deg = heading_deg = sharpness = None
-    if found.turns_deg is not None:
-        turned_deg = float(orientations_deg[winner] + found.turns_deg[winner])
+    if found.orientations_deg is not None:
+        turned_deg = float(orientations_deg[winner] + found.orientations_deg[winner])
         # Rounded first: a hair below 0 is 0, not a hair below 180.
         orientation_deg = round(turned_deg, 6) % 180.0
         heading = 0.0 if found.headings is None else float(found.headings[winner])

@@ -173,7 +173,9 @@ class TextureLibrary:
                 orientation_deg = 0.0
                 if first < len(labels):
                     found = how.compare(learned[0], signatures[first][None], parameters)
-                    turn_deg = 0.0 if found.turns_deg is None else float(found.turns_deg[0])
+                    turn_deg = (
+                        0.0 if found.orientations_deg is None else float(found.orientations_deg[0])
+                    )
                     heading = 0.0 if found.headings is None else float(found.headings[0])
                     orientation_deg = orientations_deg[first] + turn_deg + 180.0 * (heading < 0.0)
                     if abs(heading) < LEAST_SCORE and how.without_heading is not None:

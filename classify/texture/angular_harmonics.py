@@ -18,7 +18,7 @@ from numba import njit, prange
 from classify.compiling import FAST
 from classify.surface.estimate import FloatMap
 
-__all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "unturned_norms"]
+__all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "shift_invariant_norms"]
 
 HARMONICS = 16
 """Kept of a series, zero included: steps of 12 degrees, finer than spectra of a surface hold."""
@@ -33,13 +33,13 @@ Complex = npt.NDArray[np.complex64]
 class LeastError(NamedTuple):
     """Least squared difference over all turns.
 
-    `errors` (n,) float64; `turns_deg` (n,) anticlockwise from the reference to the test;
+    `errors` (n,) float64; `shifts_deg` (n,) anticlockwise from the reference to the test;
     `sharpness` (n,) how much of the directional part agrees at that turn: 0 where every angle is
     as good as another, 1 where one angle explains all.
     """
 
     errors: npt.NDArray[np.float64]
-    turns_deg: npt.NDArray[np.float64]
+    shifts_deg: npt.NDArray[np.float64]
     sharpness: npt.NDArray[np.float64]
 
 
@@ -87,11 +87,11 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     agreed = 2.0 * (correlations.max(axis=1) - cross[:, 0].real)
     sharpness = np.clip(agreed / np.maximum(directional, np.finfo(np.float64).tiny), 0.0, 1.0)
     # Twice: a hair below 0 is rounded up to a whole turn.
-    turns_deg = ((best + offset) % _TURNS % _TURNS) * _TURN_DEG
-    return LeastError(errors=least, turns_deg=turns_deg, sharpness=sharpness)
+    shifts_deg = ((best + offset) % _TURNS % _TURNS) * _TURN_DEG
+    return LeastError(errors=least, shifts_deg=shifts_deg, sharpness=sharpness)
 
 
-def unturned_norms(series: Complex) -> FloatMap:
+def shift_invariant_norms(series: Complex) -> FloatMap:
     """(..., K, 16) series to (..., 2 K) float32 that no turn changes.
 
     The real harmonic 0 of each map and the norm of all its others. The Euclidean distance of two

@@ -8,12 +8,12 @@ import scipy.fft
 
 from .spectra import ANGLES
 
-__all__ = ["STEP_DEG", "roll_angles", "squared_errors_by_turn", "turn_of_least_error"]
+__all__ = ["STEP_DEG", "best_shift", "roll_angles", "squared_errors_by_shift"]
 
 STEP_DEG = 180.0 / ANGLES
 
 
-def squared_errors_by_turn(
+def squared_errors_by_shift(
     test: npt.NDArray[np.floating], references: npt.NDArray[np.floating]
 ) -> npt.NDArray[np.float64]:
     """Sum over theta of (test(theta + phi) - reference(theta))^2 for every phi of the grid.
@@ -45,7 +45,7 @@ def squared_errors_by_turn(
     return errors
 
 
-def turn_of_least_error(errors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def best_shift(errors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """(n,) turn in grid steps at the lowest of (n, A) errors, refined by a parabola."""
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)

@@ -227,7 +227,7 @@ def low_light(stationary, photographed):
     return make
 
 
-def test_a_surface_in_shadow_gives_references_for_turned_lights(low_light) -> None:
+def test_a_surface_in_shadow_gives_references_for_rotated_lights(low_light) -> None:
     """They belong to its set: they count in comparing, and not in how far a class reaches."""
     rows = [(kind, low_light(kind)) for kind in ("brushed", "rough")]
     assert all(surface.shadow_mask.mean() > 0.05 for _, surface in rows)

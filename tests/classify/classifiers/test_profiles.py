@@ -46,8 +46,8 @@ def test_signatures_are_the_sums_that_they_are_named_for(observed) -> None:
 def test_a_turned_surface_is_found_at_its_angle(observed, classifier) -> None:
     still, turned = (classifier.signature(observed[turn], {}) for turn in (0.0, 35.0))
     found = classifier.compare(turned, np.stack([still, turned]), {})
-    assert off_deg(found.turns_deg[0], 35.0) < 1.0
-    assert off_deg(found.turns_deg[1], 0.0) < 0.1
+    assert off_deg(found.orientations_deg[0], 35.0) < 1.0
+    assert off_deg(found.orientations_deg[1], 0.0) < 0.1
     # Between steps of the grid the turn is refined; the error of `polar` is that at the step.
     assert found.distances[0] < 0.02
     assert found.distances[1] == pytest.approx(0.0, abs=1e-9)
@@ -65,7 +65,7 @@ def test_polar_spectra_compare_as_by_brute_force(steps: int, seed: int) -> None:
         errors = [np.square(np.roll(test, -turn) - reference).sum() for turn in range(ANGLES)]
         energy = np.square(test, dtype=float).sum() + np.square(reference).sum()
         assert distance == pytest.approx(min(errors) / energy, abs=1e-9)
-    assert off_deg(found.turns_deg[0], 2.0 * steps) < 2.0
+    assert off_deg(found.orientations_deg[0], 2.0 * steps) < 2.0
 
 
 def test_radial_spectra_tell_what_polar_ones_cannot(observed) -> None:
@@ -87,7 +87,7 @@ def test_distances_lie_between_nothing_and_one(seed: int) -> None:
         test, *others = rng.random((4, *shape)).astype(np.float32) ** 3
         found = classifier.compare(test, np.stack([*others, 0 * test]), {})
         assert ((found.distances >= 0) & (found.distances <= 1 + 1e-6)).all()
-        assert ((found.turns_deg >= 0) & (found.turns_deg <= 180)).all()
+        assert ((found.orientations_deg >= 0) & (found.orientations_deg <= 180)).all()
 
 
 @pytest.mark.filterwarnings("error")

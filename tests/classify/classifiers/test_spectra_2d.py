@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import SurfaceEstimate
 from classify.classifiers import CLASSIFIERS
-from classify.classifiers.spectra_2d import turns_by_polar
+from classify.classifiers.spectra_2d import shifts_by_polar
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 
@@ -21,8 +21,8 @@ def signature(surface: SurfaceEstimate, scheme=SCHEME) -> np.ndarray:
 
 def compare(test: np.ndarray, references: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     found = SCHEME.compare(test, references, {})
-    assert found.turns_deg is not None
-    return found.distances, found.turns_deg
+    assert found.orientations_deg is not None
+    return found.distances, found.orientations_deg
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_the_angle_comes_from_the_polar_spectra_alone(learned) -> None:
     distances, turns = compare(turned, learned[None])
     assert (turns[0] - 20.0 + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
     assert distances[0] > 0.05
-    np.testing.assert_allclose(turns_by_polar(turned, learned[None]) * 2.0, turns)
+    np.testing.assert_allclose(shifts_by_polar(turned, learned[None]) * 2.0, turns)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -53,7 +53,7 @@ class Points:
         chosen, found = self.sieve.nearest(self.invariants(test), compare)
         assert (np.diff(chosen) > 0).all()
         np.testing.assert_array_equal(found.distances, everything[chosen])
-        np.testing.assert_array_equal(found.turns_deg, chosen % 180.0)
+        np.testing.assert_array_equal(found.orientations_deg, chosen % 180.0)
         np.testing.assert_array_equal(found.sharpness, chosen / 1e6)
         return match_of(found, [self.labels[i] for i in chosen], np.zeros(len(chosen)), {})
 
@@ -164,7 +164,7 @@ def test_a_classifier_without_angles_is_sifted_as_well() -> None:
         library.invariants(test), lambda indices: Comparison(distances[indices])
     )
     assert len(chosen) > 4 * candidates._FIRST  # there was a second round
-    assert found.turns_deg is None
+    assert found.orientations_deg is None
     assert found.sharpness is None
     assert found.distances.min() == distances.min()
 
@@ -230,16 +230,18 @@ def test_a_large_library_answers_as_if_all_were_compared(
     trained, monkeypatch: pytest.MonkeyPatch, spread: float
 ) -> None:
     signatures, labels = joint_signatures(11, 600, 60, spread, trained)
-    turns_deg = np.arange(600.0) % 180.0
+    orientations_deg = np.arange(600.0) % 180.0
     monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", 100)
-    sifted = TextureLibrary("joint", tuple(labels), turns_deg, signatures, trained.parameters, 64)
+    sifted = TextureLibrary(
+        "joint", tuple(labels), orientations_deg, signatures, trained.parameters, 64
+    )
     rng = np.random.default_rng(12)
     for index in rng.integers(0, 600, 6):
         asked = signatures[index] + 0.1 * spread * rng.standard_normal(signatures.shape[1]).astype(
             np.float32
         )
         everything = JOINT.compare(asked, signatures, trained.parameters)
-        expected = match_of(everything, labels, turns_deg, {})
+        expected = match_of(everything, labels, orientations_deg, {})
         answer = sifted.match(asked)
         assert (answer.nearest, answer.runner_up) == (expected.nearest, expected.runner_up)
         assert answer.distance == pytest.approx(expected.distance, rel=1e-6, abs=1e-9)

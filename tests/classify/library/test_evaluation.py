@@ -8,6 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Match, Trial, evaluate
+from classify.library.evaluation import (
+    accuracy,
+    nearest_accuracy,
+    nearest_orientation_errors_deg,
+    orientation_errors_deg,
+    unknown_share,
+)
 
 ANGLES = st.floats(-720, 720)
 
@@ -29,6 +36,20 @@ def test_orientation_error_is_the_angle_between_two_lines(found: float, true: fl
 def test_half_a_turn_makes_no_error(true: float, off: float, half_turns: int) -> None:
     trial = Trial("a", true, answer("a", true + off + 180.0 * half_turns))
     assert trial.orientation_error_deg == pytest.approx(abs(off), abs=1e-9)
+
+
+def test_a_rejected_trial_counts_by_its_nearest_class_too() -> None:
+    trials = [
+        Trial("a", 10.0, answer("a", 12.0)),
+        Trial("a", 10.0, answer(None, 14.0)),
+        Trial("b", 10.0, answer(None, 10.0)),
+        Trial("b", 10.0, answer("a", 10.0)),
+    ]
+    assert accuracy(trials) == 0.25
+    assert nearest_accuracy(trials) == unknown_share(trials) == 0.5
+    assert orientation_errors_deg(trials) == [2.0]
+    assert nearest_orientation_errors_deg(trials) == [2.0, 4.0]
+    assert accuracy([]) is nearest_accuracy([]) is unknown_share([]) is None
 
 
 def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:

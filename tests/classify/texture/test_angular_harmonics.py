@@ -5,7 +5,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from classify.texture.angular_harmonics import HARMONICS, harmonics, least_error, unturned_norms
+from classify.texture.angular_harmonics import (
+    HARMONICS,
+    harmonics,
+    least_error,
+    shift_invariant_norms,
+)
 from classify.texture.orientation import roll_angles
 
 ANGLES = 90
@@ -61,7 +66,7 @@ def test_a_turned_map_is_found_at_its_angle(seed: int, turn_deg: float, maps: in
     assert found.errors[0] <= 1e-3 * energy
     assert found.sharpness[0] > 0.98
     # Another angle may do nearly as well; it is not far off, or it does as well indeed.
-    at_found = turned(reference, float(found.turns_deg[0]))
+    at_found = turned(reference, float(found.shifts_deg[0]))
     at_true = turned(reference, turn_deg)
     assert np.square(at_found - at_true).sum() < 2e-3 * energy
 
@@ -70,8 +75,8 @@ def test_a_turned_map_is_found_at_its_angle(seed: int, turn_deg: float, maps: in
 def test_the_angle_is_right_to_a_tenth_of_a_degree(turn_deg: float) -> None:
     reference = smooth(5, 4)
     found = least_error(harmonics(turned(reference, turn_deg)), harmonics(reference)[None])
-    assert off_deg(found.turns_deg[0], turn_deg) < 0.1
-    assert 0.0 <= found.turns_deg[0] < 180.0
+    assert off_deg(found.shifts_deg[0], turn_deg) < 0.1
+    assert 0.0 <= found.shifts_deg[0] < 180.0
 
 
 @settings(max_examples=60, deadline=None)
@@ -80,13 +85,13 @@ def test_least_errors_are_those_of_brute_force(seed: int, count: int, maps: int)
     """Turn by every half a degree, subtract, square."""
     test, references = smooth(seed, maps), smooth(seed ^ 1, count, maps)
     found = least_error(harmonics(test), harmonics(references))
-    turns_deg = np.arange(0.0, 180.0, 0.5)
-    back = roll_angles(test, turns_deg * ANGLES / 180.0)
+    shifts_deg = np.arange(0.0, 180.0, 0.5)
+    back = roll_angles(test, shifts_deg * ANGLES / 180.0)
     for index, reference in enumerate(references):
         errors = np.square(back - reference).sum(axis=(1, 2))
         energy = np.square(test).sum() + np.square(reference).sum()
         assert found.errors[index] == pytest.approx(errors.min(), abs=2e-3 * energy)
-        at_found = np.square(turned(reference, found.turns_deg[index]) - test).sum()
+        at_found = np.square(turned(reference, found.shifts_deg[index]) - test).sum()
         assert at_found == pytest.approx(errors.min(), abs=2e-3 * energy)
 
 
@@ -99,10 +104,10 @@ def test_no_error_is_below_the_bound_of_the_norms(
     references = smooth(seed, 6, 3) + level
     test = turned(references[0], turn_deg) + unlike * smooth(seed ^ 1, 3)
     series, test_series = harmonics(references), harmonics(test)
-    norms = unturned_norms(series)
+    norms = shift_invariant_norms(series)
     assert norms.shape == (6, 6)
     assert norms.dtype == np.float32
-    bounds = np.square(norms - unturned_norms(test_series)).sum(axis=1)
+    bounds = np.square(norms - shift_invariant_norms(test_series)).sum(axis=1)
     errors = least_error(test_series, series).errors
     energy = np.square(references).sum(axis=(1, 2)) + np.square(test).sum()
     assert (errors >= bounds - 1e-5 * energy).all()
@@ -111,7 +116,9 @@ def test_no_error_is_below_the_bound_of_the_norms(
 @given(SEEDS, TURNS_DEG)
 def test_no_turn_changes_the_norms(seed: int, turn_deg: float) -> None:
     maps = smooth(seed, 4)
-    before, after = (unturned_norms(harmonics(each)) for each in (maps, turned(maps, turn_deg)))
+    before, after = (
+        shift_invariant_norms(harmonics(each)) for each in (maps, turned(maps, turn_deg))
+    )
     np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-5)
 
 
@@ -123,8 +130,8 @@ def test_all_maps_of_a_stack_turn_together() -> None:
     alone = [
         least_error(harmonics(apart[i : i + 1]), harmonics(one[i : i + 1])[None]) for i in range(2)
     ]
-    assert off_deg(alone[0].turns_deg[0], 20.0) < 0.1
-    assert off_deg(alone[1].turns_deg[0], 60.0) < 0.1
+    assert off_deg(alone[0].shifts_deg[0], 20.0) < 0.1
+    assert off_deg(alone[1].shifts_deg[0], 60.0) < 0.1
     assert found.errors[0] > sum(float(each.errors[0]) for each in alone) + 0.1
 
 
@@ -133,7 +140,7 @@ def test_sharpness_is_nothing_where_there_is_no_direction() -> None:
     directed = even + np.cos(2 * np.pi * np.arange(ANGLES) / ANGLES)
     found = least_error(harmonics(even), harmonics(np.stack([even, directed])))
     np.testing.assert_allclose(found.sharpness, 0.0, atol=1e-6)
-    assert np.isfinite(found.turns_deg).all()
+    assert np.isfinite(found.shifts_deg).all()
     assert least_error(harmonics(directed), harmonics(directed)[None]).sharpness[0] == (
         pytest.approx(1.0, abs=1e-5)
     )
@@ -144,7 +151,7 @@ def test_sharpness_is_nothing_where_there_is_no_direction() -> None:
 def test_sharpness_lies_between_nothing_and_one(seed: int, other: int) -> None:
     found = least_error(harmonics(smooth(seed, 2)), harmonics(smooth(other, 5, 2)))
     assert ((found.sharpness >= 0.0) & (found.sharpness <= 1.0)).all()
-    assert ((found.turns_deg >= 0.0) & (found.turns_deg < 180.0)).all()
+    assert ((found.shifts_deg >= 0.0) & (found.shifts_deg < 180.0)).all()
     assert (found.errors >= 0.0).all()
 
 
@@ -154,4 +161,4 @@ def test_maps_of_zeros_are_equal_and_without_direction() -> None:
     found = least_error(nothing, nothing[None])
     assert found.errors.tolist() == [0.0]
     assert found.sharpness.tolist() == [0.0]
-    assert np.isfinite(found.turns_deg).all()
+    assert np.isfinite(found.shifts_deg).all()

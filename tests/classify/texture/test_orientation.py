@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from classify.texture.orientation import (
     STEP_DEG,
+    best_shift,
     roll_angles,
-    squared_errors_by_turn,
-    turn_of_least_error,
+    squared_errors_by_shift,
 )
 from classify.texture.spectra import ANGLES
 
@@ -29,7 +29,7 @@ def test_errors_by_turn_are_those_of_brute_force(
     rng = np.random.default_rng(seed)
     test = rng.random((*between, count))
     stored = rng.random((references, *between, count)).astype(np.float32)
-    errors = squared_errors_by_turn(test, stored)
+    errors = squared_errors_by_shift(test, stored)
     assert errors.shape == (references, count)
     for j in range(count):
         difference = np.roll(test, -j, axis=-1) - stored
@@ -40,21 +40,21 @@ def test_errors_by_turn_are_those_of_brute_force(
 @given(st.integers(0, ANGLES - 1), SEEDS)
 def test_a_spectrum_rolled_by_whole_steps_is_found_exactly(steps: int, seed: int) -> None:
     reference = np.random.default_rng(seed).random(ANGLES)
-    errors = squared_errors_by_turn(np.roll(reference, steps), reference[None])
+    errors = squared_errors_by_shift(np.roll(reference, steps), reference[None])
     assert int(errors.argmin()) == steps
     assert errors.min() == pytest.approx(0.0, abs=1e-9)
 
 
 @given(st.floats(0, ANGLES, exclude_max=True))
 def test_a_turn_between_steps_is_found_to_a_fiftieth_of_a_step(turn: float) -> None:
-    errors = squared_errors_by_turn(bumps(turn), bumps(0.0)[None])
-    found = turn_of_least_error(errors)[0]
+    errors = squared_errors_by_shift(bumps(turn), bumps(0.0)[None])
+    found = best_shift(errors)[0]
     assert abs((found - turn + ANGLES / 2) % ANGLES - ANGLES / 2) < 0.02
 
 
 def test_without_any_direction_the_turn_is_some_finite_one() -> None:
     flat = np.ones(ANGLES)
-    turns = turn_of_least_error(squared_errors_by_turn(flat, np.stack([flat, 2 * flat])))
+    turns = best_shift(squared_errors_by_shift(flat, np.stack([flat, 2 * flat])))
     assert np.isfinite(turns).all()
     assert ((turns >= 0) & (turns < ANGLES)).all()
 

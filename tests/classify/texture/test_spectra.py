@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import InputError, surface_spectra
 from classify.texture.fields import texture_fields
-from classify.texture.orientation import roll_angles, squared_errors_by_turn, turn_of_least_error
+from classify.texture.orientation import best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import (
     ANGLES,
     RADII,
@@ -28,7 +28,7 @@ def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amp
 
 def turn_between(test: np.ndarray, reference: np.ndarray) -> float:
     """Anticlockwise turn in degrees from one polar spectrum to another, in (-90, 90]."""
-    turn = turn_of_least_error(squared_errors_by_turn(test, reference[None]))[0]
+    turn = best_shift(squared_errors_by_shift(test, reference[None]))[0]
     return float((turn * 180.0 / ANGLES + 90.0) % 180.0 - 90.0)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from classify import Lighting, SurfaceEstimate, photometric_stereo
 from classify.relief.shadows import cast_shadow
-from classify.texture.turned_lights import under_turned_lights
+from classify.texture.rotated_lights import under_rotated_lights
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def solved(truth, lighting: Lighting, method="ps4") -> SurfaceEstimate:
 def test_a_surface_in_shadow_is_seen_three_more_times(truth) -> None:
     surface = solved(truth, Lighting.ring(65.0))
     assert surface.shadow_mask.mean() > 0.1
-    others = list(under_turned_lights(surface))
+    others = list(under_rotated_lights(surface))
     assert len(others) == 3
     for step, other in enumerate(others, start=1):
         assert other.shape == surface.shape
@@ -41,10 +41,10 @@ def test_a_surface_in_shadow_is_seen_three_more_times(truth) -> None:
         assert other.lighting.within(1e-4, expected)
 
 
-def test_what_is_seen_is_what_turned_lights_show_of_the_true_surface(truth) -> None:
+def test_what_is_seen_is_what_rotated_lights_show_of_the_true_surface(truth) -> None:
     """Nearer to it than the estimate it was made from, where shadows fall another way."""
     surface = solved(truth, Lighting.ring(65.0))
-    for step, other in enumerate(under_turned_lights(surface), start=1):
+    for step, other in enumerate(under_rotated_lights(surface), start=1):
         tilts = tuple(tilt - 22.5 * step for tilt in (0.0, 90.0, 180.0, 270.0))
         true = solved(truth, Lighting.from_angles(tilts, 65.0))
         both = true.valid & other.valid & surface.valid
@@ -58,13 +58,13 @@ def test_what_is_seen_is_what_turned_lights_show_of_the_true_surface(truth) -> N
 def test_no_pixel_is_moved(truth) -> None:
     """The waves of the estimates stand where those of the surface stand."""
     surface = solved(truth, Lighting.ring(65.0))
-    for other in under_turned_lights(surface):
+    for other in under_rotated_lights(surface):
         both = surface.valid & other.valid
         assert np.corrcoef(surface.p[both], other.p[both])[0, 1] > 0.9
 
 
 @pytest.mark.parametrize("change", ["no lights", "ps3", "no shadow", "another method"])
-def test_where_there_is_nothing_to_learn_from_turned_lights_there_is_nothing(
+def test_where_there_is_nothing_to_learn_from_rotated_lights_there_is_nothing(
     truth, change: str
 ) -> None:
     surface = solved(truth, Lighting.ring(65.0), "ps3a" if change == "ps3" else "ps4")
@@ -75,4 +75,4 @@ def test_where_there_is_nothing_to_learn_from_turned_lights_there_is_nothing(
         assert not surface.shadow_mask.any()
     elif change == "another method":
         surface = replace(surface, method="by hand")
-    assert list(under_turned_lights(surface)) == []
+    assert list(under_rotated_lights(surface)) == []

@@ -18,14 +18,14 @@ from classify.relief.shadows import cast_shadow
 from classify.solvers.solver import photometric_stereo
 from classify.surface.estimate import SurfaceEstimate
 
-__all__ = ["under_turned_lights"]
+__all__ = ["under_rotated_lights"]
 
 _STEPS = 4
 # With less of the surface in shadow the errors are those of noise, which do not turn.
 _LEAST_SHADOW = 0.01
 
 
-def under_turned_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
+def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
     """Estimates of the same pixels as if the part had been turned, lights staying where they are.
 
     The part counts as turned by three steps of a quarter of the angle between lights; after four
