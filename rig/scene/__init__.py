@@ -1,5 +1,5 @@
-"""What lies below the simulated camera, and what an ideal camera would see of it.
+"""Surfaces below the simulated camera, and their ideal images under the lights.
 
-Surfaces are made (`synthetic`) or scanned (`material_folder`), laid and turned (`surfaces`), and
-lit (`render`). No time, no noise and no bits: those are in `simulation`.
+`synthetic` generates surfaces, `material_folder` reads scanned ones, `surfaces` shifts and rotates
+them, `render` lights them. Timing, noise and pixel depth are in `rig/simulation`.
 """

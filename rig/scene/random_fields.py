@@ -1,8 +1,8 @@
-"""Stationary random fields on a periodic tile: what relief and albedo are made of.
+"""Stationary random fields on a periodic tile, for relief and albedo.
 
-A field draws one realisation from a generator: (side, side) float64, to a factor. Everything is
-in pixels, so its statistics do not depend on the side of the tile, and everything is limited to
-the frequencies of `round_band_limit`, so that it may be turned.
+A field draws one realisation from a generator: (side, side) float64, up to a factor. All lengths
+are in pixels, so the statistics do not depend on the side of the tile. All fields are limited to
+the frequencies of `round_band_limit`, so that they can be rotated.
 """
 
 from __future__ import annotations
@@ -34,21 +34,20 @@ Field = Callable[[np.random.Generator, int], Image]
 
 
 def gaussian(power: PowerSpectrum) -> Field:
-    """A Gaussian field: random phases and Rayleigh amplitudes, and nothing but its spectrum."""
-    # White Gaussian noise has just these, with the right symmetry.
+    """Gaussian field with the power spectrum `power`: filtered white noise."""
     return lambda rng, side: _filtered(rng.standard_normal((side, side)), power)
 
 
 def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
-    """The same bump at places of a Poisson process, one per spacing^2: skewed, or flecks.
+    """One bump repeated at the points of a Poisson process, one per spacing^2 on average.
 
-    The bump is the real, even function whose squared transform is `power`. Impulses in place of
-    white noise leave the power spectrum as it is.
+    Gives skewed relief, or flecks. The bump is the real, even function whose squared transform is
+    `power`, so the power spectrum is that of `gaussian(power)`.
     """
 
     def field(rng: np.random.Generator, side: int) -> Image:
         impulses = rng.poisson(spacing_px**-2.0, (side, side)).astype(np.float64)
-        # A tile without a single bump has no slope to be scaled.
+        # A tile without a bump has no slope that could be scaled.
         impulses[0, 0] += not impulses.any()
         return _filtered(impulses, power)
 
@@ -56,11 +55,11 @@ def shot_noise(power: PowerSpectrum, spacing_px: float) -> Field:
 
 
 def cells(spacing_px: float) -> Field:
-    """Round-topped cells with creases between them, as cobbles: -r^2 to the nearest of points.
+    """Round-topped cells with creases between them: -r^2, r the distance to the nearest point.
 
     After Worley (1996). The points are a Poisson process, one per spacing^2 on average.
     """
-    # With a Poisson process no point is this far from its nearest one (1e-12).
+    # P(r > 3 spacing) = exp(-9 pi) = 5e-13 for a Poisson process.
     reach_px = round(3.0 * spacing_px)
 
     def field(rng: np.random.Generator, side: int) -> Image:
@@ -75,12 +74,12 @@ def cells(spacing_px: float) -> Field:
 
 
 def ridged(field: Field) -> Field:
-    """-|g|: sharp ridges along the zeros of a field."""
+    """Sharp ridges along the zeros of a field g: -|g|."""
     return lambda rng, side: _filtered(-np.abs(field(rng, side)))
 
 
 def crested(field: Field) -> Field:
-    """exp(0.7 g / std(g)): high narrow crests, wide flat troughs."""
+    """High narrow crests and wide flat troughs: exp(0.7 g / std(g))."""
 
     def crests(rng: np.random.Generator, side: int) -> Image:
         values = field(rng, side)
@@ -90,12 +89,12 @@ def crested(field: Field) -> Field:
 
 
 def inverted(field: Field) -> Field:
-    """Pits for bumps. The power spectrum stays."""
+    """Negative of a field: pits for bumps, with the same power spectrum."""
     return lambda rng, side: -field(rng, side)
 
 
 def phase_randomised(field: Field) -> Field:
-    """A Gaussian field with the power spectrum of another: its own amplitudes, random phases."""
+    """Gaussian field with the amplitudes of a realisation of `field` and random phases."""
 
     def twin(rng: np.random.Generator, side: int) -> Image:
         amplitude = np.abs(fft.rfft2(field(rng, side), workers=-1))
@@ -107,20 +106,19 @@ def phase_randomised(field: Field) -> Field:
 
 
 def shaded(values: Image, contrast: float) -> Image:
-    """tanh(contrast g / std(g)): soft shades for a small contrast, two tones for a large one.
+    """Shades of mean 0, soft for a small contrast and two tones for a large one.
 
-    Within about -1 to 1, as the band limit rounds off the edges between two tones and swings
-    over a little; of mean 0.
+    tanh(contrast g / std(g)), then band-limited, which overshoots -1 and 1 a little at edges.
     """
     return _filtered(np.tanh((contrast / values.std()) * values))
 
 
 def _filtered(values: Image, power: PowerSpectrum | None = None) -> Image:
-    """Less its mean and what lies beyond the band limit, times the root of `power` if given."""
+    """Subtract the mean, low-pass, and multiply by sqrt(power) if given."""
     side = len(values)
     gain = round_band_limit(side, side).astype(np.float64)
     if power is not None:
-        # A fractal has infinite power at zero frequency, which is set to nothing below.
+        # A fractal has infinite power at zero frequency; that term is set to 0 below.
         with np.errstate(divide="ignore"):
             gain *= np.sqrt(power(fft.rfftfreq(side)[None, :], fft.fftfreq(side)[:, None]))
     gain[0, 0] = 0.0

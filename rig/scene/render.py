@@ -1,9 +1,9 @@
-"""What an ideal camera sees of a surface under each light: Lambertian, with shadows."""
+"""Ideal images of a surface under each light: Lambertian shading, attached and cast shadow."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
 __all__ = ["SceneImages", "render_frame", "render_scene"]
 
 AMBIENT = 0.02
-"""Light that is there when no LED is on, as a share of what one LED gives."""
+"""Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +27,9 @@ class SceneImages:
     Parameters
     ----------
     lights
-        (N, H, W) float32, what each light alone adds, at full LED output.
+        (N, H, W) float32, the light that each LED alone adds at full level.
     ambient
-        (H, W) float32, what is there without them; not part of `lights`.
+        (H, W) float32, the light without any LED; not part of `lights`.
     shadowed
         (N, H, W) bool, in attached or cast shadow of each light.
     p, q, albedo
@@ -44,7 +44,7 @@ class SceneImages:
     albedo: FloatImage
 
     def cropped(self, height_px: int, width_px: int) -> SceneImages:
-        """The middle of the images, for a camera whose frames are not square.
+        """Cut the middle of the images, for a camera whose frames are not square.
 
         Raises
         ------
@@ -56,36 +56,42 @@ class SceneImages:
             raise InputError(f"{height_px} x {width_px} px cannot be cut from {rows} x {cols}")
         top, left = (rows - height_px) // 2, (cols - width_px) // 2
         part = (..., slice(top, top + height_px), slice(left, left + width_px))
-        return SceneImages(
-            self.lights[part],
-            self.ambient[part],
-            self.shadowed[part],
-            self.p[part],
-            self.q[part],
-            self.albedo[part],
-        )
+        return SceneImages(*(getattr(self, field.name)[part] for field in fields(self)))
+
+    def without_shadow(self, lighting: Lighting) -> SceneImages:
+        """The same surface in light that passes through it: negative light where n . l < 0.
+
+        Lambert's law then holds at every pixel, as in the experiments without shadow of the
+        literature. `lighting` is that of the rendering.
+        """
+        reflectance = _reflectance(self.p, self.q, self.albedo)
+        lights = np.stack([
+            _cosine(self.p, self.q, direction) * reflectance * np.float32(intensity)
+            for direction, intensity in zip(lighting.directions, lighting.intensities, strict=True)
+        ])  # fmt: skip
+        return replace(self, lights=lights, shadowed=np.zeros_like(self.shadowed))
 
 
 def render_scene(
     patch: SurfacePatch, lighting: Lighting, ambient: float = AMBIENT, margin_px: int = 0
 ) -> SceneImages:
-    """The images of a patch: albedo max(n . l, 0) intensity, nothing where shadow is cast.
+    """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
 
     Parameters
     ----------
     patch
         Surface of (H + 2 margin_px, W + 2 margin_px).
     lighting
-        Distant lights; the rig's, whatever way the surface is turned.
+        Distant lights, fixed to the rig: they do not rotate with the surface.
     ambient
         Level of the even light that reaches every point without shading: albedo * ambient.
     margin_px
-        This much on every side of the patch casts shadows but is not seen.
+        Width of a border of the patch that casts shadows but is outside the images.
 
     Raises
     ------
     InputError
-        For a margin that leaves nothing, or a negative ambient level.
+        For a margin that leaves no pixel, or a negative ambient level.
     """
     if not 0 <= 2 * margin_px < min(patch.height.shape):
         raise InputError(f"a margin of {margin_px} px leaves nothing of {patch.height.shape}")
@@ -93,12 +99,11 @@ def render_scene(
         raise InputError(f"ambient level {ambient} must be 0 or more")
     rows, cols = (slice(margin_px, side - margin_px) for side in patch.height.shape)
     p, q, albedo = (np.ascontiguousarray(x[rows, cols]) for x in (patch.p, patch.q, patch.albedo))
-    reflectance = albedo / np.sqrt(1.0 + p * p + q * q)
+    reflectance = _reflectance(p, q, albedo)
     images = np.empty((len(lighting), *p.shape), np.float32)
     shadowed = np.empty(images.shape, np.bool_)
     for index, direction in enumerate(lighting.directions):
-        x, y, z = direction.astype(np.float32)
-        image = z - x * p - y * q
+        image = _cosine(p, q, direction)
         np.less_equal(image, 0.0, out=shadowed[index])
         shadowed[index] |= cast_shadow(patch.height, direction)[rows, cols]
         image *= reflectance
@@ -115,13 +120,23 @@ def render_frame(
     shift_px: tuple[float, float] = (0.0, 0.0),
     ambient: float = AMBIENT,
 ) -> SceneImages:
-    """A square frame of a surface, shifted and turned, with shadows from outside the frame.
+    """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
 
-    Surface is added around the frame as far as its relief can cast a shadow under the lowest
-    light, but no further than the frame is wide. For the rest see `PeriodicSurface.patch` and
-    `render_scene`.
+    The margin around the frame is as wide as the relief can cast a shadow under the lowest light,
+    but not wider than the frame. For the other parameters and the errors see
+    `PeriodicSurface.patch` and `render_scene`.
     """
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
     margin_px = min(math.ceil(reach_px), size_px)
     patch = surface.patch(size_px, rotate_deg, shift_px, margin_px)
     return render_scene(patch, lighting, ambient, margin_px)
+
+
+def _cosine(p: FloatImage, q: FloatImage, direction: npt.NDArray[np.float64]) -> FloatImage:
+    """(n . l) sqrt(1 + p^2 + q^2), of either sign."""
+    x, y, z = direction.astype(np.float32)
+    return np.asarray(z - x * p - y * q, np.float32)
+
+
+def _reflectance(p: FloatImage, q: FloatImage, albedo: FloatImage) -> FloatImage:
+    return np.asarray(albedo / np.sqrt(1.0 + p * p + q * q), np.float32)

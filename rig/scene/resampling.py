@@ -1,9 +1,9 @@
-"""Reading a periodic surface between its pixels: cubic B-splines at twice the resolution.
+"""Interpolation of a periodic surface: cubic B-splines at twice the resolution.
 
-Turning a surface for a test of orientation must not change its texture, and linear or cubic
-interpolation of the pixels does (SCIENCE section 3, after Kylberg and Sintorn 2016). The tile is
-periodic, so both steps before the reading are exact and are done by the Fourier transform:
-doubling the resolution, and the B-spline prefilter.
+Rotating a surface for a test of orientation must not change its texture. Linear and cubic
+interpolation of the pixels do change it (Kylberg and Sintorn 2016). The tile is periodic, so the
+two steps before the interpolation are exact and use the Fourier transform: doubling the
+resolution, and the B-spline prefilter.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-__all__ = ["sample_turned", "spline_coefficients"]
+__all__ = ["sample_rotated", "spline_coefficients"]
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -30,7 +30,7 @@ def spline_coefficients(channels: FloatArray) -> FloatArray:
 
     Returns
     -------
-    (2H, 2W, C) float32, channels innermost because they are read together. The spline passes
+    (2H, 2W, C) float32, channels innermost, because they are read together. The spline passes
     through the pixels exactly; between them it is within 0.6 % rms of the band-limited image at
     0.4 cycles/px and within 0.01 % at 0.15.
     """
@@ -53,11 +53,11 @@ def spline_coefficients(channels: FloatArray) -> FloatArray:
 def _zero_padded(
     spectrum: npt.NDArray[np.complexfloating], rows: int, cols: int
 ) -> npt.NDArray[np.complexfloating]:
-    """The half spectrum (rows, cols // 2 + 1) on the grid of a doubled image.
+    """Put a half spectrum (rows, cols // 2 + 1) on the grid of a doubled image.
 
-    The Nyquist term of an even side stands for both signs of that frequency, and on the doubled
-    grid these are two places: half goes to each. (Along the columns the second half is the
-    conjugate that a half spectrum implies.)
+    The Nyquist term of an even side stands for both signs of that frequency. The doubled grid has
+    a separate term for each sign, and each gets half. (Along the columns the half spectrum implies
+    the second term as the conjugate of the first.)
     """
     padded = np.zeros((2 * rows, cols + 1), spectrum.dtype)
     width = cols // 2 + 1
@@ -72,35 +72,35 @@ def _zero_padded(
     return padded
 
 
-def sample_turned(
-    coefficients: FloatArray, centre_row: float, centre_col: float, turn_deg: float, side_px: int
+def sample_rotated(
+    coefficients: FloatArray, centre_row: float, centre_col: float, rotate_deg: float, side_px: int
 ) -> FloatArray:
-    """A square of pixels, turned anticlockwise by `turn_deg`, from the coefficients of a tile.
+    """Interpolate a square, rotated anticlockwise by `rotate_deg`, from spline coefficients.
 
     Parameters
     ----------
     coefficients
         (2H, 2W, C) float32 from `spline_coefficients`.
     centre_row, centre_col
-        Where on the tile, in its pixels, the centre of the square lies. Periodic.
-    turn_deg
-        What is drawn on the tile along +x appears at this angle, anticlockwise, in the square.
+        Centre of the square on the tile, in pixels of the tile. Periodic.
+    rotate_deg
+        The +x direction of the tile appears at this angle, anticlockwise, in the square.
     side_px
-        Side of the square in pixels, of the tile's own size.
+        Side of the square, in pixels of the size of the tile's pixels.
 
     Returns
     -------
     (C, side_px, side_px) float32.
     """
     fine_rows, fine_cols, _ = coefficients.shape
-    turn = math.radians(turn_deg)
+    angle = math.radians(rotate_deg)
     return np.asarray(
         _sample(
             coefficients,
             math.fmod(2.0 * centre_row, fine_rows),
             math.fmod(2.0 * centre_col, fine_cols),
-            2.0 * math.cos(turn),
-            2.0 * math.sin(turn),
+            2.0 * math.cos(angle),
+            2.0 * math.sin(angle),
             side_px,
         )
     )
@@ -108,7 +108,7 @@ def sample_turned(
 
 @numba.njit(inline="always")
 def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """The cubic B-spline at the distances 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
+    """Weights of the cubic B-spline at the distances 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
     s = 1.0 - t
     first = s * s * s / 6.0
     second = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
@@ -120,7 +120,7 @@ def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.flo
 def _sample(
     coefficients: FloatArray, row0: float, col0: float, cos: float, sin: float, side: int
 ) -> FloatArray:
-    """`sample_turned` on the fine grid: `row0`, `col0`, `cos` and `sin` in fine pixels."""
+    """`sample_rotated` on the fine grid: `row0`, `col0`, `cos` and `sin` in fine pixels."""
     fine_rows, fine_cols, count = coefficients.shape
     out = np.empty((count, side, side), np.float32)
     half = 0.5 * (side - 1)

@@ -1,8 +1,15 @@
-"""Synthetic textures: the four surfaces of the thesis, and the 30 and 2 to measure with.
+"""Synthetic textures: the four surfaces of the thesis, 26 more, and 2 twins of equal spectrum.
 
-`SYNTHETIC_30` holds the four (SCIENCE section 3), variations of them, and relief that is not
-Gaussian. Any two differ in the power spectrum of relief or of albedo, some of them little, and four
-pairs in albedo alone. Each of `EQUAL_SPECTRUM_TWINS` has the power spectra of one of the 30.
+`SYNTHETIC_30` holds the four of J. Wu (PhD thesis, Heriot-Watt University, 2003), variations of
+them, and relief that is not Gaussian. Any two differ in the power spectrum of relief or albedo,
+some only a little, and four pairs in albedo alone. Each of `EQUAL_SPECTRUM_TWINS` has the power
+spectra of one of the 30.
+
+The parameters of the four are: rock w^-3; malv (Mulvaney 1989) with cut-off 0.04 cycles/px; ogil
+(Ogilvy) with cut-offs 0.03 and 0.12; sand with Gaussian lobes at +-0.05 of widths 0.010 and 0.012,
+because Linnett's formula for sand was not found. At `RMS_SLOPE` this sand has the shadow counts of
+the thesis: 1, 7, 19, 37 and 61 % at slants 40 to 80 (`test_shadow_count_of_sand`). The parameters
+of the others were chosen for variety; `tests/rig/scene/test_synthetic.py` holds that they differ.
 """
 
 from __future__ import annotations
@@ -15,7 +22,7 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 
-from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, together, turned
+from .power_spectra import fractal, mulvaney, ogilvy, ring, ripples, rotated, summed
 from .random_fields import (
     Field,
     cells,
@@ -41,11 +48,12 @@ __all__ = [
 ]
 
 RMS_SLOPE = 0.5
-"""sqrt(mean(p^2 + q^2)) of the four: of 0.4 to 0.5 what gives sand its shadow counts."""
+"""sqrt(mean(p^2 + q^2)) of the four; it gives sand its shadow counts."""
 
 ALBEDO = 0.8
-"""Where there is no pattern; the thesis's synthetic surfaces differ in relief alone."""
+"""Albedo without a pattern; the synthetic surfaces of the thesis differ in relief alone."""
 
+# Mean and half-range of a pattern's albedo, within the 0.05 to 1 of real reflectances.
 PATTERN_ALBEDO, PATTERN_SWING, DARKEST = 0.55, 0.3, 0.05
 
 SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
@@ -53,9 +61,10 @@ SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
 
 @dataclass(frozen=True)
 class _Pattern:
-    """Albedo of `PATTERN_ALBEDO` on average, +-`PATTERN_SWING` about it, from a field.
+    """Albedo of mean `PATTERN_ALBEDO` and range +-`PATTERN_SWING`, from a field.
 
-    Without a field the height decides: the higher, the brighter. For `contrast` see `shaded`.
+    Without a field it comes from the height: the higher, the brighter. For `contrast` see
+    `shaded`.
     """
 
     field: Field | None
@@ -65,7 +74,7 @@ class _Pattern:
         self, height: npt.NDArray[np.float64], rng: np.random.Generator
     ) -> npt.NDArray[np.float64]:
         values = height if self.field is None else self.field(rng, len(height))
-        # The band limit lets a few pixels in a million swing beyond what a reflectance can be.
+        # A few pixels in a million overshoot the range of reflectances (see `shaded`).
         pattern = PATTERN_ALBEDO + PATTERN_SWING * shaded(values, self.contrast)
         return np.clip(pattern, DARKEST, 1.0)
 
@@ -105,20 +114,20 @@ _VARIATIONS = {
     "ripples_near": _Texture(gaussian(ripples(0.065, 0.010, 0.012))),
     "ripples_wavy": _Texture(gaussian(ripples(0.05, 0.018, 0.028)), 0.45),
     "ripples_fine": _Texture(_FINE_RIPPLES, 0.45),
-    "weave": _Texture(gaussian(together(_EVEN_RIPPLES, turned(_EVEN_RIPPLES, 90.0))), 0.45),
-    "lattice": _Texture(gaussian(together(_EVEN_RIPPLES, turned(_EVEN_RIPPLES, 65.0))), 0.45),
+    "weave": _Texture(gaussian(summed(_EVEN_RIPPLES, rotated(_EVEN_RIPPLES, 90.0))), 0.45),
+    "lattice": _Texture(gaussian(summed(_EVEN_RIPPLES, rotated(_EVEN_RIPPLES, 65.0))), 0.45),
     "peel": _Texture(gaussian(ring(0.06, 0.012)), 0.45),
-    # Relief that is more than its spectrum.
+    # Relief that is not determined by its spectrum.
     "domes": _Texture(_DOMES, 0.45),
     "cobbles": _Texture(_COBBLES, 0.45),
     "ridged": _Texture(ridged(gaussian(ring(0.03, 0.012))), 0.45),
     "crested": _Texture(crested(gaussian(ripples(0.04, 0.008, 0.010))), 0.45),
-    # The relief of another class, told from it by albedo alone.
+    # The relief of another class with another albedo.
     "rock_speckled": _Texture(_ROCK, pattern=_Pattern(_SPECKLE, 0.5)),
     "malv_blotched": _Texture(_MALV, pattern=_Pattern(_BLOTCHES, 3.0)),
-    "sand_striped": _Texture(_SAND, pattern=_Pattern(gaussian(turned(_EVEN_RIPPLES, 60.0)), 1.0)),
+    "sand_striped": _Texture(_SAND, pattern=_Pattern(gaussian(rotated(_EVEN_RIPPLES, 60.0)), 1.0)),
     "ripples_tinted": _Texture(_FINE_RIPPLES, 0.45, _Pattern(None, 1.0)),
-    # Relief and albedo of their own.
+    # A relief and an albedo that no other class has.
     "rock_flecked": _Texture(
         gaussian(fractal(2.8)),
         0.45,
@@ -128,9 +137,9 @@ _VARIATIONS = {
         gaussian(mulvaney(0.02)), 0.45, _Pattern(gaussian(ripples(0.025, 0.008, 0.015)), 2.0)
     ),
     "weave_dyed": _Texture(
-        gaussian(together(ripples(0.05, 0.01, 0.01), turned(ripples(0.10, 0.01, 0.01), 90.0))),
+        gaussian(summed(ripples(0.05, 0.01, 0.01), rotated(ripples(0.10, 0.01, 0.01), 90.0))),
         0.45,
-        _Pattern(gaussian(turned(_EVEN_RIPPLES, 45.0)), 1.0),
+        _Pattern(gaussian(rotated(_EVEN_RIPPLES, 45.0)), 1.0),
     ),
     "ridged_tinted": _Texture(ridged(gaussian(ring(0.05, 0.015))), 0.45, _Pattern(None, 0.7)),
     "ogil_blotched": _Texture(
@@ -155,38 +164,39 @@ SYNTHETIC_30 = tuple(_FOUR | _VARIATIONS)
 """The four and 26 more, for measuring a classifier."""
 
 SYNTHETIC_TEXTURES = tuple(_TEXTURES)
-"""All names that `synthetic_surface` knows: the 30 and their 2 twins."""
+"""All names that `synthetic_surface` accepts: the 30 and 2 twins."""
 
 EQUAL_SPECTRUM_TWINS = {"pits": "domes", "cobbles_gaussian": "cobbles"}
-"""Two more classes, each with that one of the 30 whose power spectra it has.
+"""Twin to original: two more classes, each with the power spectra of one of the 30.
 
-Pits are domes the other way round. The other has the amplitudes of cobbles with random phases.
+Pits are inverted domes. The other has the amplitudes of cobbles with random phases.
 """
 
 
 def tile_side_px(size_px: int) -> int:
-    """The side of the tile to take for a frame of side `size_px`.
+    """Side of the tile for a frame of side `size_px`: a power of two of at least twice the frame.
 
-    A power of two of at least twice the frame, so that no part of a turned frame is seen twice,
-    within 512 and 4096: the spline of a larger tile would need more than a gigabyte, and a frame
-    beyond 2048 pixels sees parts of the surface again.
+    A rotated frame then shows no part of the tile twice. The side is 512 to 4096: the spline
+    coefficients of a larger tile need more than a gigabyte. Frames beyond 2048 pixels repeat
+    parts of the surface.
     """
     wanted = 1 << max(2 * size_px - 1, 1).bit_length()
     return min(max(wanted, SMALLEST_TILE_PX), LARGEST_TILE_PX)
 
 
 def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
-    """One realisation of a random texture, the same texture whatever the size of the tile.
+    """Generate one realisation of a random texture.
 
-    Level on average and scaled to the rms slope of its class. The four of the thesis are
-    Gaussian, of rms slope `RMS_SLOPE` and of one albedo, `ALBEDO`.
+    Its statistics do not depend on the size of the tile. It is level on average and scaled to the
+    rms slope of its class. The four of the thesis are Gaussian with rms slope `RMS_SLOPE` and
+    constant albedo `ALBEDO`.
 
     Parameters
     ----------
     name
         One of `SYNTHETIC_TEXTURES`.
     seed
-        Not negative. The same seed and side give the same surface, another seed another
+        0 or more. The same seed and side give the same surface; another seed gives another
         realisation of the same texture.
     tile_px
         Side of the tile, 16 to `MAX_SIDE_PX`; see `tile_side_px`.
@@ -194,7 +204,7 @@ def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
     Raises
     ------
     InputError
-        For a name that is not known, a negative seed or a side out of range.
+        For an unknown name, a negative seed or a side out of range.
     """
     if name not in _TEXTURES:
         raise InputError(
@@ -205,7 +215,7 @@ def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:
     if not 16 <= tile_px <= MAX_SIDE_PX:
         raise InputError(f"a tile of {tile_px} px; its side must be 16 to {MAX_SIDE_PX}")
     texture = _TEXTURES[name]
-    # The name is part of the seed: two textures of one seed do not share their phases.
+    # The name is part of the seed, so two textures of one seed do not share their phases.
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
     relief = texture.relief(rng, tile_px)
     height = relief.astype(np.float32)

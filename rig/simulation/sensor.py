@@ -93,13 +93,25 @@ class SensorModel:
         -------
         (H, W) uint8 for 8 bits, else uint16.
         """
-        signal = light_ms * np.float32(self.white_e_per_ms)
-        noise = rng.standard_normal(light_ms.shape, dtype=np.float32)
-        noise *= np.sqrt(signal + np.float32(self.read_noise_e**2))
-        signal += noise
-        signal *= np.float32(1.0 / self.gain_e_per_dn)
+        signal = self.expose_unclipped(light_ms, rng)
         signal += np.float32(self.black_level_dn + 0.5)
         np.clip(signal, 0, self.full_scale_dn, out=signal)
         if self.bit_depth == 8:
             return signal.astype(np.uint8)
         return signal.astype(np.uint16)
+
+    def expose_unclipped(
+        self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator
+    ) -> npt.NDArray[np.float32]:
+        """(H, W) float32 noisy values above the black level, neither clipped nor rounded.
+
+        `light_ms` may be negative, as in `SceneImages.without_shadow`.
+        """
+        signal = light_ms * np.float32(self.white_e_per_ms)
+        deviation = np.abs(signal)
+        deviation += np.float32(self.read_noise_e**2)
+        np.sqrt(deviation, out=deviation)
+        deviation *= rng.standard_normal(light_ms.shape, dtype=np.float32)
+        signal += deviation
+        signal *= np.float32(1.0 / self.gain_e_per_dn)
+        return signal

@@ -15,9 +15,9 @@ from rig.scene.render import SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
 from rig.simulation.sensor import SensorModel
+from rig.simulation.simulated_set import SimulatedSet
 
 SLANT_DEG = 45.0
-EXPOSURE_MS = 20.0
 METHODS: tuple[Method, ...] = ("ps4", "least_squares", "ps3a", "drbohlav", "ps4_robust")
 LIT_BY = ("four", "three", "fewer")
 Table = dict[tuple[str, str], float]
@@ -34,19 +34,7 @@ def photographed(
     scene: SceneImages, sensor: SensorModel, lighting: Lighting, seed: int, method: Method
 ) -> SurfaceEstimate:
     """The surface as solved from one set of a camera with ambient light and known noise."""
-    rng = np.random.default_rng(seed)
-    images = np.stack([
-        sensor.expose((light + scene.ambient) * np.float32(EXPOSURE_MS), rng)
-        for light in scene.lights
-    ])  # fmt: skip
-    return photometric_stereo(
-        images,
-        lighting,
-        method,
-        ambient=sensor.expose(scene.ambient * np.float32(EXPOSURE_MS), rng),
-        full_scale=sensor.full_scale_dn,
-        noise=SensorNoise(sensor.gain_e_per_dn, sensor.read_noise_dn, sensor.black_level_dn),
-    )
+    return SimulatedSet.expose(scene, lighting, sensor, seed).solve(method)
 
 
 def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:

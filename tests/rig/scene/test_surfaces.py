@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify.errors import InputError
-from rig.scene.resampling import sample_turned, spline_coefficients
+from rig.scene.resampling import sample_rotated, spline_coefficients
 from rig.scene.surfaces import PeriodicSurface, periodic_height, rms_slope, spectral_gradients
 from rig.scene.synthetic import RMS_SLOPE, SYNTHETIC_NAMES, synthetic_surface, tile_side_px
 
@@ -25,7 +25,7 @@ def wave(side: int, cycles_x: int, cycles_y: int) -> np.ndarray:
 @pytest.mark.parametrize("shape", [(37, 50), (50, 37), (64, 32)])
 def test_spline_passes_through_the_pixels_of_any_tile(shape: tuple[int, int]) -> None:
     noise = np.random.default_rng(0).standard_normal((2, *shape)).astype(np.float32)
-    read = sample_turned(spline_coefficients(noise), 15.0, 15.0, 0.0, 31)
+    read = sample_rotated(spline_coefficients(noise), 15.0, 15.0, 0.0, 31)
     assert np.abs(read - noise[:, :31, :31]).max() < 1e-5
 
 
@@ -33,7 +33,7 @@ def test_spline_passes_through_the_pixels_of_any_tile(shape: tuple[int, int]) ->
 def test_spline_error_between_pixels(cycles: int, bound: float) -> None:
     """0.15 and 0.4 cycles/px along an axis, the worst direction, turned by 33 degrees."""
     side, turn = 128, np.radians(33.0)
-    read = sample_turned(spline_coefficients(wave(side, cycles, 0)[None]), 63.5, 63.5, 33.0, side)
+    read = sample_rotated(spline_coefficients(wave(side, cycles, 0)[None]), 63.5, 63.5, 33.0, side)
     x = np.arange(side) - 63.5
     along = np.cos(turn) * x[None, :] + np.sin(turn) * -x[:, None]
     exact = np.cos(2 * np.pi * cycles * (63.5 + along) / side + 0.3)

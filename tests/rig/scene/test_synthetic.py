@@ -10,7 +10,7 @@ from classify import Lighting
 from classify.errors import InputError
 from rig import Placement, RigConfig, open_rig, surface_names
 from rig.scene.material_folder import bundled_materials
-from rig.scene.power_spectra import ripples, together, turned
+from rig.scene.power_spectra import ripples, rotated, summed
 from rig.scene.render import render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch, rms_slope, round_band_limit
 from rig.scene.synthetic import (
@@ -210,9 +210,9 @@ def test_low_lights_cast_heavy_shadows(name: str) -> None:
 
 @pytest.mark.parametrize("turn_deg", [0.0, 30.0, 135.0])
 def test_a_turned_spectrum_turns_the_surface_anticlockwise(turn_deg: float) -> None:
-    lobes = turned(ripples(0.1, 0.01, 0.01), turn_deg)
+    lobes = rotated(ripples(0.1, 0.01, 0.01), turn_deg)
     u, v = np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128))
-    weight = together(lobes, lobes)(u, v)
+    weight = summed(lobes, lobes)(u, v)
     # rows run down, so the frequency along y is -v
     tensor = (weight * (u - 1j * v) ** 2).sum()
     assert np.degrees(np.angle(tensor)) / 2 % 180 == pytest.approx(turn_deg, abs=0.5)

@@ -1,0 +1,100 @@
+"""One image set of a rendered scene, without LED and frame timing: fast, for studies and tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from rig.scene.render import SceneImages
+
+from .sensor import SensorModel
+
+__all__ = ["SimulatedSet"]
+
+EXPOSURE_MS = 20.0
+"""A white surface facing an LED then fills 85 % of the well of the default `SensorModel`."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedSet:
+    """The light images and the ambient image of a scene, as a captured set hands them on.
+
+    Attributes
+    ----------
+    images
+        (N, H, W) pixel values.
+    ambient
+        (H, W), or None.
+    lighting
+        The lights as the solver believes them to be.
+    full_scale
+        Highest pixel value of the sensor.
+    noise
+        None for a set without shadow, which no sensor can take.
+    """
+
+    images: npt.NDArray[Any]
+    ambient: npt.NDArray[Any] | None
+    lighting: Lighting
+    full_scale: float
+    noise: SensorNoise | None
+
+    @classmethod
+    def expose(
+        cls,
+        scene: SceneImages,
+        lighting: Lighting,
+        sensor: SensorModel,
+        seed: int,
+        *,
+        exposure_ms: float = EXPOSURE_MS,
+        led_levels: Sequence[float] | None = None,
+        shadows: bool = True,
+    ) -> SimulatedSet:
+        """Expose a scene: one image under each light, then the ambient image.
+
+        Parameters
+        ----------
+        scene
+            Rendered under `lighting`.
+        seed
+            Seed of the sensor noise.
+        led_levels
+            (N,) true levels of the LEDs, unknown to the solver; all 1 by default.
+        shadows
+            False gives unclipped images of `scene.without_shadow`.
+        """
+        rng = np.random.default_rng(seed)
+        take = sensor.expose if shadows else sensor.expose_unclipped
+        seen = scene if shadows else scene.without_shadow(lighting)
+        levels = np.ones(len(lighting)) if led_levels is None else led_levels
+        time_ms = np.float32(exposure_ms)
+        images = [
+            take((light * np.float32(level) + scene.ambient) * time_ms, rng)
+            for light, level in zip(seen.lights, levels, strict=True)
+        ]
+        ambient = take(scene.ambient * time_ms, rng)
+        noise = SensorNoise(sensor.gain_e_per_dn, sensor.read_noise_dn, sensor.black_level_dn)
+        return cls(
+            np.stack(images),
+            ambient,
+            lighting,
+            float(sensor.full_scale_dn),
+            noise if shadows else None,
+        )
+
+    def solve(self, method: Method | None = None) -> SurfaceEstimate:
+        """Gradients and albedo, as `CapturedSet.solve` computes them."""
+        return photometric_stereo(
+            self.images,
+            self.lighting,
+            method,
+            ambient=self.ambient,
+            full_scale=self.full_scale,
+            noise=self.noise,
+        )
