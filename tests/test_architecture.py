@@ -25,7 +25,7 @@ NEVER = {
 STOREYS = {
     "classify": (
         {"errors", "methods", "compiling", "shadow_rule"},
-        {"lighting", "durable_file", "regular_file"},
+        {"durable_file", "labels", "lighting", "regular_file"},
         {"images"},
         {"lights"},
         {"surface"},

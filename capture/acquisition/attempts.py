@@ -19,11 +19,11 @@ from capture.sets.metadata import (
     ImageRecord,
     LightingRecord,
     SetMetadata,
-    checked_label,
     image_noise,
 )
 from capture.sets.ome_tiff import pixels_sha256
 from classify.errors import InputError, Ps4rigError
+from classify.labels import checked_label
 from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 
@@ -69,7 +69,8 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     """
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
-    checked_label(label)
+    if label is not None:
+        checked_label(label)
     failures: list[Ps4rigError] = []
     while True:
         created = datetime.now(UTC)

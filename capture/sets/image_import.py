@@ -18,9 +18,10 @@ import tifffile
 from classify import Lighting
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
+from classify.labels import checked_label
 
 from .captured_set import CapturedSet
-from .metadata import ImageRecord, LightingRecord, SetMetadata, checked_label
+from .metadata import ImageRecord, LightingRecord, SetMetadata
 from .ome_tiff import pixels_sha256
 
 __all__ = ["Gamma", "import_images"]
@@ -61,7 +62,8 @@ def import_images(
         If a file is missing, damaged or of another kind, sizes or depths differ, or the response
         of a JPEG is not stated.
     """
-    checked_label(label)
+    if label is not None:
+        checked_label(label)
     if len(paths) != len(lighting):
         raise InputError(f"{len(paths)} images for {len(lighting)} lights; give one image each")
     files = [*paths, *(() if ambient is None else (ambient,))]

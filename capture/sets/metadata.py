@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from classify import Lighting
-from classify.errors import InputError
 from classify.images.noise import SensorNoise
 from rig import Placement
 
@@ -22,7 +21,6 @@ __all__ = [
     "ImageRecord",
     "LightingRecord",
     "SetMetadata",
-    "checked_label",
     "image_noise",
 ]
 
@@ -174,19 +172,6 @@ class SetMetadata(_Record):
     calibration_ids: tuple[str, ...] = ()
     software_version: str
     pixels_sha256: str
-
-
-def checked_label(label: str | None) -> str | None:
-    """`label`, if people and XML can read it.
-
-    Raises
-    ------
-    InputError
-        For control characters, line ends and bytes that are no text.
-    """
-    if label is not None and not label.isprintable():
-        raise InputError(f"label {label!r}: use printable characters only")
-    return label
 
 
 def image_noise(

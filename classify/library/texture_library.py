@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from classify.classifiers import Classifier, Comparison, Observation, Parameters, classifier_named
 from classify.errors import InputError, LibraryError
+from classify.labels import checked_label
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import FloatMap, SurfaceEstimate
@@ -343,6 +344,7 @@ def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
 def _check(row: TrainingRow) -> None:
     if not row.label.strip():
         raise LibraryError("a training set has no label; give each set its class")
+    checked_label(row.label)
     if row.orientation_deg is not None and not math.isfinite(row.orientation_deg):
         raise LibraryError(
             f"the orientation of a training set of {row.label} is {row.orientation_deg}; "

@@ -261,6 +261,7 @@ def test_a_light_list_that_names_its_images_is_enough(
         (["--lights", "x.lp"], "x.lp: no such file"),
         (["--slant", "45", "--ambient", "none.png"], "none.png: no such file"),
         (["--slant", "45", "--label", "\x07"], "use printable characters"),
+        (["--slant", "45", "--label", "Unknown"], "stands for a surface that matches no class"),
     ],
 )
 def test_each_wrong_option_of_import_has_its_line(

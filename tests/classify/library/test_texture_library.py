@@ -188,16 +188,13 @@ def test_sets_observed_elsewhere_make_the_same_library(library, stationary) -> N
     assert again.sources == (("one.ome.tif", "ab12"),)
 
 
-def test_a_library_needs_samples_and_labels(library, stationary) -> None:
+def test_a_library_needs_samples(library) -> None:
     with pytest.raises(LibraryError, match="nothing to train on"):
         TextureLibrary.train([])
     with pytest.raises(LibraryError, match="nothing to train on"):
         TextureLibrary.from_observations([], 64)
     with pytest.raises(LibraryError, match="at least one training set"):
         replace(library, labels=())
-    for label in ("", "  "):
-        with pytest.raises(LibraryError, match="has no label"):
-            TextureLibrary.train([(label, stationary("malv", side=64))])
 
 
 @pytest.mark.parametrize("orientation_deg", [np.nan, np.inf])
