@@ -1,31 +1,46 @@
-"""What all tests share: threads of the computing libraries, and scenes that are rendered once."""
+"""What all tests share: suites and their needs, threads, and scenes that are rendered once."""
 
 import os
+import signal
 from collections import OrderedDict
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import settings
+from _pytest.mark.expression import Expression
 
-# Frames of tests are small: a second thread gains nothing, and the first then waits for it while
-# other programs have the cores. The library reads this when it is loaded.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from .suites import NEEDS, missing
 
-import numba
-
-from rig import Placement, Simulation
-from rig.scene.render import SceneImages
+# The rig and its libraries are imported by the fixtures that use them, because
+# `pytest_configure` comes after the imports and reports what is missing within a second.
 
 _KEPT_SCENES = 64
 
-# How long an example takes is a matter of what else the machine does.
-settings.register_profile("any machine", deadline=None)
-settings.load_profile("any machine")
+# Test frames are small: a second OpenBLAS thread gains nothing and waits for a busy core.
+# OpenBLAS reads this when it is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# A shell's background jobs ignore SIGINT, and so would the processes that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse to run a suite that lacks what it needs, before anything else is run."""
+    asked = config.option.markexpr
+    for suite in NEEDS:
+        selected = not asked or Expression.compile(asked).evaluate(
+            lambda name, suite=suite, **_: name == suite
+        )
+        if selected and (lacks := missing(suite)):
+            raise pytest.UsageError(
+                f"the {suite} suite lacks {', '.join(lacks)}: run tests/install.sh {suite}"
+            )
 
 
 @pytest.fixture(autouse=True)
 def threads(request: pytest.FixtureRequest) -> None:
-    """One thread for the kernels of small frames, all of them in the slow tests."""
+    """Run numba kernels on one thread, or in a slow test on all."""
+    import numba
+
     slow = request.node.get_closest_marker("slow") is not None
     numba.set_num_threads(numba.config.NUMBA_NUM_THREADS if slow else 1)
 
@@ -33,6 +48,9 @@ def threads(request: pytest.FixtureRequest) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def scenes_are_rendered_once() -> Iterator[None]:
     """Most rigs of tests stand above the same few parts, and to render one takes the longest."""
+    from rig import Placement, Simulation
+    from rig.scene.render import SceneImages
+
     render = Simulation._rendered
     scenes: OrderedDict[object, SceneImages] = OrderedDict()
 

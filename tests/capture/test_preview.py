@@ -25,7 +25,6 @@ from classify.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig
 
-CHROMIUM = "/usr/bin/chromium"
 SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
 WAIT_S = 20.0
 
@@ -265,7 +264,7 @@ def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None
 
 
 def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
     where = f"--user-data-dir={tmp_path / 'profile'}"
     # Of two equal options the last one counts.
     page = ["--virtual-time-budget=2500", *options, url]
@@ -275,7 +274,7 @@ def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_the_page_shows_live_pictures_in_a_browser(tmp_path: Path) -> None:
     preview = Preview(stale_after_s=60.0)
     with running(preview, SMALL), serving(preview, 0) as server:
@@ -293,7 +292,7 @@ def test_the_page_shows_live_pictures_in_a_browser(tmp_path: Path) -> None:
     assert np.count_nonzero(page > 110) > 0.1 * page.size
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_a_picture_that_is_too_old_is_blanked_and_its_age_shown(
     shown: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -309,7 +308,7 @@ def test_a_picture_that_is_too_old_is_blanked_and_its_age_shown(
     assert dom.count("hidden=") >= 4
 
 
-@pytest.mark.slow
+@pytest.mark.browser
 def test_pictures_grow_old_and_go_when_nothing_answers_the_page_any_more(
     shown: Preview, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

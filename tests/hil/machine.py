@@ -4,30 +4,24 @@ The host's file system is the guest's root, read-only, so the guest runs this ve
 very environment. What it has to say comes back in a folder that both share.
 """
 
-import os
 import shlex
 import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from tests.suites import KERNEL
+
 from .initramfs import write_initramfs
 
 __all__ = ["MachineError", "run_in_guest"]
 
 _TO_BOOT = ("virtio_pci", "9pnet_virtio", "9p")
-_INSTALL = "run tests/hil/install.sh on a Debian for amd64, or pytest --ignore tests/hil"
 _MAX_CONSOLE = 6000
 
 
 class MachineError(Exception):
-    """The guest cannot be started, or did not come to its end."""
-
-
-def kernel_folder() -> Path:
-    """Where `install.sh` unpacked the kernel."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(os.environ.get("PS4RIG_HIL_KERNEL") or cache / "ps4rig" / "hil-kernel")
+    """The guest did not come to its end."""
 
 
 def run_in_guest(
@@ -61,23 +55,20 @@ def run_in_guest(
     Raises
     ------
     MachineError
-        If something to boot with is missing, or the command did not end in time.
+        If the command did not end in time.
     """
-    qemu, busybox = _program("qemu-system-x86_64"), _program("busybox")
-    folder = kernel_folder()
-    kernels = sorted(folder.glob("boot/vmlinuz-*"))
-    if not kernels:
-        raise MachineError(f"no kernel in {folder}; {_INSTALL}")
-    kernel = kernels[-1]
+    kernel = max(KERNEL.glob("boot/vmlinuz-*"))
     version = kernel.name.removeprefix("vmlinuz-")
-    tree = next(path for path in folder.rglob(f"lib/modules/{version}") if path.is_dir())
+    tree = next(path for path in KERNEL.rglob(f"lib/modules/{version}") if path.is_dir())
     init = shared / "init.sh"
     init.write_text(_init_script(command, modules))
     initramfs = shared / "initramfs.cpio"
-    write_initramfs(initramfs, busybox, tree, (*_TO_BOOT, *modules), init.read_text())
+    write_initramfs(
+        initramfs, Path(str(shutil.which("busybox"))), tree, (*_TO_BOOT, *modules), init.read_text()
+    )
     try:
         done = subprocess.run(
-            [*_qemu_command(qemu, kernel, initramfs, shared), *devices],
+            [*_qemu_command(kernel, initramfs, shared), *devices],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -95,17 +86,10 @@ def run_in_guest(
     return console
 
 
-def _program(name: str) -> Path:
-    found = shutil.which(name)
-    if found is None:
-        raise MachineError(f"{name} is not installed; {_INSTALL}")
-    return Path(found)
-
-
-def _qemu_command(qemu: Path, kernel: Path, initramfs: Path, shared: Path) -> list[str]:
+def _qemu_command(kernel: Path, initramfs: Path, shared: Path) -> list[str]:
     share = "security_model=none,multidevs=remap"
     return [
-        str(qemu),
+        "qemu-system-x86_64",
         # KVM is missing on many CI machines, and half there on some; emulation is everywhere.
         *("-accel", "tcg,thread=single", "-machine", "q35", "-cpu", "Nehalem", "-smp", "1"),
         # The guest's clock counts its instructions, 2 ns each, while it works: on a host that is

@@ -20,7 +20,7 @@ from rig.simulation.sensor import SensorModel
 from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
 from .guest.loop_bench import EXPOSURE_MS, ROTATE_DEG, SEED, SETS, SIDE_PX, SURFACE, ps4rig
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.kernel
 
 CHECKS = GUEST / "loop_checks.py"
 # A camera has a few buffers, and so does the loopback device.

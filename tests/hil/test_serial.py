@@ -9,7 +9,7 @@ from firmware_sim import RealClock, Server, SimulatedBoard, SimulatedController,
 
 from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.kernel
 
 CHECKS = GUEST / "serial_checks.py"
 CONTRACT = Path(__file__).parents[1] / "contract" / "test_lights_contract.py"

@@ -4,7 +4,7 @@ import pytest
 
 from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.kernel
 
 CHECKS = GUEST / "vivid_checks.py"
 # One to stream from, one to disconnect, one to be there when the driver is unbound.

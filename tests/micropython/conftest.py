@@ -15,24 +15,18 @@ from pathlib import Path
 import pytest
 import serial
 
+from tests.suites import MICROPYTHON
+
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "firmware_sim"
 BOARD_FILES = (FIRMWARE / "firmware.py", *sorted((FIRMWARE / "pico").glob("*.py")))
 DEADLINE_S = 30.0
-_CACHE = Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser()
-_MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON", _CACHE / "ps4rig" / "micropython"))
 
 
 def command(flash: Path, *descriptors: int) -> list[str]:
     """The command line of a board whose file system is the folder `flash`."""
-    modules = _MICROPYTHON / "node_modules"
-    if shutil.which("node") is None or not modules.is_dir():
-        pytest.fail(
-            f"Node or MicroPython is missing ({modules}): run {HERE / 'install.sh'}", pytrace=False
-        )
-    return [str(word) for word in ("node", HERE / "board.mjs", modules, HERE / "fakes", flash)] + [
-        str(descriptor) for descriptor in descriptors
-    ]
+    words = ("node", HERE / "board.mjs", MICROPYTHON / "node_modules", HERE / "fakes", flash)
+    return [str(word) for word in (*words, *descriptors)]
 
 
 class Bench:

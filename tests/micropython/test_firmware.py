@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 import firmware_sim.firmware
 
+pytestmark = pytest.mark.micropython
+
 HERE = Path(__file__).parent
 ROOM = HERE.parents[1] / "firmware_sim"
 README = (ROOM / "README.md").read_text(encoding="utf-8")
@@ -91,7 +93,6 @@ def test_made_up_lines(bench, reference):
     assert len(set(re.findall(rb"ERR (-?\d+)", whole))) >= 8
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_many_made_up_lines(bench, reference, seed):
     requests = made_up_requests(headers(reference), 2000, seed=100 + seed)
@@ -105,7 +106,6 @@ def test_any_bytes(bench, reference, batch):
     assert bench.answers(*requests) == [reference.answer(request) for request in requests]
 
 
-@pytest.mark.slow
 def test_its_memory_does_not_grow(new_pico):
     pico = new_pico(HERE / "bench.py", ROOM / "firmware.py")
     thousand_lines = "for _ in range(70): device.exercise()\ngc.collect()"

@@ -14,6 +14,8 @@ from rig.lights.link import ControllerLink
 
 from .conftest import BOARD_FILES
 
+pytestmark = pytest.mark.micropython
+
 NAMES = {"firmware.py", "main.py", "pico_board.py"}
 
 
@@ -30,7 +32,6 @@ def wanted() -> dict[str, bytes]:
     return {file.name: file.data for file in board_files()}
 
 
-@pytest.mark.slow
 def test_an_empty_board_becomes_a_light_controller(new_pico):
     pico = new_pico()
     done = ps4rig("--port", pico.port, "--json")
@@ -40,7 +41,6 @@ def test_an_empty_board_becomes_a_light_controller(new_pico):
     assert on(pico) == wanted()
 
 
-@pytest.mark.slow
 def test_a_running_controller_gets_other_firmware(new_pico, tmp_path):
     old = tmp_path / "firmware.py"
     source = BOARD_FILES[0].read_text().replace(f'"{FIRMWARE_VERSION}"', '"1.9.0"')
@@ -57,7 +57,6 @@ def test_a_running_controller_gets_other_firmware(new_pico, tmp_path):
     assert on(pico) == wanted()
 
 
-@pytest.mark.slow
 def test_a_copy_that_breaks_off_leaves_the_old_program_running(pico, tmp_path):
     pico.wait_for("watchdog")
     before = on(pico)

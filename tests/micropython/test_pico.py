@@ -10,6 +10,8 @@ from rig.lights.driver import LightController
 
 from .conftest import BOARD_FILES
 
+pytestmark = pytest.mark.micropython
+
 FULL = 65535
 LED_PINS = (2, 3, 4, 5)
 TRIGGER_PIN = 7
@@ -65,7 +67,6 @@ def test_never_two_leds_at_once(pico, line):
         assert sum(duty > 0 for duty in duties.values()) <= 1
 
 
-@pytest.mark.slow
 def test_its_time_goes_on_when_the_counter_wraps(line):
     # the counter of board.mjs wraps 1 s after the start
     times_us = []
@@ -132,7 +133,6 @@ def test_a_fault_puts_the_leds_out_is_told_and_resets(pico, line):
     assert {(r["number"], r["value"]) for r in before_reset} == {(pin, 0) for pin in LED_PINS}
 
 
-@pytest.mark.slow
 def test_a_hang_ends_in_a_reset(pico, line):
     ask(line, "LED:SEL 1")
     pico.happen("hang 3100")
@@ -140,7 +140,6 @@ def test_a_hang_ends_in_a_reset(pico, line):
     assert pico.recorded("bite")
 
 
-@pytest.mark.slow
 def test_a_host_that_does_not_read_stops_nothing(pico, line):
     for _ in range(1000):  # far more replies than the board and the pseudo-terminal hold
         line.write(b"LED:STAT?\n")

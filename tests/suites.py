@@ -1,0 +1,27 @@
+"""The suites of tests that need more than Python, and where `install.sh` puts what they need."""
+
+import os
+import shutil
+from pathlib import Path
+
+__all__ = ["KERNEL", "MICROPYTHON", "NEEDS", "missing"]
+
+_CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4rig"
+KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
+MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")
+
+# Programs and folders, by the marker of the suite.
+NEEDS: dict[str, tuple[str | Path, ...]] = {
+    "browser": ("chromium",),
+    "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
+    "micropython": ("node", MICROPYTHON),
+}
+
+
+def missing(suite: str) -> list[str]:
+    """The needs of a suite that this machine does not meet."""
+    return [
+        str(need)
+        for need in NEEDS[suite]
+        if not (need.exists() if isinstance(need, Path) else shutil.which(need))
+    ]
