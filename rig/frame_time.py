@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .config.camera import CameraConfig
+from .config.camera import StampedCameraConfig
 from .errors import ConfigError
 
 __all__ = ["exposure_start_s", "require_measured_mode", "start_known_to_s"]
@@ -11,7 +11,7 @@ __all__ = ["exposure_start_s", "require_measured_mode", "start_known_to_s"]
 def exposure_start_s(
     stamp_s: float,
     claims_start: bool,
-    config: CameraConfig,
+    config: StampedCameraConfig,
     period_s: float,
     exposure_s: float,
 ) -> float:
@@ -37,12 +37,12 @@ def exposure_start_s(
     return stamp_s - readout_s - exposure_s
 
 
-def start_known_to_s(config: CameraConfig) -> float:
+def start_known_to_s(config: StampedCameraConfig) -> float:
     """By how much later than `exposure_start_s` says an exposure may have begun."""
     return 2.0 * config.timestamp_uncertainty_ms / 1e3
 
 
-def require_measured_mode(config: CameraConfig) -> None:
+def require_measured_mode(config: StampedCameraConfig) -> None:
     """Refuse a timing that was measured in another mode of the camera.
 
     Raises

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from .camera import CameraInfo, Frame, Pixels
-from .config.camera import CameraConfig
+from .config.camera import OpencvCameraConfig
 from .errors import CameraError, ControlError, ControlFault
 from .v4l2.camera_list import device_path
 
@@ -56,9 +56,7 @@ class OpencvCamera:
         If it cannot be opened, has not the size or rate, or its exposure cannot be set by hand.
     """
 
-    def __init__(self, config: CameraConfig) -> None:
-        if config.device is None:
-            raise CameraError("camera.device is missing; give the camera's path or number")
+    def __init__(self, config: OpencvCameraConfig) -> None:
         self._config = config
         self._path = device_path(config.device)
         opened_s = time.monotonic()

@@ -12,6 +12,7 @@ from classify import Lighting
 from firmware_sim import Clock, RealClock
 
 from .camera import Camera
+from .config.camera import OpencvCameraConfig, V4l2CameraConfig
 from .config.lights import AUTO
 from .config.rig import RigConfig, load_config
 from .errors import ConfigError
@@ -151,12 +152,12 @@ def _whereabouts(port: str, simulation: Simulation | None) -> Callable[[], list[
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
     """The camera of a rig."""
-    if config.camera.kind == "v4l2":
+    if isinstance(config.camera, V4l2CameraConfig):
         # Here, so that a simulated rig opens without loading it.
         from .v4l2.camera import V4l2Camera
 
         return V4l2Camera(config.camera)
-    if config.camera.kind == "opencv":
+    if isinstance(config.camera, OpencvCameraConfig):
         from .opencv_camera import OpencvCamera
 
         return OpencvCamera(config.camera)

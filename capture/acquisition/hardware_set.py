@@ -113,7 +113,7 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             "the serial line or this computer is too slow"
         )
     # a frame is reported as early as it may have been
-    stamp_s = 2e-3 * rig.config.camera.timestamp_uncertainty_ms
+    stamp_s = rig.camera.info.start_known_to_s
     tolerance_s = min(most_s, stamp_s + _TOLERANCE_S) + report.clock.uncertainty_s
     while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
         pass

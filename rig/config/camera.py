@@ -1,17 +1,29 @@
-"""The section ``[camera]`` of ``rig.toml``: which camera, how it is set, what its time means."""
+"""The section ``[camera]`` of ``rig.toml``: one class per kind of camera."""
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from .section import Section
 
-__all__ = ["PIXEL_FORMAT_BITS", "CameraConfig"]
+__all__ = [
+    "CAMERA_KINDS",
+    "PIXEL_FORMAT_BITS",
+    "AnyCameraConfig",
+    "CameraConfig",
+    "DeviceCameraConfig",
+    "OpencvCameraConfig",
+    "ReplayCameraConfig",
+    "SimulatedCameraConfig",
+    "StampedCameraConfig",
+    "V4l2CameraConfig",
+    "without_idle_keys",
+]
 
-# Pixel formats by name with their true depth. They are decoded in `pixel_formats`, which is not
-# imported here: a configuration must be readable without loading OpenCV.
+# Pixel formats by name with their true depth. `rig.v4l2.pixel_formats` decodes them; it is not
+# imported here, so that a configuration is read without loading OpenCV.
 PIXEL_FORMAT_BITS = {
     "GREY": 8,
     "Y10": 10,
@@ -31,60 +43,68 @@ PIXEL_FORMAT_BITS = {
 
 
 class CameraConfig(Section):
-    """The camera and how it is set.
-
-    `bits` of a V4L2 camera are those of its `pixel_format`; the keys below `exposure_ms` are for
-    cameras that are devices, but for what says when a frame was exposed.
+    """What every kind of camera has.
 
     Attributes
     ----------
     kind
-        ``v4l2``, ``opencv`` (`OpencvCamera` says what it cannot do), ``simulated``, or ``replay``
-        of a captured set. Left out it is v4l2 above a real light controller and simulated above
-        a simulated one.
-    device
-        A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
-        the same when cameras are plugged in another order.
-    set_file
-        The captured set of a replay, whose size and depth the frames have.
-    pixel_format
-        A key of `PIXEL_FORMAT_BITS`.
-    allow_compressed
-        Whether MJPG may be used, whose losses are in every slope.
-    fixed_exposure
-        The camera has no exposure control, and `exposure_ms` is what it does by itself.
-    gain, gamma
-        In the camera's own units; None leaves them as they are.
-    timestamp_marks
-        What the driver's time stamp of a frame is: its end, which is never later than the truth,
-        or ``driver``, for what the driver claims, or ``writer``, for a loopback device: its end
-        by the word of the program that writes it, which counts the frames too. Left out, a
-        simulated driver is believed and no other.
-    timestamp_offset_ms
-        Added to the driver's time stamp.
-    timestamp_uncertainty_ms
-        How far that may be too late: a frame counts as exposed earlier by as much.
-    readout_ms
-        From the first row's exposure to the last row's. None is a whole frame period, the most
-        that a rolling shutter can take.
-    timing_measured_at
-        The camera's `mode` for which ``ps4rig rig latency`` found the four before; in another
-        they mean nothing, and the camera is not opened.
+        ``simulated``, ``v4l2``, ``opencv`` or ``replay``, one subclass each. The default is
+        ``v4l2`` with a real light controller and ``simulated`` with a simulated one.
     """
 
-    kind: Literal["v4l2", "opencv", "simulated", "replay"] = "simulated"
+    kind: str
     width_px: int = Field(default=512, ge=16, le=8192)
     height_px: int = Field(default=512, ge=16, le=8192)
     bits: Literal[8, 10, 12, 16] = 12
     frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0)
     exposure_ms: float = Field(default=20.0, gt=0.0, le=10_000.0)
-    device: str | None = Field(default=None, min_length=1, max_length=4096)
-    set_file: str | None = Field(default=None, min_length=1, max_length=4096)
-    pixel_format: str = "GREY"
-    allow_compressed: bool = False
-    fixed_exposure: bool = False
-    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
-    gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
+
+    @property
+    def mode(self) -> str:
+        """The settings that frame timing depends on, in words."""
+        return (
+            f"{self._pixels} {self.width_px}x{self.height_px}, {self.frame_rate_hz:g} Hz, "
+            f"{self.exposure_ms:g} ms"
+        )
+
+    @property
+    def _pixels(self) -> str:
+        return f"{self.kind} {self.bits} bit"
+
+    def _require_within_frame(self, key: str, time_ms: float) -> None:
+        if time_ms > 1000.0 / self.frame_rate_hz:
+            raise ValueError(
+                f"{key} = {time_ms:g} does not fit into a frame at {self.frame_rate_hz:g} Hz; "
+                "lower one of them"
+            )
+
+    @model_validator(mode="after")
+    def _exposure_fits(self) -> Self:
+        self._require_within_frame("exposure_ms", self.exposure_ms)
+        return self
+
+
+class StampedCameraConfig(CameraConfig):
+    """A camera whose driver stamps each frame with a time.
+
+    Attributes
+    ----------
+    timestamp_marks
+        What the time stamp marks: ``frame_end``, never later than the truth; ``driver``, what the
+        driver claims; ``writer``, for a loopback device, the frame's end as told by the program
+        that writes it and counts the frames. None believes a simulated driver and no other.
+    timestamp_offset_ms
+        Added to the driver's time stamp.
+    timestamp_uncertainty_ms
+        By how much the corrected stamp may be too late; frames count as exposed earlier by it.
+    readout_ms
+        From the first row's exposure to the last row's. None is a whole frame period, the longest
+        readout of a rolling shutter.
+    timing_measured_at
+        The `mode` in which ``ps4rig rig latency`` found the four values above. The camera is not
+        opened in another mode.
+    """
+
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = None
     timestamp_offset_ms: float = Field(default=0.0, ge=-1000.0, le=1000.0)
     timestamp_uncertainty_ms: float = Field(default=0.0, ge=0.0, le=1000.0)
@@ -93,39 +113,83 @@ class CameraConfig(Section):
 
     @property
     def believes_driver(self) -> bool:
-        """Whether a driver that claims to stamp the start of exposure is taken at its word."""
+        """Whether a driver that claims to stamp the start of exposure is believed."""
         if self.timestamp_marks is None:
             return self.kind in ("simulated", "replay")
         return self.timestamp_marks == "driver"
 
-    @property
-    def mode(self) -> str:
-        """What frame timing depends on, in words."""
-        pixels = self.pixel_format if self.kind == "v4l2" else f"{self.kind} {self.bits} bit"
-        return (
-            f"{pixels} {self.width_px}x{self.height_px}, {self.frame_rate_hz:g} Hz, "
-            f"{self.exposure_ms:g} ms"
-        )
+    @model_validator(mode="after")
+    def _readout_fits(self) -> Self:
+        if self.readout_ms is not None:
+            self._require_within_frame("readout_ms", self.readout_ms)
+        return self
 
-    @model_validator(mode="before")
-    @classmethod
-    def _what_the_kind_implies(cls, values: Any) -> Any:
-        if not isinstance(values, dict):
-            return values
-        kind = values.get("kind", "simulated")
-        implied: dict[str, Any] = {}
-        if kind == "v4l2":
-            name = values.get("pixel_format", "GREY")
-            if isinstance(name, str) and name in PIXEL_FORMAT_BITS:
-                implied["bits"] = PIXEL_FORMAT_BITS[name]
-        elif kind == "opencv":
-            implied["bits"] = 8
-        return implied | values
+
+class DeviceCameraConfig(CameraConfig):
+    """A camera that is a device of this machine.
+
+    Attributes
+    ----------
+    device
+        A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
+        the same when cameras are plugged in another order.
+    allow_compressed
+        Whether MJPG may be used. Its losses are in every slope.
+    fixed_exposure
+        The camera has no exposure control, and always exposes for `exposure_ms`.
+    gain, gamma
+        In the camera's own units; None leaves them as they are.
+    """
+
+    device: str = Field(min_length=1, max_length=4096)
+    allow_compressed: bool = False
+    fixed_exposure: bool = False
+    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
+    gamma: int | None = Field(default=None, ge=0, le=2**31 - 1)
 
     @field_validator("device", mode="before")
     @classmethod
     def _device_may_be_a_number(cls, device: Any) -> Any:
         return str(device) if type(device) is int else device
+
+
+class SimulatedCameraConfig(StampedCameraConfig):
+    """The simulated camera above a rendered surface."""
+
+    kind: Literal["simulated"] = "simulated"
+
+
+class ReplayCameraConfig(StampedCameraConfig):
+    """A simulated camera that shows the images of a captured set; size and depth are the set's."""
+
+    kind: Literal["replay"] = "replay"
+    set_file: str = Field(min_length=1, max_length=4096)
+
+
+class OpencvCameraConfig(DeviceCameraConfig):
+    """A camera through OpenCV; `rig.opencv_camera.OpencvCamera` lists what it cannot do."""
+
+    kind: Literal["opencv"] = "opencv"
+    bits: Literal[8] = 8
+
+
+class V4l2CameraConfig(DeviceCameraConfig, StampedCameraConfig):
+    """A V4L2 camera; `pixel_format` is a key of `PIXEL_FORMAT_BITS` and determines `bits`."""
+
+    kind: Literal["v4l2"] = "v4l2"
+    pixel_format: str = "GREY"
+
+    @property
+    def _pixels(self) -> str:
+        return self.pixel_format
+
+    @model_validator(mode="before")
+    @classmethod
+    def _bits_of_the_format(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        bits = PIXEL_FORMAT_BITS.get(str(values.get("pixel_format", "GREY")))
+        return {"bits": bits} | values if bits is not None else values
 
     @field_validator("pixel_format")
     @classmethod
@@ -135,57 +199,7 @@ class CameraConfig(Section):
         return name
 
     @model_validator(mode="after")
-    def _exposure_fits(self) -> Self:
-        period_ms = 1000.0 / self.frame_rate_hz
-        for key, time_ms in (("exposure_ms", self.exposure_ms), ("readout_ms", self.readout_ms)):
-            if time_ms is not None and time_ms > period_ms:
-                raise ValueError(
-                    f"{key} = {time_ms:g} does not fit into a frame at {self.frame_rate_hz:g} Hz; "
-                    "lower one of them"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _is_one_camera(self) -> Self:
-        for key, value, kinds in (
-            ("device", self.device, ("v4l2", "opencv")),
-            ("set_file", self.set_file, ("replay",)),
-        ):
-            if value is not None and self.kind not in kinds:
-                raise ValueError(
-                    f"{key} = {value!r} is given, but kind is {self.kind!r}; "
-                    f"set kind = {kinds[0]!r}"
-                )
-            if value is None and self.kind in kinds:
-                best = "the camera's, best its name in /dev/v4l/by-id"
-                raise ValueError(
-                    f"{key} is missing; give {best if key == 'device' else 'the set to replay'}"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _opencv_can_do_it(self) -> Self:
-        if self.kind != "opencv":
-            return self
-        if self.bits != 8:
-            raise ValueError(f"bits = {self.bits}, but OpenCV gives 8; leave bits out")
-        for key in (
-            "timestamp_marks",
-            "timestamp_offset_ms",
-            "timestamp_uncertainty_ms",
-            "timing_measured_at",
-        ):
-            if getattr(self, key):
-                raise ValueError(
-                    f"{key} = {getattr(self, key)!r}, but OpenCV gives no time stamps; take it "
-                    "away, or set kind = 'v4l2'"
-                )
-        return self
-
-    @model_validator(mode="after")
     def _pixel_format_can_be_measured(self) -> Self:
-        if self.kind != "v4l2":
-            return self
         depth = PIXEL_FORMAT_BITS[self.pixel_format]
         if self.bits != depth:
             raise ValueError(
@@ -197,3 +211,31 @@ class CameraConfig(Section):
                 "pixel_format = 'MJPG' is lossy; choose another, or set allow_compressed = true"
             )
         return self
+
+
+AnyCameraConfig = Annotated[
+    SimulatedCameraConfig | ReplayCameraConfig | OpencvCameraConfig | V4l2CameraConfig,
+    Field(discriminator="kind"),
+]
+CAMERA_KINDS: dict[str, type[CameraConfig]] = {
+    "simulated": SimulatedCameraConfig,
+    "v4l2": V4l2CameraConfig,
+    "opencv": OpencvCameraConfig,
+    "replay": ReplayCameraConfig,
+}
+
+
+def without_idle_keys(values: dict[str, Any]) -> dict[str, Any]:
+    """Drop the keys that only other kinds have and that hold their default there.
+
+    A ``rig.toml`` may so list every documented key, whichever kind it chooses.
+    """
+    fields = {
+        name: field for model in CAMERA_KINDS.values() for name, field in model.model_fields.items()
+    }
+    own = CAMERA_KINDS.get(str(values["kind"]), CameraConfig).model_fields
+    return {
+        key: value
+        for key, value in values.items()
+        if key in own or key not in fields or value != fields[key].default
+    }

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_sim.faults import LedFault, LineFault, When
 
@@ -75,3 +76,22 @@ class FaultPlan(BaseModel):
     lines: tuple[LineFault, ...] = ()
     leds: tuple[LedFault, ...] = ()
     frames: tuple[FrameFault, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_truth_values(cls, values: Any) -> Any:
+        """No key of a plan is true or false; the dataclasses below would read true as 1."""
+        for key in _truth_values(values, ""):
+            raise ValueError(f"{key} is true or false; it must be a number or a text")
+        return values
+
+
+def _truth_values(values: Any, path: str) -> Iterator[str]:
+    if isinstance(values, bool):
+        yield path
+    elif isinstance(values, dict):
+        for key, value in values.items():
+            yield from _truth_values(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(values, list | tuple):
+        for index, value in enumerate(values):
+            yield from _truth_values(value, f"{path}.{index}")

@@ -41,9 +41,11 @@ class LightsConfig(Section):
     serial_number: str | None = Field(default=None, min_length=1, max_length=200)
     usb_id: str | None = Field(default=None, pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")
     baud: int = Field(default=115_200, ge=300, le=12_000_000)
-    tilts_deg: tuple[Degrees, ...] = Field(default=RING_TILTS_DEG, min_length=3, max_length=64)
+    tilts_deg: tuple[Degrees, ...] = Field(
+        default=RING_TILTS_DEG, min_length=3, max_length=64, strict=False
+    )
     slant_deg: float = Field(default=45.0, gt=0.0, le=85.0)
-    intensities: tuple[Intensity, ...] = ()
+    intensities: tuple[Intensity, ...] = Field(default=(), strict=False)
     settle_ms: float = Field(default=5.0, ge=0.0, le=10_000.0)
     watchdog_ms: int = Field(default=WATCHDOG_DEFAULT_MS, ge=WATCHDOG_MIN_MS, le=WATCHDOG_MAX_MS)
     synchronisation: Literal["software", "strobe", "trigger"] = "software"

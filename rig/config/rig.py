@@ -11,11 +11,19 @@ from pydantic import Field, ValidationError, model_validator
 
 from rig.errors import ConfigError
 
-from .camera import CameraConfig
+from .camera import (
+    CAMERA_KINDS,
+    AnyCameraConfig,
+    DeviceCameraConfig,
+    OpencvCameraConfig,
+    SimulatedCameraConfig,
+    without_idle_keys,
+)
 from .lights import SIMULATED, LightsConfig
 from .section import Section
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
+from .validation_message import validation_message
 
 __all__ = ["RigConfig", "load_config"]
 
@@ -29,7 +37,7 @@ class RigConfig(Section):
 
     name: str = Field(default="rig", min_length=1, max_length=200)
     lights: LightsConfig = LightsConfig()
-    camera: CameraConfig = CameraConfig()
+    camera: AnyCameraConfig = SimulatedCameraConfig()
     simulation: SimulationConfig = SimulationConfig()
 
     @model_validator(mode="before")
@@ -38,14 +46,14 @@ class RigConfig(Section):
         if not isinstance(values, dict):
             return values
         lights, camera = values.get("lights", {}), values.get("camera", {})
-        if not (isinstance(lights, dict) and isinstance(camera, dict)) or "kind" in camera:
+        if not (isinstance(lights, dict) and isinstance(camera, dict)):
             return values
         kind = "simulated" if lights.get("port", SIMULATED) == SIMULATED else "v4l2"
-        return {**values, "camera": {"kind": kind, **camera}}
+        return {**values, "camera": without_idle_keys({"kind": kind, **camera})}
 
     @model_validator(mode="after")
     def _camera_sees_the_lights(self) -> Self:
-        if self.camera.kind in ("v4l2", "opencv") and self.is_simulated:
+        if isinstance(self.camera, DeviceCameraConfig) and self.is_simulated:
             raise ValueError(
                 f"camera.kind = {self.camera.kind!r} cannot see simulated LEDs; give lights.port a "
                 "real controller's, or set camera.kind = 'simulated'"
@@ -112,10 +120,10 @@ class RigConfig(Section):
         """
         if self.lights.synchronisation == "software":
             return None
-        if self.camera.kind == "opencv":
+        if isinstance(self.camera, OpencvCameraConfig):
             raise ValueError(
-                f"lights.synchronisation = {self.lights.synchronisation!r} tells frames by their "
-                "numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
+                f"lights.synchronisation = {self.lights.synchronisation!r} identifies frames by "
+                "their numbers and times, which OpenCV does not give; set camera.kind = 'v4l2'"
             )
         readout_ms = self.simulation.readout_ms if self.is_simulated else self.camera.readout_ms
         if readout_ms is None:
@@ -139,6 +147,8 @@ class RigConfig(Section):
     def with_changes(self, **sections: dict[str, Any]) -> RigConfig:
         """A copy with some fields of some sections replaced, validated as a whole.
 
+        Another ``camera["kind"]`` keeps only the fields that the new kind has.
+
         Raises
         ------
         ConfigError
@@ -147,6 +157,10 @@ class RigConfig(Section):
         values = self.model_dump()
         for section, changes in sections.items():
             values[section] = {**values[section], **changes}
+        old, new = self.camera.kind, values["camera"]["kind"]
+        if new != old and new in CAMERA_KINDS:
+            fields = {*CAMERA_KINDS[new].model_fields, *sections["camera"]}
+            values["camera"] = {key: values["camera"][key] for key in fields & {*values["camera"]}}
         return _validated(values, "rig configuration")
 
 
@@ -193,7 +207,4 @@ def _validated(values: dict[str, Any], source: str) -> RigConfig:
     try:
         return RigConfig.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        field = "".join(f"{part}." for part in first["loc"]).rstrip(".")
-        cause = first["msg"].removeprefix("Value error, ")
-        raise ConfigError(": ".join(filter(None, (source, field, cause)))) from error
+        raise ConfigError(f"{source}: {validation_message(error, RigConfig)}") from error

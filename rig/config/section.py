@@ -12,6 +12,6 @@ Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 
 
 class Section(BaseModel):
-    """Values that cannot be changed; a key that is not known is refused."""
+    """A frozen section that refuses unknown keys, and truth values and texts as numbers."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)

@@ -26,7 +26,7 @@ class Placement(Section):
 
     surface: str = "rock"
     rotate_deg: Degrees = 0.0
-    shift_px: tuple[Shift, Shift] = (0.0, 0.0)
+    shift_px: tuple[Shift, Shift] = Field(default=(0.0, 0.0), strict=False)
     seed: int = Field(default=1, ge=0, lt=2**63)
 
 
@@ -49,7 +49,7 @@ class SimulationConfig(Section):
     ambient: float = Field(default=0.02, ge=0.0, le=1.0)
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
-    controller_turn_us: tuple[TurnTime, TurnTime] = (50.0, 200.0)
+    controller_turn_us: tuple[TurnTime, TurnTime] = Field(default=(50.0, 200.0), strict=False)
     readout_ms: float = Field(default=0.0, ge=0.0, le=10_000.0)
     stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
     stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from rig.camera import Camera, Frame, FrameFlag
-from rig.config.camera import CameraConfig
+from rig.config.camera import CameraConfig, DeviceCameraConfig
 from rig.errors import CameraError, ControlError
 from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 from rig.v4l2.camera_list import ListedCamera, device_path
@@ -40,7 +40,7 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
             f"{camera.name} ({camera.driver}) at {camera.device}: {formats}"
             + (f" and {more} formats more" if more > 0 else ""),
         )
-    if config is not None and config.device is not None:
+    if isinstance(config, DeviceCameraConfig):
         node = Path(device_path(config.device)).resolve()
         wanted = [camera for camera in cameras if camera.node.resolve() == node]
         if wanted:
@@ -108,7 +108,7 @@ def longest_exposure_ms(
 ) -> float:
     """What fits into a frame and the camera's own exposure control."""
     longest_ms = 1e3 * camera.info.frame_period_s
-    if config.device is None:
+    if not isinstance(config, DeviceCameraConfig):
         return longest_ms
     node = Path(device_path(config.device)).resolve()
     limits = [

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig.config.camera import CameraConfig
+from rig.config.camera import CameraConfig, OpencvCameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import CameraError, ConfigError
 from rig.rig import Rig
@@ -76,7 +76,7 @@ def without_timing(config: RigConfig) -> RigConfig:
     ConfigError
         If the camera has none.
     """
-    if config.camera.kind == "opencv":
+    if isinstance(config.camera, OpencvCameraConfig):
         raise ConfigError("camera.kind = 'opencv' has no time stamps to measure; use 'v4l2'")
     return config.with_changes(
         camera={

@@ -10,7 +10,12 @@ from dataclasses import dataclass
 
 from firmware_sim import Server, serve_pty, serve_tty
 from firmware_sim.server import Device
-from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig
+from rig.config.camera import (
+    PIXEL_FORMAT_BITS,
+    CameraConfig,
+    ReplayCameraConfig,
+    V4l2CameraConfig,
+)
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
 from rig.v4l2.output import V4l2Output
@@ -61,7 +66,8 @@ class DeviceSimulation:
         self.pixel_format = _pixel_format(config.camera)
         self._packing = PACKINGS[self.pixel_format]
         real = config.with_changes(
-            simulation={"clock": "real"}, camera={"bits": PIXEL_FORMAT_BITS[self.pixel_format]}
+            simulation={"clock": "real"},
+            camera={"kind": "simulated", "bits": PIXEL_FORMAT_BITS[self.pixel_format]},
         )
         self._simulation = Simulation(real, _served_at(serial, config))
         try:
@@ -123,12 +129,12 @@ class DeviceSimulation:
 
 
 def _pixel_format(camera: CameraConfig) -> str:
-    if camera.kind == "replay":
+    if isinstance(camera, ReplayCameraConfig):
         raise ConfigError(
             "camera.kind = 'replay' shows a set again and cannot be simulated as a device; set "
             "'v4l2' or 'simulated'"
         )
-    if camera.kind != "v4l2":
+    if not isinstance(camera, V4l2CameraConfig):
         return "GREY" if camera.bits == 8 else "Y16"
     if camera.pixel_format not in PACKINGS:
         raise ConfigError(

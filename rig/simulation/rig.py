@@ -23,9 +23,11 @@ from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
 from firmware_sim.server import Device
 from rig.camera import Camera
+from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
+from rig.errors import ConfigError
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 from rig.lights.heartbeat import TendedClock
 from rig.scene.material_folder import bundled_materials, load_material
@@ -60,15 +62,15 @@ class _Seen:
     identity: CameraIdentity
 
     @classmethod
-    def replayed(cls, config: RigConfig) -> Self:
+    def replayed(cls, config: RigConfig, camera: ReplayCameraConfig) -> Self:
         # Here, so that other rigs open without loading tifffile.
         from .recorded_set import read_recorded_set
 
-        recorded = read_recorded_set(Path(config.camera.set_file or ""))
+        recorded = read_recorded_set(Path(camera.set_file))
         recorded.require_lighting(config.lights.lighting)
         name = f"replay of {recorded.origin['set_file']}"
         identity = CameraIdentity("replay", name, {"replay": recorded.origin})
-        return cls(recorded, recorded.pixels(config.camera.exposure_ms), identity)
+        return cls(recorded, recorded.pixels(camera.exposure_ms), identity)
 
 
 class Simulation:
@@ -94,7 +96,8 @@ class Simulation:
         virtual = config.simulation.clock == "virtual"
         device_clock: Clock = VirtualClock() if virtual else RealClock()
         self.clock = TendedClock(device_clock)
-        seen = _Seen.replayed(config) if config.camera.kind == "replay" else None
+        camera = _camera_of(config)
+        seen = _Seen.replayed(config, camera) if isinstance(camera, ReplayCameraConfig) else None
         # Of a set that is replayed there is no part.
         self.placement = config.simulation.placement if seen is None else None
         if seen is None:
@@ -203,9 +206,15 @@ class Simulation:
         return self._surface[1]
 
 
+def _camera_of(config: RigConfig) -> SimulatedCameraConfig | ReplayCameraConfig:
+    if not isinstance(config.camera, SimulatedCameraConfig | ReplayCameraConfig):
+        raise ConfigError(f"camera.kind = {config.camera.kind!r} cannot be simulated")
+    return config.camera
+
+
 def _driver_stamps(config: RigConfig) -> Callable[[int, float], float]:
     """What the rig makes of the simulated driver's time stamps."""
-    camera, simulation = config.camera, config.simulation
+    camera, simulation = _camera_of(config), config.simulation
     require_measured_mode(camera)
     period_s, exposure_s = 1.0 / camera.frame_rate_hz, camera.exposure_ms / 1000.0
     lag_ms = simulation.stamp_lag_ms
@@ -225,13 +234,13 @@ def _driver_stamps(config: RigConfig) -> Callable[[int, float], float]:
 def _reported_readout_s(config: RigConfig) -> float | None:
     """What the rig knows of the readout: of a simulated driver that stamps without a lag, all."""
     lagging = config.simulation.stamp_lag_ms is not None
-    readout_ms = config.camera.readout_ms if lagging else config.simulation.readout_ms
+    readout_ms = _camera_of(config).readout_ms if lagging else config.simulation.readout_ms
     return None if readout_ms is None else readout_ms / 1e3
 
 
 def _start_known_to_s(config: RigConfig) -> float:
     if config.simulation.stamp_lag_ms is not None:
-        return start_known_to_s(config.camera)
+        return start_known_to_s(_camera_of(config))
     return max(0.0, -_driver_stamps(config)(0, 0.0))
 
 

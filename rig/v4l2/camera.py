@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
-from rig.config.camera import CameraConfig
+from rig.config.camera import V4l2CameraConfig
 from rig.errors import CameraError
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 
@@ -47,9 +47,7 @@ class V4l2Camera:
         hold a control; the message names it.
     """
 
-    def __init__(self, config: CameraConfig) -> None:
-        if config.device is None:
-            raise CameraError("camera.device is missing; give the camera's path")
+    def __init__(self, config: V4l2CameraConfig) -> None:
         require_measured_mode(config)
         self._config = config
         self._written: WrittenFrames | None = None
@@ -158,7 +156,7 @@ class V4l2Camera:
         return np.zeros(shape, np.uint16)
 
 
-def _record(device: V4l2Device, form: VideoFormat, config: CameraConfig) -> dict[str, Any]:
+def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> dict[str, Any]:
     """What a set keeps of the camera's state: every control, and how pixels and times came."""
     record: dict[str, Any] = {
         control.slug: read_control(device, control)

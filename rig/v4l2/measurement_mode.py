@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from rig.config.camera import CameraConfig
+from rig.config.camera import V4l2CameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
@@ -50,7 +50,7 @@ class MeasurementMode:
     exposure_s: float
 
 
-def set_measurement_mode(device: V4l2Device, config: CameraConfig) -> MeasurementMode:
+def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
     """Set exposure, switch off what is automatic, set gain and gamma; read all of it back.
 
     Raises
@@ -95,7 +95,7 @@ def _refuse(faults: Sequence[ControlFault], device: V4l2Device) -> None:
         raise ControlError(device.path, *faults)
 
 
-def _steps(device: V4l2Device, config: CameraConfig) -> Iterator[Callable[[], Setting]]:
+def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
     """What is to be set, in this order, whether or not the step before succeeded."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
@@ -112,7 +112,9 @@ def _steps(device: V4l2Device, config: CameraConfig) -> Iterator[Callable[[], Se
             yield partial(_set_configured, device, name, control_id, value)
 
 
-def _exposure_steps(device: V4l2Device, config: CameraConfig) -> Iterator[Callable[[], Setting]]:
+def _exposure_steps(
+    device: V4l2Device, config: V4l2CameraConfig
+) -> Iterator[Callable[[], Setting]]:
     """Manual first: while exposure is automatic, what its time is set to is not defined."""
     if config.fixed_exposure:
         control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig import CameraError
-from rig.config.camera import CameraConfig
+from rig.config.camera import OpencvCameraConfig
 from rig.opencv_camera import OpencvCamera
 
 ROWS, COLUMNS, COUNT = 48, 64, 40
@@ -28,7 +28,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "frame%03d.png"
 
 
-def config(device: Path, **changes: object) -> CameraConfig:
+def config(device: Path, **changes: object) -> OpencvCameraConfig:
     values: dict[str, object] = {
         "kind": "opencv",
         "device": str(device),
@@ -38,7 +38,7 @@ def config(device: Path, **changes: object) -> CameraConfig:
         "frame_rate_hz": 25.0,
         "fixed_exposure": True,
     }
-    return CameraConfig.model_validate(values | changes)
+    return OpencvCameraConfig.model_validate(values | changes)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_sim import SimulatedBoard
 from rig import Frame, Rig
-from rig.config.camera import CameraConfig
+from rig.config.camera import OpencvCameraConfig, V4l2CameraConfig
 from rig.v4l2.camera import V4l2Camera
 from rig.v4l2.controls import Control, list_controls, write_control
 from rig.v4l2.device import V4l2Device
@@ -34,7 +34,7 @@ def config(
     device: str = VIDEO,
     frame_rate_hz: float = RATE_HZ,
     **changes: object,
-) -> CameraConfig:
+) -> V4l2CameraConfig:
     values = {
         "kind": "v4l2",
         "device": device,
@@ -47,10 +47,10 @@ def config(
         # A frame is filled at some time in the period before its stamp.
         "readout_ms": 1000.0 / frame_rate_hz,
     }
-    return CameraConfig.model_validate(values | changes)
+    return V4l2CameraConfig.model_validate(values | changes)
 
 
-def opencv_config(**changes: object) -> CameraConfig:
+def opencv_config(**changes: object) -> OpencvCameraConfig:
     values = {
         "kind": "opencv",
         "device": VIDEO,
@@ -60,7 +60,7 @@ def opencv_config(**changes: object) -> CameraConfig:
         "exposure_ms": 20.0,
         "fixed_exposure": True,
     }
-    return CameraConfig.model_validate(values | changes)
+    return OpencvCameraConfig.model_validate(values | changes)
 
 
 def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:

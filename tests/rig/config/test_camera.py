@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig import CameraError, ConfigError, LightControllerError, RigConfig, load_config, open_rig
-from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig
+from rig.config.camera import PIXEL_FORMAT_BITS, V4l2CameraConfig
 from rig.frame_time import exposure_start_s
 from rig.v4l2.camera import V4l2Camera
 from rig.v4l2.pixel_formats import PIXEL_FORMATS
@@ -43,12 +43,12 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
     [
         (REAL + 'kind = "v4l2"\n', r"device is missing; .*/dev/v4l/by-id"),
         (REAL + 'kind = "simulated"\ndevice = "/dev/video0"\n', r"set kind = 'v4l2'"),
-        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .* is given.*set kind = 'replay'"),
+        (CAMERA + 'set_file = "a.ome.tif"\n', r"set_file = .*leave it out, or set kind = 'replay'"),
         (REAL + 'kind = "opencv"\n', r"device is missing"),
-        (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"OpenCV gives 8; leave bits out"),
+        (REAL + 'kind = "opencv"\ndevice = 0\nbits = 12\n', r"camera\.bits = 12: must be 8"),
         (
             REAL + 'kind = "opencv"\ndevice = 0\ntimestamp_offset_ms = 3\n',
-            r"timestamp_offset_ms = 3\.0, but OpenCV gives no time stamps",
+            r"timestamp_offset_ms = 3: not a key of kind = 'opencv'; .*set kind = 'simulated'",
         ),
         (REAL + 'kind = "replay"\n', r"set_file is missing; give the set to replay"),
         (CAMERA + "readout_ms = 40\n", r"readout_ms = 40 does not fit into a frame at 30 Hz"),
@@ -56,7 +56,9 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
         (CAMERA + "pixel_format = 8\n", r"camera\.pixel_format"),
         (CAMERA + "bits = 12\n", r"bits = 12, but pixel_format = 'GREY' has 8; leave bits out"),
         (CAMERA + 'pixel_format = "MJPG"\n', r"lossy; .*allow_compressed = true"),
-        (CAMERA + "gain = -1\n", r"camera\.gain"),
+        (CAMERA + "gain = -1\n", r"camera\.gain = -1: must be greater than or equal to 0"),
+        (CAMERA + "gain = true\n", r"camera\.gain = true: must be an integer"),
+        (CAMERA + "widht_px = 9\n", r"camera\.widht_px = 9: unknown key; did you mean width_px\?"),
         (CAMERA + "gamma = 1.5\n", r"camera\.gamma"),
         (CAMERA + "timestamp_offset_ms = 2000\n", r"camera\.timestamp_offset_ms"),
         (CAMERA + "readout_ms = -1\n", r"camera\.readout_ms"),
@@ -120,12 +122,12 @@ def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
 def test_a_stamp_is_the_frames_end_unless_the_drivers_claim_was_asked_for(
     changes: dict[str, object], claims_start: bool, start_s: float
 ) -> None:
-    config = CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
+    config = V4l2CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
     assert exposure_start_s(100.0, claims_start, config, 0.04, 0.02) == pytest.approx(start_s)
 
 
-def camera_at(device: str) -> CameraConfig:
-    return CameraConfig(kind="v4l2", device=device)
+def camera_at(device: str) -> V4l2CameraConfig:
+    return V4l2CameraConfig(device=device)
 
 
 def test_a_camera_that_is_not_there_is_named() -> None:

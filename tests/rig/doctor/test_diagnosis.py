@@ -11,7 +11,7 @@ import pytest
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import ListedCamera, RigConfig, open_rig
-from rig.config.camera import CameraConfig
+from rig.config.camera import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
 from rig.doctor import lights as light_checks_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
@@ -270,13 +270,13 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
         ListedCamera(node, (), "Camera", "uvcvideo", "usb-1", formats),
         ListedCamera(tmp_path / "video2", (), problem="video2: no permission"),
     ]
-    config = CameraConfig(kind="v4l2", device=str(node))
+    config = V4l2CameraConfig(device=str(node))
     first, second, permission = check_cameras(listed, config)
     assert "F0 640x480" in first.seen
     assert "and 2 formats more" in first.seen
     assert second.status == "warning"
     assert permission.status == "ok"
-    *_, missing = check_cameras(listed, CameraConfig(kind="v4l2", device="/dev/video9"))
+    *_, missing = check_cameras(listed, V4l2CameraConfig(device="/dev/video9"))
     assert (missing.name, missing.status) == ("camera.device", "fault")
 
 
@@ -285,7 +285,7 @@ def test_the_longest_exposure_is_that_of_frame_and_camera(tmp_path: Path) -> Non
     node.touch()
     exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
     listed = [ListedCamera(node, (), controls=((exposure, 50),))]
-    config = CameraConfig(kind="v4l2", device=str(node))
+    config = V4l2CameraConfig(device=str(node))
     with open_rig(RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})) as rig:
         assert longest_exposure_ms(rig.camera, listed, config) == 20.0
         assert longest_exposure_ms(rig.camera, [], config) == pytest.approx(33.33, abs=0.01)

@@ -100,8 +100,8 @@ def test_a_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("plan", "cause"),
     [
-        ('[[lines]]\nkind = "explode"\n', "simulation.faults.lines.0.kind: Input should be"),
-        ('[[lines]]\nkind = "lose"\nwen = 1\n', "simulation.faults.lines.0.wen: Unexpected"),
+        ('[[lines]]\nkind = "explode"\n', "simulation.faults.lines.0.kind = \"explode\": must be 'lose'"),
+        ('[[lines]]\nkind = "lose"\nwen = 1\n', "simulation.faults.lines.0.wen = 1: unknown key"),
         ('[[leds]]\nkind = "dim"\nled = 9\n', "simulation.faults: there is no LED 9"),
         ('[[leds]]\nkind = "swapped"\nled = 1\n', "other is the LED that this one is swapped"),
         ('[[frames]]\nkind = "torn"\nrow_share = 1\n', "frames.0: row_share is 1"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from rig import list_cameras
-from rig.config.camera import CameraConfig
+from rig.config.camera import V4l2CameraConfig
 from rig.v4l2.camera_list import device_path
 
 
@@ -20,7 +20,7 @@ from rig.v4l2.camera_list import device_path
     ],
 )
 def test_a_device_is_a_path_a_number_or_a_name(device: str | int, path: str) -> None:
-    config = CameraConfig.model_validate({"kind": "v4l2", "device": device})
+    config = V4l2CameraConfig.model_validate({"kind": "v4l2", "device": device})
     assert config.device is not None
     assert device_path(config.device) == path
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig import CameraError
-from rig.config.camera import CameraConfig
+from rig.config.camera import V4l2CameraConfig
 from rig.doctor.cameras import check_controls
 from rig.errors import ControlError
 from rig.v4l2 import abi as abi
@@ -121,9 +121,9 @@ class OldCamera(PlayedCamera):
             raise OSError(errno.ENOTTY, "Inappropriate ioctl for device")
 
 
-def config(**changes: object) -> CameraConfig:
+def config(**changes: object) -> V4l2CameraConfig:
     values: dict[str, object] = {"kind": "v4l2", "device": "/dev/video9"}
-    return CameraConfig.model_validate(values | changes)
+    return V4l2CameraConfig.model_validate(values | changes)
 
 
 def test_everything_is_set_and_manual_exposure_comes_first() -> None:

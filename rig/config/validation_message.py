@@ -1,0 +1,73 @@
+"""One line for what is wrong with a ``rig.toml``: key, value and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from .camera import CAMERA_KINDS
+
+__all__ = ["validation_message"]
+
+_MISSING = {
+    "device": "give the camera's path, best its name in /dev/v4l/by-id",
+    "set_file": "give the set to replay",
+}
+
+
+def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
+    """The first error in one line, by the names of the file's keys.
+
+    Parameters
+    ----------
+    error
+        Raised by the validation of `root`.
+    root
+        The model whose fields are the file's sections.
+    """
+    first = error.errors(include_url=False)[0]
+    location, value, cause = list(first["loc"]), first["input"], first["msg"]
+    kind = str(location.pop(1)) if location[:1] == ["camera"] and len(location) > 1 else None
+    field = ".".join(map(str, location))
+    match first["type"]:
+        case "value_error":  # names key and value itself
+            return ": ".join(filter(None, (field, cause.removeprefix("Value error, "))))
+        case "missing":
+            remedy = _MISSING.get(str(location[-1]), "give it")
+            return f"{field} is missing; {remedy}"
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            return f"{field} = {_toml(value)}: {_unknown_key(location, kind, root)}"
+        case "union_tag_invalid":
+            kinds = ", ".join(map(repr, CAMERA_KINDS))
+            return f"camera.kind = {_toml(value['kind'])}: must be one of {kinds}"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return f"{field} = {_toml(value)}: must be a table, [{field}]"
+    for said, meant in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
+        cause = cause.replace(said, meant)
+    cause = cause.replace("a integer", "an integer").replace("a valid", "a")
+    return f"{field} = {_toml(value)}: {cause}"
+
+
+def _unknown_key(location: list[Any], kind: str | None, root: type[BaseModel]) -> str:
+    key = str(location[-1])
+    others = [name for name, model in CAMERA_KINDS.items() if key in model.model_fields]
+    if kind is not None and others:
+        return f"not a key of kind = {kind!r}; leave it out, or set kind = " + " or ".join(
+            map(repr, others)
+        )
+    model: Any = CAMERA_KINDS[kind] if kind is not None else root
+    for part in location[:-1] if kind is None else ():
+        model = getattr(getattr(model, "model_fields", {}).get(part), "annotation", None)
+    keys = list(getattr(model, "model_fields", ()))
+    near = difflib.get_close_matches(key, keys, 1)
+    if near:
+        return f"unknown key; did you mean {near[0]}?"
+    return "unknown key; " + (f"the keys are {', '.join(keys)}" if keys else "leave it out")
+
+
+def _toml(value: object) -> str:
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= 60 else text[:57] + "..."
