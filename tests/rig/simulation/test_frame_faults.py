@@ -100,7 +100,7 @@ def test_a_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("plan", "cause"),
     [
-        ('[[lines]]\nkind = "explode"\n', "simulation.faults.lines.0.kind = \"explode\": must be 'lose'"),
+        ("[[lines]]\nkind = 'explode'\n", "faults.lines.0.kind = \"explode\": must be 'lose'"),
         ('[[lines]]\nkind = "lose"\nwen = 1\n', "simulation.faults.lines.0.wen = 1: unknown key"),
         ('[[leds]]\nkind = "dim"\nled = 9\n', "simulation.faults: there is no LED 9"),
         ('[[leds]]\nkind = "swapped"\nled = 1\n', "other is the LED that this one is swapped"),
