@@ -23,6 +23,7 @@ from rig import (
     SequencePlan,
     SequenceReport,
 )
+from rig.lights.sequence import exposure_left_s
 
 from .frame_mean import FrameMean, check_frame
 
@@ -93,7 +94,8 @@ def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint
 def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     """One sequence: the frame of each step, and what the controller says of it."""
     if plan.triggers:
-        _wait_for_camera(rig, plan)
+        # An aborted sequence may have left an exposure running: no trigger during that.
+        rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
     deadline_s = rig.clock.now_s() + plan.duration_s + _SPARE_S
     sequence = RunningSequence(rig.lights, plan)
     frames = _Frames(rig, sequence.asked_s, deadline_s)
@@ -133,13 +135,6 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
                 f"set rejected: the frame under {_name(light)} has the pixels of the one before"
             )
     return found, report
-
-
-def _wait_for_camera(rig: Rig, plan: SequencePlan) -> None:
-    """A sequence that was ended early may have left an exposure under way: no trigger in that."""
-    *_, code, started_us, passed_us, now_us = rig.lights.ask("SEQ:STAT?", 7).numbers
-    if code:
-        rig.clock.sleep_s(1e-6 * (started_us + passed_us + plan.wait_us - now_us))
 
 
 class _Frames:

@@ -1,42 +1,44 @@
-"""What the controller is asked to do where it steps through the lights by itself."""
+"""The plan of a sequence, in which the controller steps through the lights by itself."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from firmware_sim.firmware import DARK, MAX_STEP_US, MAX_STEPS
+from firmware_sim.firmware import MAX_STEP_US, MAX_STEPS
 
 __all__ = ["SequencePlan", "plan_sequence"]
 
-# From the end of an exposure until the controller has switched: a turn or two of its main loop,
-# and what an optocoupler takes. It is measured in each set; this much is planned for.
+# Planned time from the end of an exposure until the controller has switched: one or two passes of
+# its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each
+# set measures the true one, and `ps4rig rig timing` prints it.
 REACTION_S = 0.0005
-# Without an edge for so long beyond the frame period, the strobe is not connected.
+# A strobe without an edge for this long beyond the frame period is not connected. It only delays
+# that error; a camera that stalls for longer would be reported as one.
 _STROBE_PATIENCE_S = 0.25
 
 
 @dataclass(frozen=True)
 class SequencePlan:
-    """What the controller is asked to do for one set.
+    """The steps of one set.
 
     Attributes
     ----------
     lights
-        In their order; None is a dark step.
+        The lights in their order; None is a dark step.
     triggers
-        True: the controller steps by time and triggers each exposure; False: the camera runs
-        free, and the end of each exposure on its strobe line is a step.
+        Whether the controller steps by time and triggers each exposure. Otherwise the camera runs
+        free, and the controller steps at the end of each exposure on the strobe line.
     settle_us
-        Least time from a light's change to the exposure that counts.
+        Least time from the change of a light to the exposure that counts.
     wait_us
-        With triggers, from one to the next; else how long an edge may be missing.
+        With triggers, the time between two of them; otherwise the longest wait for a strobe edge.
     frames_per_step
-        1, or more if a light has no time to settle between one exposure and the next.
+        1, or more if a light cannot settle between two exposures.
     exposed_s
         From the beginning of the first row's exposure to the end of the last row's.
     duration_s
-        From the start to the end, at most, if nothing goes wrong.
+        Longest time from the start to the end of a sequence without faults.
     """
 
     lights: tuple[int | None, ...]
@@ -47,31 +49,22 @@ class SequencePlan:
     exposed_s: float
     duration_s: float
 
-    @property
-    def command(self) -> str:
-        """The line that starts it."""
-        verb = "TRIG" if self.triggers else "ARM"
-        order = ",".join(str(DARK if light is None else light) for light in self.lights)
-        return f"SEQ:{verb} {self.settle_us},{self.wait_us},{order}"
-
 
 def plan_sequence(
     light_count: int, *, triggers: bool, settle_s: float, period_s: float, exposed_s: float
 ) -> SequencePlan:
-    """A dark step and one for each light, as fast as lights and camera allow.
+    """Plan a dark step and one step for each light, as fast as lights and camera allow.
 
     Parameters
     ----------
     light_count
-        Lights of the rig.
-    triggers
-        Whether the controller triggers the camera.
+        Number of lights of the rig.
+    triggers, exposed_s
+        As in `SequencePlan`.
     settle_s
-        From the switch until the light is steady.
+        Time from the switch until the light is steady.
     period_s
         The camera's frame period; with triggers, the least time between two.
-    exposed_s
-        From the beginning of the first row's exposure to the end of the last row's.
 
     Raises
     ------

@@ -10,18 +10,42 @@ from rig.errors import LightControllerError
 
 from .driver import Answer, LightController
 
-__all__ = ["ClockRelation", "LightStep", "RunningSequence", "SequenceReport"]
+__all__ = [
+    "ClockRelation",
+    "LightStep",
+    "RunningSequence",
+    "SequenceReport",
+    "exposure_left_s",
+    "start_command",
+]
 
-# Two crystals of 50 ppm each, and as much again.
+# Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4
+
+
+def start_command(plan: SequencePlan) -> str:
+    """The command that starts a sequence."""
+    verb = "TRIG" if plan.triggers else "ARM"
+    order = ",".join(str(DARK if light is None else light) for light in plan.lights)
+    return f"SEQ:{verb} {plan.settle_us},{plan.wait_us},{order}"
+
+
+def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
+    """Seconds for which an exposure of an earlier, aborted sequence of `plan` may still run."""
+    *_, code, started_us, passed_us, now_us = _status(lights).numbers
+    return max(0.0, 1e-6 * (started_us + passed_us + plan.wait_us - now_us)) if code else 0.0
+
+
+def _status(lights: LightController) -> Answer:
+    return lights.ask("SEQ:STAT?", 7)
 
 
 @dataclass(frozen=True)
 class ClockRelation:
-    """The controller's microseconds on the rig's clock, as well as is known.
+    """The controller's microseconds on the rig's clock, with their uncertainty.
 
-    An event that the controller stamped happened between sending its command and receiving its
-    answer: each exchange bounds the difference of the clocks from both sides.
+    An event that the controller stamped lies between sending the command and receiving the answer,
+    so each exchange bounds the difference of the clocks from both sides.
     """
 
     offset_s: float
@@ -29,12 +53,12 @@ class ClockRelation:
 
     @classmethod
     def of(cls, answers: list[tuple[int, Answer]]) -> ClockRelation:
-        """From exchanges in which the controller told its time in microseconds.
+        """Relate the clocks by exchanges in which the controller told its time in microseconds.
 
         Raises
         ------
         LightControllerError
-            If they contradict each other: a clock was set, or started anew.
+            If the bounds contradict each other: a clock was set or restarted.
         """
         span_s = answers[-1][1].received_s - answers[0][1].sent_s
         least_s = max(answer.sent_s - 1e-6 * at_us for at_us, answer in answers)
@@ -48,16 +72,16 @@ class ClockRelation:
         return cls(0.5 * (least_s + most_s), 0.5 * abs(most_s - least_s) + slack_s)
 
     def on_rig_s(self, at_us: int) -> float:
-        """A time of the controller on the rig's clock."""
+        """Convert a time of the controller to the rig's clock."""
         return self.offset_s + 1e-6 * at_us
 
 
 @dataclass(frozen=True)
 class LightStep:
-    """What the controller did in one step, in its own microseconds; None is not.
+    """The controller's record of one step; times in its own microseconds, None if missing.
 
-    `lit_us` is when the light changed, `begun_us` and `ended_us` are the strobe's edges of the
-    exposure that counts, `exposures` all that began under this light.
+    `lit_us` is the change of the light; `begun_us` and `ended_us` are the strobe's edges of the
+    exposure that counts; `exposures` is the number of exposures that began under this light.
     """
 
     light: int | None
@@ -70,9 +94,9 @@ class LightStep:
 
 @dataclass(frozen=True)
 class SequenceReport:
-    """A sequence that is over.
+    """The record of a sequence that has ended.
 
-    `cause` is why it ended early, None if it did not; `ended_us` is when the LEDs went out.
+    `cause` says why it ended early, None after the last step; `ended_us` is when the LEDs went out.
     """
 
     steps: tuple[LightStep, ...]
@@ -82,37 +106,37 @@ class SequenceReport:
 
 
 class RunningSequence:
-    """A sequence that the controller carries out, from its construction on.
+    """A sequence that the controller runs; constructing it starts the sequence.
 
     Raises
     ------
     LightControllerError
-        If the controller refuses, because an LED must rest or another sequence runs.
+        If the controller refuses because an LED must rest or another sequence runs.
     """
 
     def __init__(self, lights: LightController, plan: SequencePlan) -> None:
         self._lights = lights
         self._plan = plan
-        answer = lights.ask(plan.command, 1)
+        answer = lights.ask(start_command(plan), 1)
         self.asked_s = answer.sent_s
         self._started_us = answer.numbers[0]
         self._told = [(self._started_us, answer)]
         self._status: tuple[int, ...] = ()
 
     def is_running(self) -> bool:
-        """Ask whether it still runs; this also keeps the watchdog quiet."""
-        answer = self._lights.ask("SEQ:STAT?", 7)
+        """Ask whether it still runs, which also keeps the watchdog quiet."""
+        answer = _status(self._lights)
         self._status = answer.numbers
         self._told.append((answer.numbers[6], answer))
         if answer.numbers[4] != self._started_us:
             raise LightControllerError(
-                f"{self._lights.port}: the controller knows nothing of the sequence it was given; "
+                f"{self._lights.port}: the controller does not know the sequence that was started; "
                 "did it restart?"
             )
         return bool(answer.numbers[0])
 
     def report(self) -> SequenceReport:
-        """What was done, as it was when `is_running` was asked last."""
+        """The record as of the last `is_running`."""
         runs, begun, _, code, started_us, passed_us, _ = self._status
         cause = "it still runs" if runs else None
         if code:

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from rig import ConfigError, RigConfig
 from rig.config.sequence_plan import REACTION_S, SequencePlan, plan_sequence
+from rig.lights.sequence import start_command
 
 SMALL = {"width_px": 16, "height_px": 16}
 
@@ -36,8 +37,8 @@ def test_a_plan_leaves_time_to_settle(settle_ms, period_ms, exposed_share, trigg
     assert step_s >= exposed_s + REACTION_S + settle_ms / 1e3 - 1e-9
     if not triggers and plan.frames_per_step > 1:  # and no exposure more is passed over than must
         assert step_s - period_ms / 1e3 < exposed_s + REACTION_S + settle_ms / 1e3
-    assert plan.command.endswith(",-1,0,1,2,3")
-    assert len(f"#65535 {plan.command}~FF") <= 64
+    assert start_command(plan).endswith(",-1,0,1,2,3")
+    assert len(f"#65535 {start_command(plan)}~FF") <= 64
 
 
 def test_what_does_not_fit_is_refused_with_its_numbers():
