@@ -1,8 +1,48 @@
-"""How the kernels are compiled."""
+"""Compile numeric kernels, and keep the machine code on disk where that is possible."""
 
-__all__ = ["FAST"]
+from __future__ import annotations
 
-# NaN and infinity stay exact, and so does the order of sums: when it is free ("reassoc"), a kernel
-# that numba has just compiled and the same from its cache differ in the last digits, and the first
-# run of a machine does not give the numbers of all later ones.
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+__all__ = ["FAST", "kernel", "kernel_cache_folder"]
+
+# NaN and infinity stay exact, and so does the order of sums: with "reassoc" a kernel that numba
+# has just compiled and the same kernel from the cache differ in the last digits
+# (tests/classify/test_repeatable.py).
 FAST = {"contract", "arcp", "nsz"}
+
+
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function when it is first called, and release the GIL while it runs.
+
+    Kernels work on whole arrays or on a range of rows; `classify.threads` shares out the rows.
+    `numba.prange` is not used: it takes three to four times as long to compile.
+
+    The machine code is cached on disk. Where numba finds no folder to write to, such as in a
+    read-only installation with a read-only home, the kernel is compiled in every process.
+    """
+    dispatcher = njit(nogil=True, fastmath=FAST, error_model="numpy")(function)
+    with suppress(RuntimeError, OSError):
+        dispatcher.enable_caching()
+    return dispatcher
+
+
+def kernel_cache_folder() -> Path | None:
+    """Folder in which compiled kernels are cached, or None if they are not.
+
+    It is a subfolder of ``NUMBA_CACHE_DIR``, the ``__pycache__`` beside this file, or a folder in
+    the user's cache, whichever is the first that can be written to. Kernels of other files may
+    be in a folder beside it.
+    """
+    path = _probe.stats.cache_path  # type: ignore[attr-defined]
+    return None if path is None else Path(path)
+
+
+@kernel
+def _probe() -> None:
+    """Do nothing; its cache is where those of all kernels are."""

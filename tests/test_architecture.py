@@ -25,7 +25,7 @@ NEVER = {
 STOREYS = {
     "classify": (
         {"errors", "methods", "compiling", "shadow_rule"},
-        {"durable_file", "labels", "lighting", "regular_file"},
+        {"durable_file", "labels", "lighting", "regular_file", "threads"},
         {"images"},
         {"lights"},
         {"surface"},

@@ -1,0 +1,85 @@
+"""Work is shared out completely, in order, and whatever the number of threads."""
+
+import os
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from classify.errors import InputError
+from classify.threads import map_in_threads, run_on_rows, set_thread_count, thread_count
+
+
+@pytest.fixture(autouse=True)
+def default_thread_count() -> Iterator[None]:
+    set_thread_count(None)
+    yield
+    set_thread_count(1)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_results_are_in_the_order_of_the_items(count: int) -> None:
+    set_thread_count(count)
+    assert map_in_threads(lambda item: item * item, range(100)) == [n * n for n in range(100)]
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (7, 10), (100, 3), (5, 1000)])
+def test_strips_cover_each_row_once(count: int, rows: int, columns: int) -> None:
+    set_thread_count(count)
+    seen: list[tuple[int, int]] = []
+    run_on_rows(lambda first, last: seen.append((first, last)), (rows, columns), strip_px=64)
+    assert [row for strip in sorted(seen) for row in range(*strip)] == list(range(rows))
+
+
+def test_all_threads_work_at_once() -> None:
+    set_thread_count(3)
+    meeting = threading.Barrier(3, timeout=60)
+    map_in_threads(lambda _: meeting.wait(), range(3))
+
+
+def test_a_call_within_a_call_ends() -> None:
+    set_thread_count(2)
+
+    def inner(item: int) -> int:
+        return sum(map_in_threads(lambda other: item * other, range(4)))
+
+    assert map_in_threads(inner, range(8)) == [6 * item for item in range(8)]
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_an_exception_reaches_the_caller(count: int) -> None:
+    set_thread_count(count)
+    with pytest.raises(ZeroDivisionError):
+        map_in_threads(lambda item: 1 // item, [3, 2, 1, 0, 1, 2, 3])
+
+
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    set_thread_count(2)
+    map_in_threads(str, range(2))
+    child = os.fork()
+    if child == 0:
+        meeting = threading.Barrier(2, timeout=60)
+        map_in_threads(lambda _: meeting.wait(), range(2))
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_the_environment_says_how_many_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    assert thread_count() == len(os.sched_getaffinity(0))
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "3")
+    assert thread_count() == 3
+    set_thread_count(1)
+    assert thread_count() == 1
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "two", "1.5"])
+def test_a_thread_count_below_1_is_an_input_error(
+    text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", text)
+    with pytest.raises(InputError, match=f"NUMBA_NUM_THREADS is '{text}'"):
+        thread_count()
+    with pytest.raises(InputError, match="0 threads"):
+        set_thread_count(0)
