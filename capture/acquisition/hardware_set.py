@@ -23,6 +23,8 @@ from rig import (
     SequencePlan,
     SequenceReport,
 )
+from rig.config.camera import StampedCameraConfig
+from rig.frame_time import start_known_to_s
 from rig.lights.sequence import exposure_left_s
 
 from .frame_mean import FrameMean, check_frame
@@ -115,7 +117,9 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             "the serial line or this computer is too slow"
         )
     # a frame is reported as early as it may have been
-    stamp_s = rig.camera.info.start_known_to_s
+    camera = rig.config.camera
+    assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
+    stamp_s = start_known_to_s(camera)
     tolerance_s = min(most_s, stamp_s + _TOLERANCE_S) + report.clock.uncertainty_s
     while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
         pass
