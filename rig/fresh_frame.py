@@ -1,65 +1,139 @@
-"""Frames that show a change of the lights: those that began after it, among all that come."""
+"""Wait for a frame that was exposed after a switch of the lights: the only such loop."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from enum import Enum
 
 from .camera import Frame, FrameFlag
 from .errors import CameraError
+from .lights.driver import Switch
 from .rig import Rig
 
-__all__ = ["frames_until", "fresh_frame"]
+__all__ = [
+    "FrameKind",
+    "NoFreshFrameError",
+    "frames_until_fresh",
+    "fresh_frame",
+    "kind_of",
+    "next_fresh_frame",
+    "switch_to",
+]
 
-# Beyond what the frame rate and the driver's queue explain.
+# Time to wait beyond what frame rate and queue explain. Longer only delays the error message: a
+# camera may pause when it starts to stream, or while the computer is busy.
 _SPARE_S = 2.0
 
 
-def fresh_frame(rig: Rig, light: int | None) -> Frame:
-    """Switch to `light` (None: all off) and take the first good frame that began under it.
+class FrameKind(Enum):
+    """What a received frame is to a program that waits for a fresh one; the value says it."""
 
-    This is for looking at a rig. What is measured with has more to hold, see `capture_set`.
+    FRESH = "fresh"
+    STALE = "from before the switch"
+    CORRUPT = "corrupt or empty"
+    REPEATED = "repeated"
+
+
+class NoFreshFrameError(CameraError):
+    """The camera delivers frames, but no fresh one.
+
+    Attributes
+    ----------
+    waited_s
+        How long frames were read.
+    """
+
+    def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
+        self.waited_s = waited_s
+        received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
+        super().__init__(
+            f"no fresh frame in {waited_s:.1f} s after a switch of the lights ({received}); run "
+            "ps4rig rig latency to measure what the camera's time stamps mean; stamps that are "
+            "not on the rig's clock need another camera"
+        )
+
+
+def switch_to(rig: Rig, light: int | None) -> Switch:
+    """Turn on one light and no other; None turns all off."""
+    return rig.lights.off() if light is None else rig.lights.select(light)
+
+
+def fresh_frame(rig: Rig, light: int | None) -> Frame:
+    """Switch to `light` (None: all off) and return the first good frame exposed under it.
+
+    Enough for looking at a rig; `capture_set` checks more.
 
     Raises
     ------
     HardwareError
-        If the controller or the camera fails, or no such frame comes.
+        If the controller or the camera fails, or no such frame arrives.
     """
-    switch = rig.lights.off() if light is None else rig.lights.select(light)
+    switch = switch_to(rig, light)
     settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    (frame,) = deque(frames_until(rig, settled_s), maxlen=1)  # the last
+    frame = next_fresh_frame(rig, settled_s)
     rig.lights.confirm(light)
     return frame
 
 
-def frames_until(rig: Rig, begun_s: float) -> Iterator[Frame]:
-    """All good frames up to the first that is said to have begun at `begun_s` or later.
+def kind_of(frame: Frame, not_before_s: float) -> FrameKind:
+    """The kind of a frame by its time stamp and flags alone."""
+    if not frame.exposure_start_s >= not_before_s:  # also a stamp that is NaN
+        return FrameKind.STALE
+    return FrameKind.FRESH if frame.flags == FrameFlag.GOOD else FrameKind.CORRUPT
+
+
+def next_fresh_frame(
+    rig: Rig,
+    not_before_s: float,
+    receive: Callable[[Frame, float], FrameKind] = kind_of,
+    spare_s: float = _SPARE_S,
+) -> Frame:
+    """Return the first fresh frame; parameters and errors of `frames_until_fresh`."""
+    ((frame, _),) = deque(frames_until_fresh(rig, not_before_s, receive, spare_s), maxlen=1)
+    return frame
+
+
+def frames_until_fresh(
+    rig: Rig,
+    not_before_s: float,
+    receive: Callable[[Frame, float], FrameKind] = kind_of,
+    spare_s: float = _SPARE_S,
+) -> Iterator[tuple[Frame, FrameKind]]:
+    """Read frames up to and including the first fresh one.
+
+    Parameters
+    ----------
+    rig
+        An open rig.
+    not_before_s
+        Earliest exposure start of a fresh frame, on the rig's clock.
+    receive
+        Takes each frame and `not_before_s`, and returns the frame's kind.
+    spare_s
+        How long to wait beyond what the frame rate and the driver's queue explain.
+
+    Yields
+    ------
+    Each frame with its kind; the last one is fresh.
 
     Raises
     ------
+    NoFreshFrameError
+        If frames arrive, but no fresh one in time.
     CameraError
-        If that does not come in the time that the queue and the frame rate account for.
+        If the camera delivers no frame at all.
     """
     info, now_s = rig.camera.info, rig.clock.now_s()
-    patience_s = (
-        max(begun_s - now_s, 0.0)
-        + (info.queue_length + 3) * info.frame_period_s
-        + info.exposure_s
-        + _SPARE_S
-    )
-    came = corrupt = 0
+    frames_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s
+    patience_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
+    counts: Counter[FrameKind] = Counter()
     while rig.clock.now_s() < now_s + patience_s:
-        # Not only what remains: a camera that gives old frames has not failed to give any.
+        # The whole patience for each read: a camera that delivers stale frames is not dead.
         frame = rig.camera.read(patience_s)
-        came += 1
-        if frame.flags != FrameFlag.GOOD:
-            corrupt += 1
-            continue
-        yield frame
-        if frame.exposure_start_s >= begun_s:
+        kind = receive(frame, not_before_s)
+        counts[kind] += 1
+        yield frame, kind
+        if kind is FrameKind.FRESH:
             return
-    raise CameraError(
-        f"{came} frames came in {patience_s:.1f} s after a switch of the lights, {corrupt} of them "
-        "corrupt, and none of the good ones began after it, by its time stamp; ps4rig rig latency "
-        "finds out what the stamps mean, unless they are not on the rig's clock"
-    )
+    raise NoFreshFrameError(counts, patience_s)

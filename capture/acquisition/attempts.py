@@ -1,4 +1,4 @@
-"""`capture_set`: pictures under each light in turn, checked, and taken again where that helps."""
+"""`capture_set`: attempts at a set until its light images pass all checks."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,43 +28,53 @@ from classify.labels import checked_label
 from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 
-from .fresh_frames import FrameBeat, light_name
+from .frame_mean import SetImage
+from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
-from .light_checks import Pictures, check_ambient, check_lights
-from .light_images import LightImage, images_under
+from .light_checks import (
+    LightImages,
+    check_agreement,
+    check_ambient,
+    check_order,
+    check_retake,
+)
+from .light_images import images_under
 from .quality import check_images
 
-__all__ = ["MAX_AVERAGE", "MAX_RETRIES", "capture_set"]
+__all__ = ["MAX_ATTEMPTS", "MAX_AVERAGE", "capture_set"]
 
+# Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024
-# How often a set is begun again before its last failure counts.
-MAX_RETRIES = 2
+# A disturbance that passes (a lost line, a torn frame) seldom meets two attempts; see the table
+# that test_fault_matrix.py prints.
+MAX_ATTEMPTS = 3
 
 
 def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> CapturedSet:
-    """One set: an ambient image, and one image under each LED.
+    """Capture one set: an ambient image, and a light image under each LED.
 
-    A frame counts only if its exposure began after the controller's acknowledge plus the settle
-    time; what the camera's driver still had in its queue is thrown away. After each frame the
-    controller is asked whether that LED is still the one lit. Then the pictures are checked, see
-    `light_checks`. What fails is begun again, with the link to the controller made anew, and fails
-    for good the third time. The LEDs are put out at the end, and when anything is raised.
+    A frame counts only if its exposure began after the controller's acknowledge and the settle
+    time. After each frame the controller is asked whether the LED is still on. The light images
+    are then checked, see `light_checks`. An attempt that fails is repeated with a new link to the
+    controller; the error of the third one is raised. All LEDs are off at the end, also after an
+    error.
 
     Parameters
     ----------
     rig
         An open rig.
     label
-        The class of the part, where it is known.
+        Class of the part, if known.
     average
-        Frames per image. The mean of several is kept at the full 16 bits.
+        Frames per image. The mean of several is stretched to 16 bits.
 
     Raises
     ------
     InputError
         If the label is not printable, or average out of range.
     SetRejected
-        If an image is saturated or dark, shows wrong light, or no fresh frame came; with its cause.
+        If an image is saturated, dark or under the wrong light, or no fresh frame arrived; the
+        message names the cause.
     HardwareError
         If the controller or the camera fails.
     """
@@ -79,17 +90,17 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            taken = _taken(rig, average)
+            attempt = _attempt(rig, average)
             rig.lights.off()
             break
         except (SetRejected, HardwareError) as error:
-            _put_out(rig)
-            if len(failures) == MAX_RETRIES:
+            _leds_off(rig)
+            if len(failures) + 1 == MAX_ATTEMPTS:
                 raise
             failures.append(error)
             _flush(rig)
         except BaseException:
-            _put_out(rig)
+            _leds_off(rig)
             raise
     info = rig.camera.info
     placement = None if rig.simulation is None else rig.simulation.placement
@@ -98,9 +109,9 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
         simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
         bit_depth=info.bit_depth,
-        full_scale=taken.pictures.full_scale,
+        full_scale=attempt.images.full_scale,
         lighting=LightingRecord.of(rig.lighting),
-        images=taken.records,
+        images=attempt.records,
         orientation_deg=None if placement is None else placement.rotate_deg,
         placement=placement,
         rig_name=rig.config.name,
@@ -108,90 +119,125 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         synchronisation=rig.config.lights.synchronisation,
         camera=_camera_record(info),
         controller=ControllerRecord(**asdict(rig.lights.identity)),
-        checks=taken.checks,
+        checks=attempt.checks,
         failed_attempts=tuple(map(str, failures)),
         software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(taken.pictures.images, taken.pictures.ambient),
+        pixels_sha256=pixels_sha256(attempt.images.images, attempt.images.ambient),
     )
-    return CapturedSet(taken.pictures.images, taken.pictures.ambient, metadata)
+    return CapturedSet(attempt.images.images, attempt.images.ambient, metadata)
 
 
 @dataclass(frozen=True, eq=False)
-class _Taken:
-    """Pictures that passed, their records in the same order and the ambient image's, and why."""
+class _Attempt:
+    """Images that passed all checks, and their records: those of the lights, then the ambient."""
 
-    pictures: Pictures
+    images: LightImages
     records: tuple[ImageRecord, ...]
     checks: ChecksRecord
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """The ambient image, those of the lights in their order, and perhaps a later ambient image."""
+class _Source(Protocol):
+    """Captures the images of one attempt."""
 
-    ambient: LightImage
-    lights: tuple[LightImage, ...]
-    later_ambient: LightImage | None = None
+    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
+        """Light images in order, the ambient image, and a later ambient image or None."""
 
-    @property
-    def images(self) -> npt.NDArray[np.uint16]:
-        return np.stack([image for image, _ in self.lights])
+    def retake(self) -> list[SetImage]:
+        """The light images once more, in order."""
 
 
-def _taken(rig: Rig, average: int) -> _Taken:
-    """The pictures of one attempt."""
-    info = rig.camera.info
-    beat = FrameBeat(info.frame_period_s)
-    by_software = rig.config.sequence_plan is None
-    look = _looked(rig, average, beat) if by_software else _looked_in_sequence(rig, average)
-    later = None if look.later_ambient is None else look.later_ambient[0]
-    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
-    noise = image_noise(_camera_record(info), info.bit_depth, full_scale, average)
-    pictures = Pictures(look.images, look.ambient[0], later, full_scale, noise)
-    names = [light_name(rig, light) for light in range(len(rig.lighting))]
-    ambient_change = check_ambient(pictures)
-    check_images(pictures.images, pictures.ambient, full_scale, names)
+class _SoftwareSource:
+    """Images with the lights switched by this computer.
 
-    def second_look() -> npt.NDArray[np.uint16]:
-        if not by_software:
-            return _looked_in_sequence(rig, average).images
-        order = [light for group in like_signed(rig.lighting) for light in group][::-1]
-        again = dict(zip(order, images_under(rig, order, average, beat), strict=True))
-        return np.stack([again[light][0] for light in sorted(again)])
-
-    checks = check_lights(pictures, rig.lighting, names, ambient_change, second_look)
-    records = (*(record for _, record in look.lights), look.ambient[1])
-    return _Taken(pictures, records, checks)
-
-
-def _looked(rig: Rig, average: int, beat: FrameBeat) -> _Look:
-    """One look, switched by software.
-
-    Lights that count alike in the comparison of all are taken one after the other, with the second
-    ambient image between the two groups: so light that is there for a while, in whatever
-    consecutive pictures, either makes the lights disagree or the ambient images differ.
+    Lights with the same sign in the redundancy are captured one after the other, with the second
+    ambient image between the two groups. Then light that is there for a while, over any
+    consecutive images, shows in the redundancy or in the ambient images.
     """
-    first, second = like_signed(rig.lighting)
-    taken = images_under(rig, (None, *first, None, *second), average, beat)
-    ambient, later_ambient = taken[0], taken.pop(len(first) + 1)
-    lights = dict(zip((*first, *second), taken[1:], strict=True))
-    return _Look(ambient, tuple(lights[light] for light in sorted(lights)), later_ambient)
+
+    def __init__(self, rig: Rig, average: int) -> None:
+        self._rig = rig
+        self._average = average
+        self._history = FrameHistory.of(rig)
+        self._groups = like_signed(rig.lighting)
+
+    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
+        first, second = self._groups
+        images = self._images_under((None, *first, None, *second))
+        later_ambient = images.pop(len(first) + 1)
+        return _in_order(images[1:]), images[0], later_ambient
+
+    def retake(self) -> list[SetImage]:
+        first, second = self._groups
+        return _in_order(self._images_under((*first, *second)[::-1]))
+
+    def _images_under(self, lights: tuple[int | None, ...]) -> list[SetImage]:
+        return images_under(self._rig, lights, self._average, self._history)
 
 
-def _looked_in_sequence(rig: Rig, average: int) -> _Look:
-    """One look, switched by the controller at each frame, without a frame to spare."""
-    ambient, *lights = images_in_sequence(rig, average)
-    return _Look(ambient, tuple(lights))
+class _SequenceSource:
+    """Images with the lights switched by the controller, without a frame for a later ambient."""
+
+    def __init__(self, rig: Rig, average: int) -> None:
+        self._rig = rig
+        self._average = average
+
+    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
+        ambient, *lights = images_in_sequence(self._rig, self._average)
+        return lights, ambient, None
+
+    def retake(self) -> list[SetImage]:
+        return self.capture()[0]
 
 
-def _put_out(rig: Rig) -> None:
-    # The cause is what the caller must see; if this fails too, the watchdog is there.
+def _attempt(rig: Rig, average: int) -> _Attempt:
+    by_software = rig.config.sequence_plan is None
+    source: _Source = (_SoftwareSource if by_software else _SequenceSource)(rig, average)
+    lights, ambient, later_ambient = source.capture()
+    info = rig.camera.info
+    full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
+    images = LightImages(
+        _stack(lights),
+        ambient.pixels,
+        None if later_ambient is None else later_ambient.pixels,
+        full_scale,
+        image_noise(_camera_record(info), info.bit_depth, full_scale, average),
+    )
+    names = [light_name(rig, light) for light in range(len(rig.lighting))]
+    ambient_change = check_ambient(images)
+    check_images(images.images, images.ambient, full_scale, names)
+    agreement = check_agreement(images, rig.lighting, names)
+    if agreement.undecided:
+        check_retake(images, _stack(source.retake()), agreement, rig.lighting, names)
+    found = agreement.found
+    levels = None if found is None else found.strengths
+    checks = ChecksRecord(
+        ambient_change=ambient_change,
+        redundancy_residual=None if found is None else found.contradiction,
+        light_levels=levels,
+        light_levels_error=None if found is None or levels is None else found.strength_error,
+        retaken=bool(agreement.undecided),
+        light_order=check_order(images, rig.lighting),
+        undecided=agreement.undecided,
+    )
+    return _Attempt(images, tuple(image.record for image in (*lights, ambient)), checks)
+
+
+def _stack(images: list[SetImage]) -> npt.NDArray[np.uint16]:
+    return np.stack([image.pixels for image in images])
+
+
+def _in_order(images: list[SetImage]) -> list[SetImage]:
+    return sorted(images, key=lambda image: image.record.light or 0)
+
+
+def _leds_off(rig: Rig) -> None:
+    # The caller must see the first error; if this fails too, the watchdog puts the LEDs out.
     with suppress(HardwareError):
         rig.lights.off()
 
 
 def _flush(rig: Rig) -> None:
-    """Let the dark fill the camera's buffers, so that nothing of an attempt is in the next one."""
+    """Let dark frames fill the camera's buffers, so that no frame reaches the next attempt."""
     info = rig.camera.info
     with suppress(HardwareError):
         for _ in range(info.queue_length + 1):

@@ -1,18 +1,28 @@
-"""One image from the frames of one light: checked, summed, and the mean at the full 16 bits."""
+"""Images of a set from frames: each frame checked, then averaged at the full 16 bits."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from capture.sets.metadata import FrameRecord
+from capture.sets.metadata import FrameRecord, ImageRecord
 from rig import CameraError, CameraInfo, Frame
 
-__all__ = ["FrameMean", "check_frame"]
+__all__ = ["FrameMean", "SetImage", "check_frame"]
+
+
+@dataclass(frozen=True, eq=False)
+class SetImage:
+    """A light image or an ambient image, (H, W) uint16, and the record of its capture."""
+
+    pixels: npt.NDArray[np.uint16]
+    record: ImageRecord
 
 
 class FrameMean:
-    """The mean of `count` frames, added one by one; of one frame, that frame."""
+    """Mean of `count` frames, which are added one by one; a single frame stays as it is."""
 
     def __init__(self, info: CameraInfo, count: int) -> None:
         self._full_scale = (1 << info.bit_depth) - 1
@@ -22,7 +32,7 @@ class FrameMean:
         self._records: list[FrameRecord] = []
 
     def add(self, frame: Frame) -> None:
-        """Take a frame in."""
+        """Add a frame."""
         self._total += frame.pixels
         self._saturated |= frame.pixels >= self._full_scale
         self._records.append(
@@ -35,37 +45,37 @@ class FrameMean:
 
     @property
     def records(self) -> tuple[FrameRecord, ...]:
-        """What is known of the frames."""
+        """Sequence number and exposure of each frame."""
         return tuple(self._records)
 
     def image(self) -> npt.NDArray[np.uint16]:
-        """(H, W). The mean of several is stretched to 65535."""
+        """The mean, (H, W); that of several frames is stretched to 65535."""
         if self._count == 1:
             return self._total.astype(np.uint16)
         scale = 65535.0 / (self._full_scale * self._count)
         mean: npt.NDArray[np.uint16] = np.rint(self._total * scale).astype(np.uint16)
-        # A pixel that saturated once has no mean.
+        # The mean of a pixel that saturated once is unknown.
         mean[self._saturated] = 65535
         return mean
 
 
 def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
-    """Refuse a frame that the camera did not announce, or that cannot have been exposed yet.
+    """Reject a frame that the camera did not announce, or that is stamped in the future.
 
     Raises
     ------
     CameraError
-        For another size or depth, or times that are not on the rig's clock.
+        If size or depth differ from `info`, or the times are not on the rig's clock.
     """
     rows, columns = frame.pixels.shape
     if (rows, columns, frame.bit_depth) != (info.height_px, info.width_px, info.bit_depth):
         raise CameraError(
-            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit, it had announced "
-            f"{info.width_px} x {info.height_px} of {info.bit_depth}"
+            f"the camera sent {columns} x {rows} px of {frame.bit_depth} bit instead of "
+            f"{info.width_px} x {info.height_px} px of {info.bit_depth} bit; open it again"
         )
     if not frame.exposure_start_s <= frame.exposure_end_s <= now_s:
         raise CameraError(
-            f"frame {frame.sequence} claims an exposure from {frame.exposure_start_s:.6f} to "
-            f"{frame.exposure_end_s:.6f} s and came at {now_s:.6f} s; the camera's time stamps "
+            f"frame {frame.sequence} is stamped {frame.exposure_start_s:.6f} to "
+            f"{frame.exposure_end_s:.6f} s and arrived at {now_s:.6f} s; the camera's time stamps "
             "are not on the rig's clock"
         )

@@ -1,7 +1,7 @@
-"""Images of a sequence that the light controller runs by itself: which frame is under which light.
+"""Images of a sequence that the light controller runs by itself.
 
-The controller knows the edges of the camera's strobe, the host its frames. An image is taken only
-if both tell the same: by the number of frames from light to light, and by their times.
+The controller records the edges of the camera's strobe, this computer receives the frames. A frame
+is assigned to a light only if both agree, in the number of frames from light to light and in time.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.errors import SetRejected
 from capture.sets.metadata import ImageRecord
@@ -27,33 +26,33 @@ from rig.config.camera import StampedCameraConfig
 from rig.frame_time import start_known_to_s
 from rig.lights.sequence import exposure_left_s
 
-from .frame_mean import FrameMean, check_frame
+from .frame_mean import FrameMean, SetImage, check_frame
 
 __all__ = ["images_in_sequence"]
 
-# How far a frame's own time may be from the controller's edge, beyond what the configuration says
-# of the camera's time stamps: delays of strobe and trigger.
+# Largest distance of a frame's time stamp from the controller's edge, on top of the configured
+# uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
 _TOLERANCE_S = 1e-3
-# Of a frame period, at most. With the uncertainty between the clocks, which may be as large, it
-# stays below one half: no frame is taken for its neighbour.
+# The same in frame periods. Together with the uncertainty between the clocks, which may be as
+# large, it stays below one half: no frame is confused with its neighbour.
 _TOLERANCE_PERIODS = 0.2
-# The strobe's pulse against the exposure that the camera reports.
+# Length of the strobe's pulse against the exposure that the camera reports, which it rounds.
 _PULSE_TOLERANCE = 0.02
 _PULSE_TOLERANCE_US = 100
-# How often a sequence without further frames is asked whether it is over.
-_LOOK_S = 0.001
-# Beyond what the plan and the camera's queue explain.
+# How often to ask whether a sequence is over once all frames are received.
+_POLL_S = 0.001
+# Time to wait beyond what the plan and the camera's queue explain, as in `fresh_frames`.
 _SPARE_S = 0.5
 
 
-def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint16], ImageRecord]]:
-    """The ambient image and one under each light, each the mean of `average` sequences.
+def images_in_sequence(rig: Rig, average: int) -> list[SetImage]:
+    """Capture the ambient image and one image under each light, averaged over `average` sequences.
 
     Raises
     ------
     SetRejected
-        If a frame is missing, double, corrupt or not where the controller's record has it, or the
-        sequence ended early; with the cause.
+        If a frame is missing, repeated, corrupt or not where the controller recorded it, or the
+        sequence ended early; the message names the cause.
     HardwareError
         If the controller or the camera fails.
     """
@@ -71,7 +70,7 @@ def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint
             steps[index].append(step)
     levels = rig.lights.state().levels_percent
     return [
-        (
+        SetImage(
             mean.image(),
             ImageRecord(
                 light=light,
@@ -94,7 +93,7 @@ def images_in_sequence(rig: Rig, average: int) -> list[tuple[npt.NDArray[np.uint
 
 
 def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
-    """One sequence: the frame of each step, and what the controller says of it."""
+    """Run one sequence; return the frame of each step, and the controller's report."""
     if plan.triggers:
         # An aborted sequence may have left an exposure running: no trigger during that.
         rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
@@ -103,7 +102,7 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     frames = _Frames(rig, sequence.asked_s, deadline_s)
     while frames.count < plan.frames_per_step * len(plan.lights) or sequence.is_running():
         if plan.triggers and frames.count == len(plan.lights):
-            rig.clock.sleep_s(_LOOK_S)  # the last step lasts for longer than its frame
+            rig.clock.sleep_s(_POLL_S)  # the last step outlasts its frame
         elif not frames.take():
             sequence.is_running()
             break  # the controller may know why
@@ -112,11 +111,11 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
     if report.clock.uncertainty_s > most_s:
         raise SetRejected(
-            f"set rejected: the controller's clock is known to "
-            f"{1e3 * report.clock.uncertainty_s:.1f} ms only, too little to tell frames apart; "
-            "the serial line or this computer is too slow"
+            "set rejected: the controller's clock is known only to "
+            f"{1e3 * report.clock.uncertainty_s:.1f} ms, which does not tell frames apart: the "
+            "serial line or this computer is too slow; stop other programs"
         )
-    # a frame is reported as early as it may have been
+    # A stamp is early by up to twice its uncertainty.
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
     stamp_s = start_known_to_s(camera)
@@ -131,18 +130,19 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
         passed = after.sequence - before.sequence
         if passed != plan.frames_per_step:
             raise SetRejected(
-                f"set rejected: {passed} frames from the light before to {_name(light)}, "
-                f"planned are {plan.frames_per_step}"
+                f"set rejected: {passed} frames from the previous light to {_name(light)} instead "
+                f"of {plan.frames_per_step}: a frame was lost, or the strobe line is noisy"
             )
         if np.array_equal(frames.before(after).pixels, after.pixels):
             raise SetRejected(
-                f"set rejected: the frame under {_name(light)} has the pixels of the one before"
+                f"set rejected: the frame under {_name(light)} has the pixels of the previous "
+                "one: the camera repeats frames; check its cable"
             )
     return found, report
 
 
 class _Frames:
-    """The frames that were exposed since a sequence was asked for."""
+    """Frames exposed since a sequence was started."""
 
     def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
         self._rig = rig
@@ -156,14 +156,14 @@ class _Frames:
         return len(self._frames)
 
     def take(self) -> bool:
-        """Read one more; return False if it did not come in time.
+        """Read one more frame; return False if none arrives in time.
 
         Raises
         ------
         SetRejected
-            If one is missing or came twice.
+            If a frame was lost or repeated.
         CameraError
-            If the camera gave none at all.
+            If the camera delivered none at all.
         """
         camera, clock = self._rig.camera, self._rig.clock
         try:
@@ -175,50 +175,58 @@ class _Frames:
         check_frame(frame, camera.info, clock.now_s())
         if self._previous is not None:
             if frame.sequence <= self._previous:
-                raise SetRejected(f"set rejected: frame {frame.sequence} came twice")
+                raise SetRejected(
+                    f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
+                    "check its cable"
+                )
             if self._frames and frame.sequence > self._previous + 1:
-                raise SetRejected(f"set rejected: frame {self._previous + 1} was lost")
+                raise SetRejected(
+                    f"set rejected: frame {self._previous + 1} was lost; check the camera's cable "
+                    "and the computer's load"
+                )
         self._previous = frame.sequence
         if frame.exposure_end_s >= self._since_s:
             self._frames.append(frame)
         return True
 
     def before(self, frame: Frame) -> Frame:
-        """The one that came before another; not of the first."""
+        """The frame received before `frame`, which is not the first."""
         return self._frames[self._frames.index(frame) - 1]
 
     def reach(self, at_s: float) -> bool:
-        """Whether the last one began after `at_s`."""
+        """Whether the last frame was exposed from `at_s` on."""
         return self._frames[-1].exposure_start_s >= at_s
 
     def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
-        """The good frame whose exposure began at a time."""
+        """The good frame whose exposure began at `begun_s`."""
         near = [f for f in self._frames if abs(f.exposure_start_s - begun_s) <= tolerance_s]
         if len(near) != 1:
             nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self._frames), key=abs)
             raise SetRejected(
-                f"set rejected: {len(near)} of {self.count} frames fit to the exposure under "
-                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if it always does, run "
-                "ps4rig rig latency"
+                f"set rejected: {len(near)} of {self.count} frames fit the exposure under {name}, "
+                f"the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run ps4rig rig "
+                "latency"
             )
         if near[0].flags != FrameFlag.GOOD:
-            raise SetRejected(f"set rejected: the frame under {name} is corrupt")
+            raise SetRejected(
+                f"set rejected: the frame under {name} is corrupt; check the camera's cable"
+            )
         return near[0]
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:
-    """When each step's exposure began on the rig's clock, by a record that is as planned.
+    """Exposure start of each step on the rig's clock.
 
     Raises
     ------
     SetRejected
-        If the controller did something else, or its strobe did.
+        If the report or the strobe in it differs from the plan.
     """
     done = tuple(step.light for step in report.steps)
     if report.cause is not None or done != plan.lights:
         raise SetRejected(
-            f"set rejected: the sequence ended at light {len(done)} of {len(plan.lights)}: "
-            f"{report.cause or 'the controller has another order'}"
+            f"set rejected: the sequence ended at step {len(done)} of {len(plan.lights)}: "
+            f"{report.cause or 'the controller used another order'}"
         )
     blind = plan.triggers and all(step.exposures == 0 for step in report.steps)
     least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
@@ -228,22 +236,30 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
     for step, changed_us in zip(report.steps, changes_us, strict=True):
         begun_us, ended_us = step.begun_us, step.ended_us
         if blind and step.triggered_us is not None:
-            # no strobe is connected: the camera exposes when it is told
+            # No strobe is connected: the exposure starts at the trigger.
             begun_us, ended_us = step.triggered_us, step.triggered_us + round(1e6 * plan.exposed_s)
         name = _name(step.light)
         if begun_us is None or ended_us is None:
-            raise SetRejected(f"set rejected: no whole exposure under {name} on the strobe line")
+            raise SetRejected(
+                f"set rejected: no complete exposure under {name} on the strobe line; check the "
+                "camera's strobe output and its cable"
+            )
         if not least_us <= ended_us - begun_us <= most_us:
             raise SetRejected(
-                f"set rejected: under {name} the strobe was on for {ended_us - begun_us} us, the "
-                f"camera exposes for {1e6 * rig.camera.info.exposure_s:.0f}"
+                f"set rejected: under {name} the strobe was on for {ended_us - begun_us} us "
+                f"instead of {1e6 * rig.camera.info.exposure_s:.0f} us; set the strobe to follow "
+                "the exposure, or check the line for noise"
             )
         if begun_us - step.lit_us < plan.settle_us or changed_us < ended_us:
-            raise SetRejected(f"set rejected: the light changed in the exposure under {name}")
+            raise SetRejected(
+                f"set rejected: the light changed during the exposure under {name}: the controller "
+                "was late, or the line is noisy; shorten the exposure, or check the strobe's cable"
+            )
         if begun_s and not blind and step.exposures != plan.frames_per_step:
             raise SetRejected(
-                f"set rejected: {step.exposures} exposures under {name} on the strobe line, "
-                f"planned are {plan.frames_per_step}; the controller was late, or the line is noisy"
+                f"set rejected: {step.exposures} exposures under {name} on the strobe line instead "
+                f"of {plan.frames_per_step}: the controller was late, or the line is noisy; "
+                "shorten the exposure, or check the strobe's cable"
             )
         begun_s.append(report.clock.on_rig_s(begun_us))
     return begun_s

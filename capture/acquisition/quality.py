@@ -1,4 +1,4 @@
-"""Checks on the images of a set before anybody computes with them."""
+"""Reject light images that are saturated or dark."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check_images(
     full_scale: int,
     light_names: Sequence[str],
 ) -> None:
-    """Reject images that are saturated or dark.
+    """Reject images that are saturated or dark, by the levels of `rig.acceptance`.
 
     Raises
     ------

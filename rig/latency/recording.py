@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from rig.camera import Frame
+from rig.camera import Frame, FrameFlag
 from rig.errors import CameraError
-from rig.fresh_frame import frames_until
+from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
 from rig.rig import Rig
 
 from .fit import StepFit, Steps, fit_steps
@@ -101,8 +101,7 @@ def record_steps(
     # One in each part, in no order, so that no phase is missed.
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
-    for _ in frames_until(rig, dark_s + after_s):
-        pass
+    next_fresh_frame(rig, dark_s + after_s)
     aim: _Aim | None = None
     for number in numbers:
         if number == count // 2:
@@ -113,11 +112,13 @@ def record_steps(
         else:
             clock.sleep_s(aim.wait_s(place, clock.now_s(), recording.reported_s[-1]))
         asked_s, rising = clock.now_s(), number % 2 == 0
-        switch = rig.lights.select(led) if rising else rig.lights.off()
+        switch = switch_to(rig, led if rising else None)
         recording.switches.append(
             _Step(asked_s, switch.acknowledged_s, switch.controller_time_us / 1e6, rising)
         )
-        for frame in frames_until(rig, switch.acknowledged_s + after_s):
+        for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + after_s):
+            if frame.flags != FrameFlag.GOOD:
+                continue
             recording.reported_s.append(frame.exposure_start_s)
             recording.came_s.append(clock.now_s())
             recording.of_step.append(number)
