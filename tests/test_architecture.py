@@ -36,7 +36,7 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "scene"},
+        {"acceptance", "errors", "camera", "scene", "set_file"},
         {"config"},
         {"frame_time"},
         {"lights", "v4l2"},

@@ -22,11 +22,11 @@ from capture.sets.metadata import (
     SetMetadata,
     image_noise,
 )
-from capture.sets.ome_tiff import pixels_sha256
 from classify.errors import InputError, Ps4rigError
 from classify.labels import checked_label
 from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
+from rig.set_file import pixels_sha256
 
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name

@@ -19,10 +19,10 @@ from classify import Lighting
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
 from classify.labels import checked_label
+from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
 from .metadata import ImageRecord, LightingRecord, SetMetadata
-from .ome_tiff import pixels_sha256
 
 __all__ = ["Gamma", "import_images"]
 

@@ -13,7 +13,6 @@ from classify.images.noise import SensorNoise
 from rig import Placement
 
 __all__ = [
-    "SCHEMA_VERSION",
     "CameraRecord",
     "ChecksRecord",
     "ControllerRecord",
@@ -24,7 +23,6 @@ __all__ = [
     "image_noise",
 ]
 
-SCHEMA_VERSION = 1
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
@@ -151,7 +149,7 @@ class SetMetadata(_Record):
     images say about their lights, `failed_attempts` why each earlier attempt failed.
     """
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[1, 2] = 2
     label: str | None
     created_utc: str
     simulated: bool
@@ -172,6 +170,11 @@ class SetMetadata(_Record):
     calibration_ids: tuple[str, ...] = ()
     software_version: str
     pixels_sha256: str
+
+    @property
+    def is_protected(self) -> bool:
+        """Whether the file has a hash over its metadata: from schema version 2 on."""
+        return self.schema_version > 1
 
 
 def image_noise(

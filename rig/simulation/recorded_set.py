@@ -6,26 +6,21 @@ the lights in order and then the ambient image, and JSON in an annotation of the
 
 from __future__ import annotations
 
-import hashlib
-import json
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import tifffile
 
 from classify import Lighting
 from classify.errors import InputError
 from rig.camera import Pixels
 from rig.scene.surfaces import FloatImage
+from rig.set_file import Planes, read_set_file
 
 __all__ = ["RecordedPixels", "RecordedSet", "read_recorded_set"]
 
-_VALUE = ".//{*}CommentAnnotation[@Namespace='ps4rig/captured-set']/{*}Value"  # whatever OME's year
-_MAX_PAGES = 256
 # A direction that was stored and one that is computed differ by rounding only.
 _SAME_DIRECTION = 1e-3
 
@@ -89,41 +84,29 @@ class RecordedSet:
 
 
 def read_recorded_set(path: Path) -> RecordedSet:
-    """Read a set that ``ps4rig`` captured or imported.
+    """Read a captured set to play it back.
 
     Raises
     ------
     InputError
-        If it is missing, no captured set, or changed since it was written.
+        As `read_set_file`, or if a metadata field that a camera needs is missing or wrong.
     """
+    planes, fields = read_set_file(path)
     try:
-        with tifffile.TiffFile(path) as tiff:
-            text = str(tiff.pages.first.description)
-            if not 1 <= len(tiff.pages) <= _MAX_PAGES:
-                raise ValueError(f"{len(tiff.pages)} pages")
-            planes = np.stack([page.asarray() for page in tiff.pages])
-        value = ET.fromstring(text).findtext(_VALUE)
-        fields = json.loads(value or "")
         return _recorded(path, planes, fields)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except InputError:
-        raise
-    # What tifffile and the others raise on a damaged file depends on where the damage is.
-    except Exception as error:
-        raise InputError(f"{path}: not a captured set ({error})") from error
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: cannot be played back: metadata: {error}") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
-def _recorded(path: Path, planes: npt.NDArray[Any], fields: dict[str, Any]) -> RecordedSet:
+def _recorded(path: Path, planes: Planes, fields: dict[str, Any]) -> RecordedSet:
     directions = np.array(fields["lighting"]["directions"], np.float64)
     count, full_scale = len(directions), int(fields["full_scale"])
-    if planes.ndim != 3 or planes.dtype != np.uint16 or len(planes) not in (count, count + 1):
-        raise ValueError(f"pages {planes.shape} {planes.dtype} for {count} lights")
+    if len(planes) not in (count, count + 1):
+        raise ValueError(f"{len(planes)} images for {count} lights")
     if full_scale not in (255, 1023, 4095, 65535):
         raise ValueError(f"full scale {full_scale}")
-    digest = hashlib.sha256(np.ascontiguousarray(planes, "<u2").data).hexdigest()
-    if digest != fields["pixels_sha256"]:
-        raise InputError(f"{path}: the pixels were changed after it was captured; use the original")
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
@@ -138,7 +121,7 @@ def _recorded(path: Path, planes: npt.NDArray[Any], fields: dict[str, Any]) -> R
         noise={name: camera.get(name) if own_scale else None for name in names},
         origin={
             "set_file": str(path),
-            "pixels_sha256": digest,
+            "pixels_sha256": fields["pixels_sha256"],
             "created_utc": fields["created_utc"],
             "label": fields["label"],
             "simulated": fields["simulated"],

@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from capture import CapturedSet, SetMetadata
 from capture.cli import app
 from capture.sets.metadata import ImageRecord, LightingRecord
-from capture.sets.ome_tiff import pixels_sha256
 from classify import Lighting
 from rig import Rig, RigConfig, open_rig
+from rig.set_file import pixels_sha256
 
 COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]

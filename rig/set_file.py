@@ -1,0 +1,161 @@
+"""The file of a captured set: 16-bit pages, and fields of metadata as JSON in the OME-XML.
+
+`capture` writes and solves these files, `rig` plays them back as a camera. Both read them here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import tifffile
+
+from classify.errors import InputError
+from classify.regular_file import open_regular_file
+
+__all__ = [
+    "NAMESPACE",
+    "SCHEMA_VERSION",
+    "Planes",
+    "fields_sha256",
+    "pixels_sha256",
+    "read_set_file",
+    "read_set_header",
+]
+
+SCHEMA_VERSION = 2
+NAMESPACE = "ps4rig/captured-set"
+Planes = npt.NDArray[np.uint16]
+_VALUE = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"  # in any OME schema
+# 255 lights of 32 megapixels. The three limits below bound memory before pixels are read.
+_MAX_BYTES = 2**34
+_MAX_DESCRIPTION_BYTES = 2**24
+_MAX_PAGES = 256
+_MAX_SIDE_PX = 32768
+
+
+def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
+    """Read the pages and the metadata fields of a captured set, and check their hashes.
+
+    Returns
+    -------
+    planes
+        (pages, H, W) uint16: the light images in order, then the ambient image if there is one.
+    fields
+        As in the file; no more is known than that they are JSON. `schema_version` 1 has no hash
+        over the fields.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated, changed since it was written, compressed, not a captured
+        set, or of a later version.
+    """
+    with _opened(path) as tiff:
+        fields, _ = _header(tiff, path)
+        planes: Planes = np.stack([page.asarray() for page in tiff.pages])
+    if pixels_sha256(planes) != fields.get("pixels_sha256"):
+        raise InputError(
+            f"{path}: the pixels do not match their SHA-256; the file was changed or damaged "
+            "after it was captured, use the original"
+        )
+    return planes, fields
+
+
+def read_set_header(path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
+    """Read the metadata fields and (pages, H, W), but no pixel. Errors as `read_set_file`."""
+    with _opened(path) as tiff:
+        return _header(tiff, path)
+
+
+def pixels_sha256(images: Planes, ambient: Planes | None = None) -> str:
+    """SHA-256 of all pixels, light images then ambient image, as little-endian 16-bit rows."""
+    digest = hashlib.sha256()
+    for plane in (*images, *(() if ambient is None else (ambient,))):
+        digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
+    return digest.hexdigest()
+
+
+def fields_sha256(fields: dict[str, Any]) -> str:
+    """SHA-256 of the fields without `sha256`, as ASCII JSON with sorted keys and no blanks.
+
+    `pixels_sha256` is one of the fields, so that this hash covers pixels and metadata.
+    """
+    others = {name: value for name, value in fields.items() if name != "sha256"}
+    canonical = json.dumps(others, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode("ascii")).hexdigest()
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+    with open_regular_file(path, _MAX_BYTES) as file:
+        try:
+            with tifffile.TiffFile(file) as tiff:
+                yield tiff
+        except InputError:
+            raise
+        # Which exception tifffile raises for a damaged file depends on where the damage is.
+        except Exception as error:
+            raise InputError(
+                f"{path}: not a readable TIFF ({error}); it may be truncated"
+            ) from error
+
+
+def _header(tiff: tifffile.TiffFile, path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
+    fields = _fields(tiff, path)
+    count = len(tiff.pages)
+    if count > _MAX_PAGES:
+        raise InputError(f"{path}: holds {count} images; up to {_MAX_PAGES} are handled")
+    if any(page.compression != tifffile.COMPRESSION.NONE for page in tiff.pages):
+        raise InputError(f"{path}: its pages are compressed; a captured set is uncompressed")
+    shapes = {(page.shape, str(page.dtype)) for page in tiff.pages}
+    shape, dtype = next(iter(shapes))
+    if len(shapes) > 1 or dtype != "uint16" or len(shape) != 2 or max(shape) > _MAX_SIDE_PX:
+        raise InputError(f"{path}: its pages are not grey 16-bit images of one size")
+    rows, columns = shape
+    # Strips may point at the same bytes, so that a small file declares gigabytes.
+    if 2 * count * rows * columns > tiff.filehandle.size:
+        raise InputError(f"{path}: declares more pixels than it holds; it may be truncated")
+    return fields, (count, rows, columns)
+
+
+def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
+    description = tiff.pages.first.tags.get("ImageDescription")
+    text = description.value if description is not None else ""
+    if not isinstance(text, str) or len(text) > _MAX_DESCRIPTION_BYTES:
+        text = ""
+    try:
+        value = ET.fromstring(text).findtext(_VALUE)
+    except ET.ParseError:
+        value = None
+    if not value:
+        raise InputError(
+            f"{path}: a TIFF, but not a captured set; ps4rig import makes one of plain images"
+        )
+    try:
+        fields = json.loads(value)
+        # JSON may escape half a surrogate pair, which cannot be printed or written.
+        json.dumps(fields, ensure_ascii=False).encode("utf-8")
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: the metadata are not valid JSON ({error})") from error
+    version = fields.get("schema_version") if isinstance(fields, dict) else None
+    if not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: metadata field schema_version: not a positive whole number")
+    if version > SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: captured-set version {version}, this program reads up to {SCHEMA_VERSION}; "
+            "use a newer ps4rig"
+        )
+    if version > 1 and fields.get("sha256") != fields_sha256(fields):
+        raise InputError(
+            f"{path}: the metadata do not match their SHA-256; they were changed after the set "
+            "was captured, use the original"
+        )
+    return dict(fields)
