@@ -12,7 +12,7 @@ from .errors import InputError
 __all__ = ["open_regular_file", "read_regular_file"]
 
 # Opening a pipe without a writer would block without O_NONBLOCK; a terminal must not become ours.
-_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
+_FLAGS = os.O_NONBLOCK | os.O_NOCTTY
 
 
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
@@ -24,25 +24,20 @@ def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
         If it is missing, unreadable, larger than `max_bytes`, a folder, a pipe or a device.
     """
     try:
-        descriptor = os.open(path, _FLAGS)
+        file = open(path, "rb", opener=_descriptor)  # noqa: SIM115 - has an opener
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # NUL, or characters that no file name can hold
         raise InputError(f"{str(path)!r}: not a file name ({error})") from error
-    try:
-        about = os.fstat(descriptor)
-        if stat.S_ISDIR(about.st_mode):
-            raise InputError(f"{path}: cannot be read: it is a folder")
-        if not stat.S_ISREG(about.st_mode):
-            raise InputError(f"{path}: cannot be read: it is a pipe or a device; give a file")
-        if about.st_size > max_bytes:
-            raise _too_large(path, max_bytes)
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
-        os.close(descriptor)
-        raise
+    about = os.fstat(file.fileno())
+    if stat.S_ISREG(about.st_mode) and about.st_size <= max_bytes:
+        return file
+    file.close()
+    if stat.S_ISREG(about.st_mode):
+        raise _too_large(path, max_bytes)
+    raise InputError(f"{path}: cannot be read: it is a pipe or a device; give a file")
 
 
 def read_regular_file(path: Path, max_bytes: int) -> bytes:
@@ -62,6 +57,10 @@ def read_regular_file(path: Path, max_bytes: int) -> bytes:
     if len(content) > max_bytes:
         raise _too_large(path, max_bytes)
     return content
+
+
+def _descriptor(path: str, flags: int) -> int:
+    return os.open(path, flags | _FLAGS)
 
 
 def _too_large(path: Path, max_bytes: int) -> InputError:

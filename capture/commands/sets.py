@@ -20,6 +20,7 @@ from capture.console import (
     progress,
     reported,
 )
+from capture.outputs import ForceOption, check_output
 from classify.errors import InputError
 from classify.methods import METHODS, Method
 
@@ -68,14 +69,18 @@ def capture(
     seed: SeedOption = None,
     bits: BitsOption = None,
     size: SizeOption = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Take one captured set, or several: ambient image, then each LED in order."""
-    from capture.sets.ome_tiff import check_path
+    from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
 
-    check_path(output)
     config = chosen_config(rig)
+    replayed = [Path(config.camera.set_file)] if config.camera.set_file else []
+    paths = _numbered(output, len(rotate or [None]) * count)
+    for path in paths:
+        check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
     simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
     made_up = config.is_simulated and config.camera.kind == "simulated"
     if not made_up and any(value is not None for value in simulated_only):
@@ -95,7 +100,6 @@ def capture(
         )
         for turn_deg in turns
     ]
-    paths = _numbered(output, len(configs) * count)
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
         sets = _captured(opened, placements, count, label, average)
@@ -171,6 +175,7 @@ def import_(
     ] = None,
     ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights out.")] = None,
     label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
+    force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
     """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
@@ -180,18 +185,20 @@ def import_(
     from classify import Lighting
 
     *images, output = paths
-    if not output.name.endswith(SUFFIX):
-        raise InputError(f"{output}: the last argument is the file to write, NAME{SUFFIX}")
+    inputs = [*images, *(() if ambient is None else (ambient,))]
     if lights is not None:
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
         light_list = load_light_list(lights)
+        inputs += [lights, *light_list.named_paths]
         images = images or light_list.image_paths()
         lighting = light_list.lighting_for(images)
     else:
         if slant is None:
             raise InputError("give --slant DEG of the lights, or --lights FILE")
-        lighting = Lighting.from_angles(_degrees("--tilts", tilts or _RING, _RING), slant)
+        tilts_deg = _degrees("--tilts", _RING if tilts is None else tilts, _RING)
+        lighting = Lighting.from_angles(tilts_deg, slant)
+    check_output(output, suffix=SUFFIX, inputs=inputs, force=force)
     captured = import_images(images, lighting, gamma=gamma, ambient=ambient, label=label)
     captured.save(output)
     if json:
@@ -206,7 +213,8 @@ def _degrees(option: str, text: str, example: str) -> list[float]:
     except ValueError:
         degrees = [math.nan]
     if not all(map(math.isfinite, degrees)):
-        raise InputError(f"{option} {text}: give degrees with commas, as {example}")
+        given = text or "''"
+        raise InputError(f"{option} {given}: give degrees with commas, as {example}")
     return degrees
 
 

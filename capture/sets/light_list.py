@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter
 
 from classify import Lighting
 from classify.errors import InputError
+from classify.regular_file import read_regular_file
 
 __all__ = ["LightList", "load_light_list"]
 
@@ -70,17 +71,22 @@ class LightList:
         self._vectors = vectors
         self._intensities = intensities or [1.0] * len(vectors)
 
+    @property
+    def named_paths(self) -> list[Path]:
+        """The images that the file names, in its own folder; empty if it gives no names."""
+        return [self.source.parent / name for name in self._names or ()]
+
     def image_paths(self) -> list[Path]:
-        """The images it names, beside it.
+        """Return `named_paths`.
 
         Raises
         ------
         InputError
-            If it names none.
+            If the file gives no names.
         """
         if self._names is None:
             raise InputError(f"{self.source}: gives no image names; name the images themselves")
-        return [self.source.parent / name for name in self._names]
+        return self.named_paths
 
     def lighting_for(self, images: Sequence[Path]) -> Lighting:
         """The lights of these images, found by name, or in order where the file has no names.
@@ -126,12 +132,8 @@ def load_light_list(path: Path) -> LightList:
         If it is missing or not of that form; the message names file and line.
     """
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than {_MAX_BYTES} bytes; not a list of lights")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise InputError(f"{path}: cannot be read ({error})") from error
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
 from classify import Lighting
 from classify.images.noise import SensorNoise
@@ -24,6 +24,22 @@ __all__ = [
 ]
 
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+# Wider than any camera; the squares and quotients of the solvers stay finite in float32.
+Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
+PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
+
+
+def checked_label(label: str | None) -> str | None:
+    """`label`, if people and XML can read it.
+
+    Raises
+    ------
+    InputError
+        For control characters, line ends and bytes that are no text.
+    """
+    if label is not None and not label.isprintable():
+        raise InputError(f"label {label!r}: use printable characters only")
+    return label
 
 
 class _Record(BaseModel):
@@ -94,9 +110,9 @@ class CameraRecord(_Record):
     name: str
     exposure_ms: FiniteFloat
     frame_rate_hz: FiniteFloat
-    gain_e_per_dn: FiniteFloat | None
-    read_noise_dn: FiniteFloat | None
-    black_level_dn: FiniteFloat | None
+    gain_e_per_dn: Gain | None
+    read_noise_dn: PixelValue | None
+    black_level_dn: PixelValue | None
     controls: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -150,7 +166,7 @@ class SetMetadata(_Record):
     """
 
     schema_version: Literal[1, 2] = 2
-    label: str | None
+    label: Annotated[str | None, AfterValidator(checked_label)]
     created_utc: str
     simulated: bool
     bit_depth: int = Field(ge=1, le=16)

@@ -1,5 +1,6 @@
 """Photographs into a captured set: their numbers, and which are refused."""
 
+import json
 import struct
 import zlib
 from collections.abc import Callable
@@ -19,6 +20,8 @@ from classify.errors import InputError
 RING = Lighting.ring(45.0)
 SHAPE = (12, 17)
 Photographs = Callable[..., list[Path]]
+Command = Callable[..., Any]
+Refused = Callable[..., str]
 
 
 def pattern(dtype: type[np.uint8 | np.uint16], channels: int = 0) -> npt.NDArray[Any]:
@@ -176,14 +179,14 @@ def test_a_name_that_is_no_text_is_kept_readable(four: Photographs, tmp_path: Pa
 # what is refused
 
 
-def refused(paths: list[Path], message: str, **options: Any) -> None:
+def refuse(paths: list[Path], message: str, **options: Any) -> None:
     with pytest.raises(InputError, match=message) as caught:
         import_images(paths, options.pop("lighting", RING), **options)
     assert "\n" not in str(caught.value)
 
 
 def test_another_count_of_images(four: Photographs) -> None:
-    refused(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
+    refuse(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
 
 
 def test_three_images_can_be_a_set_but_not_be_solved_by_ps4(four: Photographs) -> None:
@@ -196,14 +199,14 @@ def test_three_images_can_be_a_set_but_not_be_solved_by_ps4(four: Photographs) -
 def test_images_of_another_size_or_depth(four: Photographs) -> None:
     paths = four(pattern(np.uint8))
     written(paths[2], pattern(np.uint8)[:-1])
-    refused(paths, r"image2\.png: 17 x 11 px, but .*image0\.png has 17 x 12 px")
+    refuse(paths, r"image2\.png: 17 x 11 px, but .*image0\.png has 17 x 12 px")
     written(paths[2], pattern(np.uint16))
-    refused(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
+    refuse(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
 
 
 def test_an_ambient_image_of_another_size(four: Photographs, tmp_path: Path) -> None:
     ambient = written(tmp_path / "ambient.png", pattern(np.uint8)[:5])
-    refused(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
+    refuse(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
@@ -214,7 +217,7 @@ def test_a_file_cut_off_anywhere(four: Photographs, suffix: str) -> None:
     last = len(whole) - (0 if suffix == ".tif" else 2)
     for length in (0, 1, 8, 50, *range(100, last, max(1, last // 30)), last - 1):
         paths[1].write_bytes(whole[:length])
-        refused(paths, rf"image1\{suffix}: .*truncated", gamma="linear")
+        refuse(paths, rf"image1\{suffix}: .*truncated", gamma="linear")
 
 
 def test_a_png_that_lost_its_middle_or_a_bit(four: Photographs) -> None:
@@ -225,7 +228,7 @@ def test_a_png_that_lost_its_middle_or_a_bit(four: Photographs) -> None:
     flipped[half] ^= 4
     for content in (whole[:half] + whole[-12:], bytes(flipped)):
         paths[0].write_bytes(content)
-        refused(paths, r"image0\.png: not a complete PNG image")
+        refuse(paths, r"image0\.png: not a complete PNG image")
 
 
 def test_a_png_that_announces_too_many_pixels(four: Photographs) -> None:
@@ -237,14 +240,14 @@ def test_a_png_that_announces_too_many_pixels(four: Photographs) -> None:
     header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 0, 0, 0, 0)
     chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"0")) + chunk(b"IEND", b"")
     paths[0].write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
-    refused(paths, r"image0\.png: not a complete PNG image, or too large")
+    refuse(paths, r"image0\.png: not a complete PNG image, or too large")
 
 
 @pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
 def test_floating_point_pixels(four: Photographs, value: float) -> None:
     paths = four(pattern(np.uint8), ".tif")
     tifffile.imwrite(paths[3], np.full(SHAPE, value, np.float32))
-    refused(paths, r"image3\.tif: float32 pixels; give 8 or 16 bit")
+    refuse(paths, r"image3\.tif: float32 pixels; give 8 or 16 bit")
 
 
 @pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
@@ -254,13 +257,13 @@ def test_tiff_pixels_that_are_not_brightness(four: Photographs, kind: str) -> No
     image = pattern(np.uint8, 4) if kind == "separated" else pattern(np.uint8)
     colours = np.zeros((3, 256), np.uint16) if kind == "palette" else None
     tifffile.imwrite(paths[1], image, photometric=kind, colormap=colours)
-    refused(paths, rf"image1\.tif: TIFF pixels are {kind.upper()}; save it as grey or RGB")
+    refuse(paths, rf"image1\.tif: TIFF pixels are {kind.upper()}; save it as grey or RGB")
 
 
 def test_a_tiff_of_several_pages(four: Photographs) -> None:
     paths = four(pattern(np.uint8), ".tif")
     tifffile.imwrite(paths[0], np.zeros((5, *SHAPE), np.uint8), photometric="minisblack")
-    refused(paths, r"image0\.tif: \(5, 12, 17\) is not one grey or colour image")
+    refuse(paths, r"image0\.tif: \(5, 12, 17\) is not one grey or colour image")
 
 
 def test_files_of_another_kind_or_none(four: Photographs, tmp_path: Path) -> None:
@@ -272,14 +275,14 @@ def test_files_of_another_kind_or_none(four: Photographs, tmp_path: Path) -> Non
         ("a.tif", b"hello", "not a readable TIFF"),
     ):
         (tmp_path / name).write_bytes(content)
-        refused([*paths[:3], tmp_path / name], rf"{name}: {message}")
-    refused([*paths[:3], tmp_path / "none.png"], r"none\.png: no such file")
+        refuse([*paths[:3], tmp_path / name], rf"{name}: {message}")
+    refuse([*paths[:3], tmp_path / "none.png"], r"none\.png: no such file")
     (tmp_path / "folder.png").mkdir()
-    refused([*paths[:3], tmp_path / "folder.png"], r"folder\.png: cannot be read")
+    refuse([*paths[:3], tmp_path / "folder.png"], r"folder\.png: cannot be read")
 
 
 def test_a_label_that_no_file_could_hold(four: Photographs) -> None:
-    refused(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
+    refuse(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
 
 
 def test_an_lzw_tiff_as_opencv_writes_it_is_read(tmp_path: Path) -> None:
@@ -294,3 +297,48 @@ def test_an_lzw_tiff_as_opencv_writes_it_is_read(tmp_path: Path) -> None:
     paths[0].write_bytes(paths[0].read_bytes()[:200])
     with pytest.raises(InputError, match="TIFF"):
         import_images(paths, Lighting.ring())
+
+
+# the command
+
+
+def test_an_output_never_replaces_an_input(
+    four: Photographs, tmp_path: Path, refused: Refused
+) -> None:
+    """Without OUT the last photograph would be the output."""
+    paths = four(pattern(np.uint8), ".ome.tif")
+    vectors = zip(paths, RING.directions.tolist(), strict=True)
+    lights = tmp_path / "l.json"
+    lights.write_text(json.dumps([{"file": p.name, "direction": v} for p, v in vectors]))
+    before = [path.read_bytes() for path in paths]
+    for force in ((), ("--force",)):
+        line = refused("import", *paths, "--lights", lights, *force)
+        assert line.startswith(f"{paths[3]}: is an input of this command")
+    assert [path.read_bytes() for path in paths] == before
+
+
+def test_an_existing_set_is_replaced_by_force_only(
+    four: Photographs, tmp_path: Path, ps4rig: Command, refused: Refused
+) -> None:
+    output = tmp_path / "a.ome.tif"
+    arguments = ("import", *four(pattern(np.uint8)), output, "--slant", 45)
+    assert ps4rig(*arguments).exit_code == 0
+    before = output.read_bytes()
+    assert "exists already" in refused(*arguments, "--label", "oak")
+    assert output.read_bytes() == before
+    assert ps4rig(*arguments, "--label", "oak", "--force").exit_code == 0
+    assert CapturedSet.load(output).label == "oak"
+
+
+def test_captured_sets_are_replaced_by_force_only(tmp_path: Path, refused: Refused) -> None:
+    (tmp_path / "a-002.ome.tif").write_bytes(b"mine")
+    arguments = ("capture", "--rig", "sim", "--size", 16, "--count", 2, tmp_path / "a.ome.tif")
+    assert "a-002.ome.tif: exists already" in refused(*arguments)
+    assert [path.name for path in tmp_path.iterdir()] == ["a-002.ome.tif"]
+
+
+def test_empty_tilts_are_refused(four: Photographs, tmp_path: Path, refused: Refused) -> None:
+    line = refused(
+        "import", *four(pattern(np.uint8)), tmp_path / "a.ome.tif", "--slant", 45, "--tilts", ""
+    )
+    assert line == "--tilts '': give degrees with commas, as 0,90,180,270"

@@ -72,6 +72,7 @@ def test_a_byte_order_mark_is_no_part_of_the_count(tmp_path: Path) -> None:
         ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not 'name x y z'"),
         ("2\na.png 0 0 1\nC:\\a.png 0 0 1\n", "names image a.png twice"),
         (b"1\n\xff.png 0 0 1\n", "cannot be read"),
+        ("1\na\0b.png 0 0\n", "line 2 is not"),
     ],
 )
 def test_a_wrong_lp_file_is_refused_by_name_and_line(

@@ -21,8 +21,14 @@ from capture.sets.metadata import ImageRecord
 from classify import Lighting
 from classify.errors import InputError
 from rig import Rig
+from rig.set_file import fields_sha256
 
 MadeSet = Callable[..., CapturedSet]
+DATA = Path(__file__).parents[2] / "data" / "sets"
+CAMERA = {
+    "kind": "v4l2", "name": "a", "exposure_ms": 1.0, "frame_rate_hz": 30.0, "gain_e_per_dn": 1.0,
+    "read_noise_dn": 1.0, "black_level_dn": 0.0,
+}  # fmt: skip
 OME = "{http://www.openmicroscopy.org/Schemas/OME/2016-06}"
 
 printable = st.text(max_size=30).filter(str.isprintable)
@@ -44,8 +50,8 @@ def path(tmp_path: Path, made_set: MadeSet) -> Path:
     return tmp_path / "oak.ome.tif"
 
 
-def with_metadata(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    """Edit the JSON inside the file, as a person with a script would."""
+def with_metadata(path: Path, change: Callable[[dict[str, Any]], object], sign: bool) -> None:
+    """Edit the JSON inside the file, as a person with a script would; `sign` renews its hash."""
     with tifffile.TiffFile(path) as tiff:
         root = ET.fromstring(tiff.pages.first.description)
         pixels = tiff.asarray(key=range(len(tiff.pages)))
@@ -54,6 +60,8 @@ def with_metadata(path: Path, change: Callable[[dict[str, Any]], object]) -> Non
     assert value.text is not None
     fields = json.loads(value.text)
     change(fields)
+    if sign:
+        fields["sha256"] = fields_sha256(fields)
     value.text = json.dumps(fields)
     tifffile.imwrite(path, pixels, photometric="minisblack", description=ET.tostring(root),
                      metadata=None)  # fmt: skip
@@ -164,17 +172,20 @@ def test_a_file_cut_off_anywhere_is_refused_by_name(path: Path, tmp_path: Path) 
 
 @settings(max_examples=150, deadline=None)
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
-def test_a_flipped_bit_is_refused_or_changes_no_pixel(
+def test_a_flipped_bit_is_refused_or_changes_neither_pixels_nor_metadata(
     folder: Path, made_set: MadeSet, place: float, bit: int
 ) -> None:
     images = np.arange(4 * 40 * 40, dtype=np.uint16).reshape(4, 40, 40)
     path = folder / "flipped.ome.tif"
-    made_set(images).save(path)
+    whole = made_set(images)
+    whole.save(path)
     content = bytearray(path.read_bytes())
     content[int(place * len(content))] ^= 1 << bit
     path.write_bytes(content)
     with suppress(InputError):
-        np.testing.assert_array_equal(CapturedSet.load(path).images, images)
+        read = CapturedSet.load(path)
+        np.testing.assert_array_equal(read.images, images)
+        assert read.metadata == whole.metadata
 
 
 def test_an_edited_pixel_is_noticed(path: Path) -> None:
@@ -190,7 +201,8 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.update(schema_version=2), "captured-set version 2, .* reads up to 1; use a n"),
+        (lambda f: f.update(schema_version=3), "captured-set version 3, .* reads up to 2; use a n"),
+        (lambda f: f.update(schema_version="2"), "schema_version: not a positive whole number"),
         (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
         (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
         (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
@@ -200,21 +212,70 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f["lighting"]["directions"].pop(), "lights? in order|intensities for 3 lights"),
         (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands at or below"),
         (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "must be positive"),
-        (lambda f: f.update(pixels_sha256="00"), "do not match their SHA-256"),
+        (lambda f: f.update(pixels_sha256="00"), "the pixels do not match their SHA-256"),
+        (lambda f: f.update(label="\ud800"), "the metadata are not valid JSON"),
+        (lambda f: f.update(label="a\x1b"), "label .* printable"),
+        (lambda f: f.update(camera=CAMERA | {"read_noise_dn": 1e200}), "camera.read_noise_dn: "),
+        (lambda f: f.update(camera=CAMERA | {"gain_e_per_dn": 1e-200}), "camera.gain_e_per_dn: "),
     ],
 )
 def test_edited_metadata_are_refused_by_file_and_field(
     path: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
-    with_metadata(path, change)
+    with_metadata(path, change, sign=True)
     with pytest.raises(InputError, match=rf"oak\.ome\.tif: .*{message}"):
         CapturedSet.load(path)
 
 
 @pytest.mark.parametrize(
+    "change",
+    [
+        lambda f: f["lighting"]["directions"].reverse(),
+        lambda f: f.update(label="ash"),
+        lambda f: f.pop("sha256"),
+        lambda f: f.update(orientation_deg=1.0),
+    ],
+)
+def test_metadata_edited_by_hand_are_noticed(
+    path: Path, change: Callable[[dict[str, Any]], object]
+) -> None:
+    with_metadata(path, change, sign=False)
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: the metadata do not match their SHA-256"):
+        CapturedSet.load(path)
+
+
+def test_a_small_file_that_declares_gigabytes_is_refused(path: Path) -> None:
+    """Compressed zeros take no space, and a page may declare more rows than there are."""
+    with tifffile.TiffFile(path) as tiff:
+        description = tiff.pages.first.description
+    zeros = np.zeros((5, 600, 700), np.uint16)
+    about = {"description": description, "metadata": None, "photometric": "minisblack"}
+    tifffile.imwrite(path, zeros, compression="zlib", **about)
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: its pages are compressed"):
+        CapturedSet.load(path)
+    tifffile.imwrite(path, zeros, rowsperstrip=1, **about)
+    with tifffile.TiffFile(path, mode="r+b") as tiff:
+        for page in tiff.pages:
+            page.tags["ImageLength"].overwrite(30_000)
+    with pytest.raises(InputError, match=r"oak\.ome\.tif: declares more pixels than it holds"):
+        CapturedSet.load(path)
+
+
+@pytest.mark.parametrize("name", ["simulated", "imported"])
+def test_a_set_of_schema_1_is_read_and_says_so(tmp_path: Path, name: str) -> None:
+    old = CapturedSet.load(DATA / f"{name}-schema-1.ome.tif")
+    assert not old.metadata.is_protected
+    assert old.metadata.simulated == (name == "simulated")
+    assert old.solve("least_squares").valid.any()
+    # Nobody checked its metadata: a copy claims no more.
+    old.save(tmp_path / "a.ome.tif")
+    assert not CapturedSet.load(tmp_path / "a.ome.tif").metadata.is_protected
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b'{"schema', b'["schema', "the metadata are not JSON"),
+        (b'{"schema', b'["schema', "the metadata are not valid JSON"),
         (b"<Value>", b"<value>", "a TIFF, but not a captured set"),
         (b"ps4rig/captured-set", b"ps4rig/captured-cat", "a TIFF, but not a captured set"),
     ],
@@ -298,6 +359,6 @@ def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> Non
 def test_metadata_of_other_pixels_are_not_written(tmp_path: Path, made_set: MadeSet) -> None:
     whole = made_set(np.ones((4, 2, 2), np.uint16))
     other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
-    with pytest.raises(InputError, match="the pixels are not those of the metadata"):
+    with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
         other.save(tmp_path / "other.ome.tif")
     assert list(tmp_path.iterdir()) == []

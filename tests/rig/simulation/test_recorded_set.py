@@ -116,7 +116,7 @@ def test_what_is_no_set_is_named(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(InputError, match=r"x\.ome\.tif: no such file"):
         open_rig(replay(path))
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"x\.ome\.tif: not a captured set"):
+    with pytest.raises(InputError, match=r"x\.ome\.tif: not a readable TIFF"):
         open_rig(replay(path))
 
 
