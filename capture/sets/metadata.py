@@ -29,16 +29,10 @@ Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
-def checked_label(label: str | None) -> str | None:
-    """`label`, if people and XML can read it.
-
-    Raises
-    ------
-    InputError
-        For control characters, line ends and bytes that are no text.
-    """
+def _printable(label: str | None) -> str | None:
+    # Sets labelled "unknown" were written before `classify.labels` refused that, and are read.
     if label is not None and not label.isprintable():
-        raise InputError(f"label {label!r}: use printable characters only")
+        raise ValueError("use printable characters only")
     return label
 
 
@@ -166,7 +160,7 @@ class SetMetadata(_Record):
     """
 
     schema_version: Literal[1, 2] = 2
-    label: Annotated[str | None, AfterValidator(checked_label)]
+    label: Annotated[str | None, AfterValidator(_printable)]
     created_utc: str
     simulated: bool
     bit_depth: int = Field(ge=1, le=16)

@@ -214,7 +214,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f["lighting"]["intensities"].__setitem__(0, 0), "must be positive"),
         (lambda f: f.update(pixels_sha256="00"), "the pixels do not match their SHA-256"),
         (lambda f: f.update(label="\ud800"), "the metadata are not valid JSON"),
-        (lambda f: f.update(label="a\x1b"), "label .* printable"),
+        (lambda f: f.update(label="a\x1b"), "metadata field label: .*printable"),
         (lambda f: f.update(camera=CAMERA | {"read_noise_dn": 1e200}), "camera.read_noise_dn: "),
         (lambda f: f.update(camera=CAMERA | {"gain_e_per_dn": 1e-200}), "camera.gain_e_per_dn: "),
     ],
