@@ -77,7 +77,7 @@ def capture(
     from rig import ConfigError, open_rig
 
     config = chosen_config(rig)
-    replayed = [Path(config.camera.set_file)] if config.camera.set_file else []
+    replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
     paths = _numbered(output, len(rotate or [None]) * count)
     for path in paths:
         check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
