@@ -1,24 +1,33 @@
-"""Where ``ps4rig`` and ``python -m capture`` begin."""
+"""The start of ``ps4rig`` and ``python -m capture``."""
 
 from __future__ import annotations
 
 import sys
 
+from .process.interrupts import INTERRUPTED_LINE, INTERRUPTED_STATUS, install_handlers
+
 __all__ = ["main"]
 
 
 def main() -> None:
-    """Run the command line. Ctrl-C is one line, also while Python still loads it."""
+    """Run the command line and end the process with its exit status."""
+    # Before everything else, because the imports below take most of the start-up time.
+    install_handlers()
+    from .process.crash_log import log_threads, report_crash
+    from .process.streams import StandardStreams
+
+    streams = StandardStreams()
+    log_threads()
     try:
         from .cli import run
-        from .process_settings import settle_process
 
-        settle_process()
         status = run()
     except KeyboardInterrupt:
-        print("ps4rig: interrupted", file=sys.stderr)
-        status = 130
-    sys.exit(status)
+        print(INTERRUPTED_LINE, file=sys.stderr)
+        status = INTERRUPTED_STATUS
+    except Exception as error:
+        status = report_crash(error)
+    sys.exit(streams.final_status(status))
 
 
 if __name__ == "__main__":

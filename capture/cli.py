@@ -1,23 +1,24 @@
-"""The command ``ps4rig``.
+"""The command ``ps4rig`` and its subcommands.
 
-What a command needs is imported where it runs: ``--help`` is to be there at once.
+A command imports what it needs when it runs, so that ``--help`` answers at once.
 """
 
 from __future__ import annotations
 
 import logging
-import os
 import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from classify.errors import InputError
+from classify.errors import InputError, Ps4rigError
 
 from .commands import bench, demo, reproduce, sets, textures
 from .commands.rig import rig_app
-from .console import INTERRUPTED_STATUS, describe
+from .console import complain
+from .process.interrupts import INTERRUPTED_STATUS
+from .process.settings import settle_process
 
 __all__ = ["app", "run"]
 
@@ -38,8 +39,8 @@ app.command()(bench.bench)
 app.add_typer(rig_app, name="rig")
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         print(f"ps4rig {version('ps4rig')}")
         raise typer.Exit
 
@@ -49,7 +50,7 @@ def _options(
     context: typer.Context,
     _show_version: Annotated[
         bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
     """Four-light photometric stereo: capture a surface, find its texture and its angle."""
@@ -58,32 +59,41 @@ def _options(
 
 
 def run() -> int:
-    """Run the command that the process was started with; returns its exit status.
+    """Run the command that the process was started with; return its exit status.
 
     Raises
     ------
     KeyboardInterrupt
-        If it was interrupted.
+        If a signal interrupted the command.
     """
-    # What it says about damaged files is said once, by the error line.
+    # tifffile logs what is wrong with a damaged file; the error line says it.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
+        _check_arguments(sys.argv[1:])
+        settle_process()
         status = app(standalone_mode=False)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError as error:
-        print(f"ps4rig: {describe(error)}", file=sys.stderr)
-        # Nothing is left to be written at the end of the process, where it would fail again.
-        os._exit(InputError.exit_status)
+    except Ps4rigError as error:
+        complain(str(error))
+        return error.exit_status
     except typer.Abort:
         status = INTERRUPTED_STATUS
     except Exception as error:
-        # The usage errors of typer have no class of their own in its public face.
+        # The public interface of typer has no class for its usage errors.
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        print(f"ps4rig: {' '.join(message().split())}; see --help", file=sys.stderr)
+        complain(f"{message()}; see --help")
         return InputError.exit_status
-    if status == INTERRUPTED_STATUS:  # typer made a status of the exception
+    if status == INTERRUPTED_STATUS:  # typer turns the exception into a status
         raise KeyboardInterrupt
     return status if isinstance(status, int) else 0
+
+
+def _check_arguments(arguments: list[str]) -> None:
+    for argument in arguments:
+        try:
+            argument.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(
+                f"argument {argument}: not valid UTF-8; use another text, or rename the file"
+            ) from error

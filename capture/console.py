@@ -1,41 +1,42 @@
-"""How commands speak: results on stdout, progress and errors on stderr, one line an error."""
+"""What commands print: results on stdout, progress and one line for an error on stderr."""
 
 from __future__ import annotations
 
 import functools
 import json
-import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
 
 from classify.errors import InputError, Ps4rigError
 
+from .process.interrupts import INTERRUPTED_STATUS, interruptible
+
 if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = [
-    "INTERRUPTED_STATUS",
     "JsonOption",
     "SchedulerOption",
     "SetsArgument",
     "WorkersOption",
-    "describe",
-    "folding_table",
+    "complain",
+    "new_table",
     "out",
     "print_json",
+    "print_table",
     "progress",
     "reported",
 ]
 
-INTERRUPTED_STATUS = 130
-MAX_WORKERS = 1024
-MANY_SETS = "With many sets"
+# Far more than any machine has cores; a typing error would exhaust its memory.
+_MAX_WORKERS = 1024
+_MANY_SETS = "With many sets"
+_ANY_WIDTH = 10_000  # of a terminal, to measure a table without a limit
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 SetsArgument = Annotated[
     list[Path],
@@ -45,20 +46,20 @@ WorkersOption = Annotated[
     int | None,
     typer.Option(
         min=1,
-        max=MAX_WORKERS,
-        help="Processes on this machine.",
+        max=_MAX_WORKERS,
+        help="Number of processes on this machine.",
         show_default="one per core",
         metavar="N",
-        rich_help_panel=MANY_SETS,
+        rich_help_panel=_MANY_SETS,
     ),
 ]
 SchedulerOption = Annotated[
     str | None,
     typer.Option(
-        help="Scheduler of a Dask cluster that sees the same files, as tcp://HOST:8786. "
-        "Whoever runs it can run code here: give only one that you trust.",
+        help="Address of a Dask scheduler whose workers see the same files: tcp://HOST:8786. "
+        "The scheduler can run code on this machine: give one that you trust.",
         metavar="ADDRESS",
-        rich_help_panel=MANY_SETS,
+        rich_help_panel=_MANY_SETS,
     ),
 ]
 
@@ -66,17 +67,17 @@ P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-# Plain: a file called [oak].ome.tif is no markup.
+# Without markup: a file may be called [oak].ome.tif.
 out = Console(highlight=False, markup=False, emoji=False)
 
 
 def print_json(value: Any) -> None:
-    """`value` as JSON on stdout, for another program."""
+    """Print `value` as JSON on stdout, for another program."""
     print(json.dumps(value, indent=1, allow_nan=False))
 
 
 def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
-    """Pass on `items` with a bar on stderr, on a terminal only."""
+    """Yield `items` and show a progress bar on stderr if that is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield from items
@@ -99,57 +100,64 @@ def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
         yield from bar.track(items, total=total, description=what)
 
 
-def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn what a command raises into one line on stderr and an exit status.
+def complain(message: str) -> None:
+    """Print an error as one line on stderr."""
+    print(f"ps4rig: {' '.join(message.split())}", file=sys.stderr)
 
-    Of an interrupt there is only the status: its line is that of the whole program.
+
+def reported(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn the foreseen exceptions of a command into one line on stderr and an exit status.
+
+    An interrupt becomes a status only; `__main__` prints its line.
     """
 
     @functools.wraps(command)
     def run(*arguments: P.args, **options: P.kwargs) -> R:
-        for ending in (signal.SIGTERM, signal.SIGHUP):
-            signal.signal(ending, _terminate)
         try:
-            result = command(*arguments, **options)
-            # Here and not at the end of the process, where a full disk could no longer be reported.
-            if sys.stdout is not None:  # closed by whoever started us
-                sys.stdout.flush()
-            return result
+            with interruptible():
+                return command(*arguments, **options)
         except Ps4rigError as error:
-            print(f"ps4rig: {' '.join(str(error).split())}", file=sys.stderr)
-            raise typer.Exit(error.exit_status) from None
+            message, status = str(error), error.exit_status
         except MemoryError:
-            print("ps4rig: not enough memory; use a smaller frame or fewer sets", file=sys.stderr)
-            raise typer.Exit(InputError.exit_status) from None
-        except BrokenPipeError:
-            # Whoever read our output has gone, and with it whoever could be told.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(InputError.exit_status) from None
+            message = "not enough memory; use a smaller frame or fewer sets"
+            status = InputError.exit_status
         except OSError as error:
-            print(f"ps4rig: {describe(error)}", file=sys.stderr)
-            raise typer.Exit(InputError.exit_status) from None
+            cause = error.strerror or str(error)
+            message = f"{error.filename}: {cause}" if error.filename else cause
+            status = InputError.exit_status
         except KeyboardInterrupt:
             raise typer.Exit(INTERRUPTED_STATUS) from None
+        complain(message)
+        raise typer.Exit(status)
 
     return run
 
 
-def folding_table(*columns: str) -> Table:
-    """A table that breaks what is too long for the terminal instead of cutting it off."""
+def new_table(*columns: str, prose: str | None = None) -> Table:
+    """Make a table for `print_table`. Only the column `prose` is wrapped, between words."""
     from rich.table import Table
 
     table = Table()
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(column, no_wrap=column != prose)
     return table
 
 
-def describe(error: OSError) -> str:
-    """The file and the cause, as far as the error knows them."""
-    cause = error.strerror or str(error)
-    return f"{error.filename}: {cause}" if error.filename else cause
+def print_table(table: Table) -> None:
+    """Print a table, or one line for each of its cells if the terminal is too narrow for it."""
+    from rich.cells import cell_len
+    from rich.measure import Measurement
 
-
-def _terminate(*_: object) -> NoReturn:
-    # As an exception, so that LEDs go out and temporary files go away on the way up.
-    raise KeyboardInterrupt
+    for column in table.columns:
+        if column.no_wrap:
+            lines = "\n".join(map(str, (column.header, *column.cells))).split("\n")
+            column.min_width = max(map(cell_len, lines))
+    if Measurement.get(out, out.options.update(width=_ANY_WIDTH), table).minimum <= out.width:
+        out.print(table)
+        return
+    if table.title:
+        out.print(table.title)
+    for row in zip(*(column.cells for column in table.columns), strict=True):
+        for column, cell in zip(table.columns, row, strict=True):
+            out.print(f"{column.header}: {cell}", soft_wrap=True)
+        out.print()

@@ -14,64 +14,72 @@ from .one_thread import call_in_one_thread
 
 __all__ = ["DaskPool"]
 
-_VERSION = metadata.version("ps4rig")
-_ANSWER_S = 10.0
-_LEAST_IN_FLIGHT = 256
+# Items that keep the scheduler busy although workers join later. 100 paths are a few kilobytes.
+_MIN_IN_FLIGHT = 256
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 class DaskPool:
-    """A `batch.Pool` of the workers that a Dask scheduler has, or gets while the work goes on.
+    """A `Pool` of the workers of a Dask scheduler; workers may join later.
 
-    The scheduler runs the items of a dead worker again, on another.
+    The scheduler runs the items of a dead worker again, on another worker.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler.
+    version
+        The version of ps4rig that the workers must have, by default the one that runs here.
+    answer_s
+        Time in seconds to wait for the scheduler's answer.
 
     Raises
     ------
     InputError
-        If no scheduler answers at the address, Dask is not installed, or a worker has not this
-        version of ps4rig.
+        If no scheduler answers, Dask is not installed, or a worker has another version of ps4rig.
     """
 
-    # The scheduler has counted: it gives an item up after `distributed.scheduler.allowed-failures`.
+    # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.
     attempts = 1
     workers = 1
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, version: str | None = None, answer_s: float = 10.0) -> None:
         try:
             from distributed import Client, KilledWorker
         except ImportError as error:
             raise InputError(
                 f"--scheduler {address}: Dask is not installed; pip install 'ps4rig[dask]'"
             ) from error
-        # What it says about lost connections is said once, by the error line.
+        # Dask logs lost connections; the error line of the command says it.
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
-            self._client = Client(address, timeout=_ANSWER_S, set_as_default=False)
+            self._client = Client(address, timeout=answer_s, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(
                 f"--scheduler {address}: no Dask scheduler answers ({error}); "
-                "give its address, as tcp://HOST:8786"
+                "give its address, such as tcp://HOST:8786"
             ) from error
         try:
-            self._check_versions()
+            self._check_versions(version or metadata.version("ps4rig"))
         except InputError:
             self._client.close()
             raise
         self.died: tuple[type[Exception], ...] = (KilledWorker,)
-        self.in_flight = max(_LEAST_IN_FLIGHT, 4 * sum(self._client.nthreads().values()))
+        self.in_flight = max(_MIN_IN_FLIGHT, 4 * sum(self._client.nthreads().values()))
         self._executor: Executor = self._client.get_executor(pure=False)
 
-    def _check_versions(self) -> None:
-        # A worker without this package does not say so but ends, at the first item.
+    def _check_versions(self, version: str) -> None:
+        # A worker without this package ends at its first item without a message.
         answers = self._client.run(metadata.version, "ps4rig", on_error="return")
         for worker, found in answers.items():
-            if found != _VERSION and not isinstance(found, OSError):  # which is: it has just gone
-                told = f"ps4rig {found}" if isinstance(found, str) else "no ps4rig"
+            # OSError: the worker has just left the cluster.
+            if found != version and not isinstance(found, OSError):
+                theirs = f"ps4rig {found}" if isinstance(found, str) else "no ps4rig"
                 raise InputError(
-                    f"worker {worker} has {told}, this is ps4rig {_VERSION}; install the same "
+                    f"worker {worker} has {theirs}, this is ps4rig {version}; install the same "
                     "version on all machines"
                 )
 
@@ -80,13 +88,13 @@ class DaskPool:
         return self._executor.submit(call_in_one_thread, function, item)
 
     def renew(self) -> None:
-        """Nothing to do: workers come and go, and the scheduler knows."""
+        """Do nothing: the scheduler replaces dead workers."""
 
     def close(self) -> None:
-        """Let the workers go; they have nothing to do."""
+        """Close the connection; the workers are idle."""
         self._client.close()
 
     def abort(self) -> None:
-        """Cancel what has not begun. What a worker is at, it ends; nobody asks for it."""
+        """Cancel the items that have not started; the results of running items are ignored."""
         self._executor.shutdown(wait=False)
         self._client.close()

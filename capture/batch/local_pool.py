@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
@@ -15,19 +16,19 @@ from .one_thread import call_in_one_thread
 
 __all__ = ["LocalPool"]
 
-# How long an interrupted worker may take to put its temporary files away.
-_GRACE_S = 1
+# Time in which an interrupted worker may remove its temporary files; removing takes milliseconds.
+_CLEANUP_S = 1
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 class LocalPool:
-    """A `batch.Pool` of processes, each with one thread.
+    """A `Pool` of processes, each with one thread.
 
-    They are spawned and not forked: a fork copies the locks of numba's and OpenCV's threads as
-    they happen to be. They end with this process, whatever it ends of: each waits at the far end
-    of a pipe for nothing but its closing.
+    The processes are spawned: a forked process would inherit locks that threads of numba and
+    OpenCV hold. They end when this process ends, even if it is killed: each waits for the end of a
+    pipe that only this process holds open.
     """
 
     attempts = 3
@@ -35,45 +36,56 @@ class LocalPool:
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        # While the first in order takes its time, the others have some more to do.
+        # The other workers have items to run while the first item in order takes long.
         self.in_flight = 4 * workers
         self._start()
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         """Have a worker call the function; the worker may be started for it."""
-        # A terminal sends Ctrl-C to all its processes, but only this one is to act on it. What is
-        # blocked here stays blocked in a process that is started here.
-        terminal = {signal.SIGINT, signal.SIGHUP}
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
         try:
-            return self._executor.submit(_call, function, item)
+            with _terminal_signals_blocked():
+                return self._executor.submit(_call, function, item)
         except OSError as error:
-            # Killed before it had read what it is to do: the pipe to it is broken.
+            # A broken pipe: the new worker was killed before it read its instructions.
             raise BrokenExecutor("a worker died while it was being started") from error
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def renew(self) -> None:
-        """Begin again with living workers; what was submitted is forgotten."""
+        """Start new workers; the submitted items are forgotten."""
         self.abort()
         self._start()
 
     def close(self) -> None:
-        """Let the workers go; they have nothing to do."""
+        """End the workers, which are idle."""
         self._executor.shutdown()
         self._lifeline.close()
 
     def abort(self) -> None:
-        """Interrupt what is running and let the workers go."""
+        """Interrupt the running items and end the workers."""
         self._lifeline.close()
         self._executor.shutdown(cancel_futures=True)
 
     def _start(self) -> None:
         context = get_context("spawn")
         far_end, self._lifeline = context.Pipe(duplex=False)
-        self._executor = ProcessPoolExecutor(
-            self.workers, mp_context=context, initializer=_begin, initargs=(far_end,)
-        )
+        with _terminal_signals_blocked():
+            self._executor = ProcessPoolExecutor(
+                self.workers, mp_context=context, initializer=_begin, initargs=(far_end,)
+            )
+
+
+@contextmanager
+def _terminal_signals_blocked() -> Iterator[None]:
+    """Block the signals that a terminal sends to all processes of a command.
+
+    Processes that are started in the block keep the signals blocked: workers, which this process
+    interrupts itself, and the resource tracker of `multiprocessing`.
+    """
+    terminal = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(lifeline: Connection) -> None:
@@ -90,9 +102,9 @@ def _end_with(lifeline: Connection) -> None:
 
 
 def _end(*_: object) -> NoReturn:
-    # For code that never comes back to Python: SIGALRM ends the process.
-    signal.alarm(_GRACE_S)
-    # An exception, so that temporary files go away on the way up.
+    # SIGALRM ends the process if compiled code does not return to Python.
+    signal.alarm(_CLEANUP_S)
+    # The exception lets the code in between remove its temporary files.
     raise SystemExit(1)
 
 
@@ -100,5 +112,5 @@ def _call(function: Callable[[Item], Result], item: Item) -> Result:
     try:
         return call_in_one_thread(function, item)
     except SystemExit:
-        # An executor would send it back as the result of the item, and go on.
+        # The executor would return the exception as the item's result and continue.
         os._exit(1)

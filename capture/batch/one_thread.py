@@ -1,4 +1,4 @@
-"""How workers call a function: each in one thread, one call at a time."""
+"""Run the items of a batch in one thread."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Result = TypeVar("Result")
 
 
 def call_in_one_thread(function: Callable[[Item], Result], item: Item) -> Result:
-    """``function(item)`` as workers call it: there is a worker for each core already.
+    """Return ``function(item)``, computed in one thread: each core has its own worker.
 
-    A worker of a Dask cluster may have several threads. They take turns, because some of the
-    layers that numba has for its threads may not be entered twice.
+    The threads of a Dask worker take turns, because the settings below hold for the whole process.
     """
     import cv2
-    import numba
+
+    from classify.threads import set_thread_count
 
     with _one_at_a_time:
-        numba.set_num_threads(1)
+        set_thread_count(1)
         cv2.setNumThreads(1)
         return function(item)

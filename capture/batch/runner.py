@@ -1,8 +1,7 @@
-"""One function over many items: in this process, on all cores of the machine, or on a cluster.
+"""Run one function over many items: in this process, on all cores, or on a Dask cluster.
 
-Where it runs changes nothing in the results: they come in the order of the items, each once, and
-what the function raises for an item is raised in its turn. A worker may be killed at any time;
-the items it had are run again.
+The results are the same in all three: one for each item, in the order of the items. An exception
+of the function is raised in place of the item's result. The items of a killed worker are run again.
 """
 
 from __future__ import annotations
@@ -21,20 +20,23 @@ from classify.errors import InputError
 
 __all__ = ["Batch", "Pool"]
 
-# A worker process is of use this long after it is started: it has to import numba, scipy and
-# OpenCV (1.4 s measured, 2 s with a worker on each core). What takes no longer in all is done
-# sooner without.
-STARTING_S = 2.0
-
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 class Pool(Protocol):
-    """Workers, behind the futures of `concurrent.futures`.
+    """Workers that are used through the futures of `concurrent.futures`.
 
-    `workers` items run at a time, `in_flight` keep them busy. The future of an item whose worker
-    died raises one of `died`; after `attempts` of that the item is given up.
+    Attributes
+    ----------
+    workers
+        Number of items that run at a time.
+    in_flight
+        Number of submitted items that keeps the workers busy.
+    attempts
+        Number of times that an item's worker may die before the item is given up.
+    died
+        Exceptions of the future of an item whose worker died.
     """
 
     workers: int
@@ -46,33 +48,49 @@ class Pool(Protocol):
         """Have a worker call the function."""
 
     def renew(self) -> None:
-        """Begin again with living workers; what was submitted is forgotten."""
+        """Start new workers; the submitted items are forgotten."""
 
     def close(self) -> None:
-        """Let the workers go; they have nothing to do."""
+        """End the workers, which are idle."""
 
     def abort(self) -> None:
-        """Interrupt what is running and let the workers go."""
+        """Interrupt the running items and end the workers."""
 
 
 class Batch:
-    """Calls functions for many items. To be used as a context, which ends the workers.
+    """Call functions for many items. Use it as a context, which ends the workers.
 
-    The work begins in this process. When that has taken as long as starting workers would, the
-    rest goes to `workers` processes, one per usable core if not given. So nothing has to be known
-    about the items beforehand, and it takes at worst twice the time of the better of these two
-    ways. With the `scheduler` of a Dask cluster all of it runs there.
+    The work begins in this process. After `starting_s` the remaining items go to worker processes.
+    This takes at most twice the time of the better choice, whatever an item costs.
 
-    Functions and items are pickled: functions of a module, `functools.partial` of them, paths.
+    Functions and items are pickled: use functions of a module, `functools.partial` of them, and
+    paths.
+
+    Parameters
+    ----------
+    workers
+        Number of worker processes; by default one for each usable core.
+    scheduler
+        Address of the scheduler of a Dask cluster, which then does all the work.
+    starting_s
+        Time in seconds until a worker process is ready. The default is the time in which a worker
+        on each core of a laptop imports numba, scipy and OpenCV.
 
     Raises
     ------
     InputError
-        If no scheduler answers, Dask is not installed, or not this version of ps4rig on a worker.
+        If no scheduler answers, Dask is not installed, or a worker has another version of ps4rig.
     """
 
-    def __init__(self, workers: int | None = None, scheduler: str | None = None) -> None:
+    def __init__(
+        self,
+        workers: int | None = None,
+        scheduler: str | None = None,
+        *,
+        starting_s: float = 2.0,
+    ) -> None:
         self._workers = workers or len(os.sched_getaffinity(0))
+        self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: Pool | None = None
         if scheduler is not None:
@@ -83,16 +101,16 @@ class Batch:
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """Yield ``function(item)`` for each item, in order.
 
-        Items are taken as workers need them, so there may be any number.
+        Items are read when a worker needs one, so `items` may be endless.
 
         Raises
         ------
         InputError
-            If an item's workers were killed again and again.
+            If one item's workers were killed repeatedly.
         """
         remaining = iter(items)
         for item in remaining:
-            if self._pool is None and self._workers > 1 and self._spent_s >= STARTING_S:
+            if self._pool is None and self._workers > 1 and self._spent_s >= self._starting_s:
                 from .local_pool import LocalPool
 
                 self._pool = LocalPool(self._workers)
@@ -127,7 +145,7 @@ class _Job(Generic[Item, Result]):
     deaths: int = 0
 
     def forget(self, died: tuple[type[Exception], ...]) -> None:
-        """Ready to be submitted again, unless it has ended in a result or an error of its own."""
+        """Prepare to submit the item again, unless it has a result or an error of its own."""
         future = self.future
         if future is not None and (not future.done() or isinstance(future.exception(), died)):
             self.future = None
@@ -136,11 +154,11 @@ class _Job(Generic[Item, Result]):
 def _in_order(
     pool: Pool, function: Callable[[Item], Result], items: Iterator[Item]
 ) -> Iterator[Result]:
-    """Results in order. After a worker's death the items it may have had run one at a time.
+    """Yield the results in order. After a worker's death, run the suspected items one at a time.
 
-    One death ends all futures, and none of them says whose it was. Items are begun in order, so
-    those that were running are among the first unfinished, as many as there are workers. Alone,
-    the item that kills its worker is found out, and no other is blamed for it.
+    The death of one worker ends all futures, and none of them tells which item killed it. Items
+    start in order, so the running ones are among the first unfinished, one for each worker. An item
+    that runs alone and kills its worker again is the cause.
     """
     jobs: deque[_Job[Item, Result]] = deque()
     suspects = 0
@@ -154,16 +172,16 @@ def _in_order(
                 job.future = job.future or pool.submit(function, job.item)
             assert first.future is not None
             result = first.future.result()
-        except CancelledError as error:  # by nobody here
+        except CancelledError as error:  # not cancelled here
             raise InputError(
-                "the connection to the cluster broke; see that it runs, and start again"
+                "the connection to the cluster broke; check the cluster and start again"
             ) from error
         except pool.died as error:
             first.deaths += 1
             if first.deaths == pool.attempts:
                 raise InputError(
                     f"{first.item}: the workers that had it were killed; it may need more memory "
-                    "than there is, use fewer workers or leave it out"
+                    "than there is, so use fewer workers or leave it out"
                 ) from error
             for job in jobs:
                 job.forget(pool.died)

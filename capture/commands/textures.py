@@ -17,16 +17,19 @@ from capture.console import (
     SchedulerOption,
     SetsArgument,
     WorkersOption,
-    folding_table,
+    new_table,
     out,
     print_json,
+    print_table,
     progress,
     reported,
 )
+from capture.outputs import ForceOption, check_output
 from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
 
 if TYPE_CHECKING:
+    from capture.batch.runner import Batch
     from capture.batch.tasks import ClassifiedSet
     from classify import Evaluation
 
@@ -35,10 +38,9 @@ __all__ = ["classify", "evaluate_", "train"]
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
-
 ClassifierOption = Annotated[
     str,
-    typer.Option(help=f"How textures are compared: {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME"),
+    typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME"),
 ]
 
 
@@ -47,20 +49,21 @@ def train(
     sets: SetsArgument,
     library: LibraryOption,
     classifier: ClassifierOption = DEFAULT_CLASSIFIER,
+    force: ForceOption = False,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Learn textures from labelled sets, any number per class."""
+    """Train a texture library from labelled sets, any number for each class."""
+    from capture.batch.runner import Batch
+    from capture.batch.training import train_library
     from capture.sets.archive import find_sets
-    from capture.training import train_library
-    from classify.library.ps4lib import check_path
 
-    check_path(library)
     paths = find_sets(sets)
-    trained, classes = train_library(
-        paths, library.parent, _known(classifier), workers=workers, scheduler=scheduler
-    )
+    check_output(library, suffix=".ps4lib", inputs=paths, force=force)
+    _check_classifier(classifier)
+    with Batch(workers, scheduler) as batch:
+        trained, classes = train_library(paths, library.parent, batch, classifier)
     trained.save(library)
     simulated = trained.simulated
     if json:
@@ -78,11 +81,13 @@ def classify(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Say which texture each set shows, and how far it is turned."""
+    """Find the texture of each set and its orientation."""
+    from capture.batch.runner import Batch
     from capture.sets.archive import find_sets
 
     paths = find_sets(sets)
-    answers = _classified(paths, library, workers, scheduler)
+    with Batch(workers, scheduler) as batch:
+        answers = _classified(paths, library, batch)
     results = [
         {"set": str(path), **asdict(answer.match), "simulated": answer.simulated}
         for path, answer in zip(paths, answers, strict=True)
@@ -90,17 +95,17 @@ def classify(
     if json:
         print_json(results)
         return
-    table = folding_table("set", "texture", "angle", "distance", "runner-up", "margin")
+    table = new_table("set", "texture", "deg", "distance", "limit", "reason", prose="reason")
     for row in results:
         table.add_row(
             row["set"] + (" (simulated)" if row["simulated"] else ""),
             row["label"] or "unknown",
-            "-" if row["orientation_deg"] is None else f"{row['orientation_deg']:.1f}°",
-            f"{row['distance']:.4f}",
-            row["runner_up"] or "-",
-            "-" if row["margin"] is None else f"{row['margin']:.2f}",
+            _rounded(row["orientation_deg"], 1),
+            _rounded(row["distance"], 4),
+            _rounded(row["limit"], 4),
+            row["reason"],
         )
-    out.print(table)
+    print_table(table)
 
 
 @reported
@@ -110,8 +115,8 @@ def evaluate_(
     classifier: Annotated[
         str | None,
         typer.Option(
-            help="Ask another classifier, which learns from the sets that the library was trained "
-            f"from: {', '.join(CLASSIFIER_NAMES)}.",
+            help="Use another classifier, trained from the training sets of the library: "
+            f"{', '.join(CLASSIFIER_NAMES)}.",
             metavar="NAME",
         ),
     ] = None,
@@ -119,19 +124,34 @@ def evaluate_(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Classify labelled sets, all those below a folder, and compare with their labels."""
+    """Classify labelled sets and compare the answers with their labels."""
+    from capture.batch.runner import Batch
     from capture.sets.archive import find_sets
     from classify import Trial, evaluate
 
     paths = find_sets(sets)
-    with _library_for(library, classifier, workers, scheduler) as asked:
-        answers = _classified(paths, asked, workers, scheduler, label_required=True)
+    # The workers of a cluster see the folder of the library, but no folder of this machine only.
+    folder = None if scheduler is None else library.absolute().parent
+    with (
+        Batch(workers, scheduler) as batch,
+        _library_for(library, classifier, batch, folder) as chosen,
+    ):
+        answers = _classified(paths, chosen, batch, label_required=True)
     trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
     result = evaluate(trials)
     if json:
         print_json(_as_json(result))
         return
-    table = folding_table("class", "sets", "right", "accuracy", "angle error", "95 %", "taken for")
+    table = new_table(
+        "class",
+        "sets",
+        "right",
+        "accuracy",
+        "deg off",
+        "95 %",
+        "classified as",
+        prose="classified as",
+    )
     for label, row in result.per_class.items():
         errors = row.orientation_error_deg
         others = {
@@ -144,68 +164,61 @@ def evaluate_(
             str(row.sets),
             str(row.correct),
             f"{row.accuracy:.1%}",
-            _degrees(errors.median),
-            _degrees(errors.p95),
+            _rounded(errors.median, 2),
+            _rounded(errors.p95, 2),
             ", ".join(f"{answer} {count}" for answer, count in others.items()),
         )
-    out.print(table)
+    print_table(table)
     errors = result.orientation_error_deg
     out.print(
         f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
-        f"{result.unknown} unknown; angle error {_degrees(errors.median)} median, "
-        f"{_degrees(errors.p95)} at 95 %; heading told of {result.headings}, "
-        f"{result.reversed} of them reversed"
+        f"{result.unknown} unknown; orientation error {_rounded(errors.median, 2)} degrees in the "
+        f"median, {_rounded(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
+        f"{result.reversed} of them reversed",
+        soft_wrap=True,
     )
 
 
 def _classified(
-    paths: list[Path],
-    library: Path,
-    workers: int | None,
-    scheduler: str | None,
-    label_required: bool = False,
+    paths: list[Path], library: Path, batch: Batch, label_required: bool = False
 ) -> list[ClassifiedSet]:
-    from capture.batch.runner import Batch
     from capture.batch.tasks import classify_set
     from classify import TextureLibrary
 
-    TextureLibrary.load(library)  # once here, so that what is wrong with it is said at once
+    TextureLibrary.load(library)  # here too, so that a wrong library fails before the first set
     task = partial(classify_set, library=library.absolute(), label_required=label_required)
-    with Batch(workers, scheduler) as batch:
-        answers = batch.map(task, [path.absolute() for path in paths])
-        return list(progress(answers, len(paths), "classify"))
+    answers = batch.map(task, [path.absolute() for path in paths])
+    return list(progress(answers, len(paths), "classify"))
 
 
-def _known(classifier: str) -> str:
-    if classifier not in CLASSIFIER_NAMES:
-        raise InputError(f"--classifier {classifier}: choose one of {', '.join(CLASSIFIER_NAMES)}")
-    return classifier
+def _check_classifier(name: str) -> None:
+    if name not in CLASSIFIER_NAMES:
+        raise InputError(f"--classifier {name}: choose one of {', '.join(CLASSIFIER_NAMES)}")
 
 
 @contextmanager
 def _library_for(
-    library: Path, classifier: str | None, workers: int | None, scheduler: str | None
+    library: Path, classifier: str | None, batch: Batch, folder: Path | None
 ) -> Iterator[Path]:
-    """The library itself, or one of the same sets for another classifier, for as long as asked."""
-    from capture.training import train_again
+    """Yield the library, or a temporary one with the same training sets and `classifier`."""
+    from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
-    if classifier is None or TextureLibrary.load(library).classifier == _known(classifier):
+    if classifier is not None:
+        _check_classifier(classifier)
+    trained = TextureLibrary.load(library)
+    if classifier in (None, trained.classifier):
         yield library
         return
-    trained = train_again(
-        TextureLibrary.load(library), library, classifier, workers=workers, scheduler=scheduler
-    )
-    # The workers of a cluster see the folder of the library, but not this machine's own.
-    shared = None if scheduler is None else library.absolute().parent
-    with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=shared) as folder:
-        path = Path(folder) / library.name
-        trained.save(path)
+    retrained = retrain_library(trained, library, batch, classifier)
+    with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=folder) as temporary:
+        path = Path(temporary) / library.name
+        retrained.save(path)
         yield path
 
 
-def _degrees(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}°"
+def _rounded(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _as_json(result: Evaluation) -> dict[str, Any]:

@@ -1,9 +1,8 @@
-"""Many sets: here, on processes of this machine, on a Dask cluster; and workers that are killed."""
+"""Batches in this process, in worker processes and on a Dask cluster; workers that are killed."""
 
 import json
 import multiprocessing
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -11,34 +10,30 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from capture.batch import dask_pool, runner
+from capture.batch.dask_pool import DaskPool
 from capture.batch.runner import Batch
-from capture.batch.tasks import read_header
-from classify import InputError, TextureLibrary
+from capture.batch.tasks import SolveTask, classify_set, read_header, solve_set
+from capture.batch.training import train_library
+from classify import InputError
 
 Command = Callable[..., Any]
 DEADLINE_S = 60.0
 KILL = int(signal.SIGKILL)
 SELF = "/proc/self"  # a link to the number of the process that reads it
 
-# Processes are started and killed in most of these.
+# Most of these tests start and kill processes.
 pytestmark = pytest.mark.slow
-at_once = pytest.mark.usefixtures("_workers_at_once")
-
-
-@pytest.fixture
-def _workers_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "STARTING_S", 0.0)
 
 
 def eventually(condition: Callable[[], Any]) -> Any:
-    """What the condition gives, as soon as that is something."""
+    """Wait until the condition returns a true value; return the value."""
     deadline_s = time.monotonic() + DEADLINE_S
     while not (value := condition()):
         assert time.monotonic() < deadline_s
@@ -47,7 +42,7 @@ def eventually(condition: Callable[[], Any]) -> Any:
 
 
 class Cluster:
-    """A scheduler and two workers, each a process of its own."""
+    """A scheduler and two workers, each in its own process."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -57,8 +52,8 @@ class Cluster:
         self.address: str = eventually(lambda: described.exists() and described.read_text())
         self.address = json.loads(self.address)["address"]
 
-    def whole(self) -> str:
-        """The address, as soon as both workers are alive."""
+    def with_two_workers(self) -> str:
+        """Replace dead workers; return the address once two workers are alive."""
         from distributed import Client
 
         for name, worker in list(self._workers.items()):
@@ -66,7 +61,7 @@ class Cluster:
                 del self._workers[name]
         while len(self._workers) < 2:
             name = f"worker-{time.monotonic_ns()}"
-            # Two threads, of which one has to wait for the other.
+            # A worker has two threads, of which only one may run an item at a time.
             options = ("--nthreads=2", "--no-nanny", f"--local-directory={self._folder}")
             self._workers[name] = self._start("worker", self.address, f"--name={name}", *options)
         with Client(self.address, set_as_default=False) as client:
@@ -113,7 +108,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 @pytest.fixture
 def files(tmp_path: Path) -> list[Path]:
-    """Files that hold their own numbers."""
+    """Twenty files, each containing its number."""
     paths = [tmp_path / f"file{number:02d}" for number in range(20)]
     for number, path in enumerate(paths):
         path.write_text(str(number))
@@ -121,7 +116,7 @@ def files(tmp_path: Path) -> list[Path]:
 
 
 class Trap:
-    """A pipe in the place of a file: the process that reads the file waits in it."""
+    """A named pipe in place of a file: a process that reads the file waits."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -130,12 +125,12 @@ class Trap:
         os.mkfifo(path)
 
     def caught(self) -> tuple[int, int]:
-        """The process that waits, as soon as there is one, and what keeps it waiting."""
+        """Return a process that waits, and the open end of the pipe that keeps it waiting."""
         writing = eventually(self._writing)
         return eventually(self._reader), writing
 
     def kill_one(self) -> None:
-        """Kill whom it catches; whoever comes next finds the file."""
+        """Kill the waiting process; the next reader finds the file."""
         reader, writing = self.caught()
         self._file.rename(self._path)
         os.kill(reader, signal.SIGKILL)
@@ -144,7 +139,7 @@ class Trap:
     def _writing(self) -> int | None:
         try:
             return os.open(self._path, os.O_WRONLY | os.O_NONBLOCK)
-        except OSError:  # nobody reads
+        except OSError:  # no reader yet
             return None
 
     def _reader(self) -> int | None:
@@ -164,53 +159,41 @@ def workers() -> set[int]:
 
 @pytest.fixture(scope="module")
 def two_workers() -> Iterator[Batch]:
-    """A batch on two processes, for all tests that need not have their own."""
-    with pytest.MonkeyPatch.context() as patched, Batch(2) as run:
-        patched.setattr(runner, "STARTING_S", 0.0)
-        assert list(run.map(str, [0])) == ["0"]
+    """A batch on two processes, shared by the tests that do not end it."""
+    with Batch(2, starting_s=0.0) as run:
         yield run
 
 
-# where it runs, and in which order
+# places and order
 
 
-def test_what_takes_less_time_than_starting_a_worker_is_done_here() -> None:
-    with Batch() as run:
+@pytest.mark.parametrize("options", [{}, {"workers": 1, "starting_s": 0.0}])
+def test_short_work_and_one_worker_run_in_this_process(options: dict[str, Any]) -> None:
+    with Batch(**options) as run:
         assert list(run.map(os.readlink, [SELF] * 9)) == [str(os.getpid())] * 9
 
 
-@at_once
-def test_one_worker_is_this_process() -> None:
-    with Batch(workers=1) as run:
-        assert list(run.map(os.readlink, [SELF] * 9)) == [str(os.getpid())] * 9
-
-
-def test_longer_work_goes_on_in_other_processes_which_are_gone_at_the_end(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(runner, "STARTING_S", 1e-9)
+def test_longer_work_continues_in_other_processes_which_end_with_the_batch() -> None:
     before = workers()
-    with Batch(workers=2) as run:
+    with Batch(workers=2, starting_s=1e-9) as run:
         first, *rest = run.map(os.readlink, [SELF] * 9)
         assert first == str(os.getpid())
         started = workers() - before
         assert 1 <= len(started) <= 2
         assert set(map(int, rest)) <= started
-        # The same processes for whatever comes next.
+        # A second map uses the same processes.
         assert set(map(int, run.map(os.readlink, [SELF] * 9))) <= started
     assert workers() == before
 
 
-def test_results_come_in_order_and_no_more_items_are_taken_than_needed(
-    two_workers: Batch,
-) -> None:
-    taken = count()
-    results = two_workers.map(str, taken)
+def test_results_are_in_order_and_no_more_items_are_read_than_needed(two_workers: Batch) -> None:
+    items = count()
+    results = two_workers.map(str, items)
     assert list(islice(results, 100)) == list(map(str, range(100)))
-    assert next(taken) <= 100 + 4 * 2
+    assert next(items) <= 100 + 4 * 2
 
 
-def test_an_error_comes_in_its_turn_as_it_was_raised(two_workers: Batch, sets: Path) -> None:
+def test_an_error_is_raised_in_the_place_of_its_result(two_workers: Batch, sets: Path) -> None:
     good = sets / "rock-001.ome.tif"
     results = two_workers.map(read_header, [good, good, sets / "none.ome.tif", good])
     assert [next(results).label, next(results).label] == ["rock", "rock"]
@@ -221,36 +204,39 @@ def test_an_error_comes_in_its_turn_as_it_was_raised(two_workers: Batch, sets: P
 # workers that are killed
 
 
-def test_a_worker_killed_at_an_item_changes_nothing(two_workers: Batch, files: list[Path]) -> None:
+@pytest.fixture(params=["local", "dask"])
+def batch(request: pytest.FixtureRequest) -> Iterator[Batch]:
+    """A batch on two worker processes and on two workers of a cluster."""
+    if request.param == "local":
+        yield request.getfixturevalue("two_workers")
+    else:
+        with Batch(scheduler=request.getfixturevalue("cluster").with_two_workers()) as run:
+            yield run
+
+
+def test_the_item_of_a_killed_worker_is_run_again(batch: Batch, files: list[Path]) -> None:
     killer = threading.Thread(target=Trap(files[7]).kill_one)
     killer.start()
-    assert list(two_workers.map(Path.read_text, files)) == list(map(str, range(20)))
+    assert list(batch.map(Path.read_text, files)) == list(map(str, range(20)))
     killer.join()
 
 
-def test_a_worker_of_a_cluster_killed_at_an_item_changes_nothing(
-    files: list[Path], cluster: Cluster
-) -> None:
-    address = cluster.whole()
-    killer = threading.Thread(target=Trap(files[7]).kill_one)
-    killer.start()
-    with Batch(scheduler=address) as run:
-        assert list(run.map(Path.read_text, files)) == list(map(str, range(20)))
-    killer.join()
-
-
-def test_an_item_that_kills_its_workers_is_named_and_no_other(two_workers: Batch) -> None:
+def test_only_the_item_that_kills_its_workers_is_named(two_workers: Batch) -> None:
     results = two_workers.map(signal.raise_signal, [0] * 5 + [KILL] + [0] * 5)
     assert list(islice(results, 5)) == [None] * 5
     with pytest.raises(InputError, match=f"^{KILL}: the workers that had it were killed"):
         next(results)
 
 
-@at_once
-def test_a_worker_killed_before_it_reads_what_to_do_changes_nothing(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Whoever starts it then writes into a broken pipe; too early for a test to kill in time."""
+def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) -> None:
+    with Batch(scheduler=cluster.with_two_workers()) as run:
+        results = run.map(signal.raise_signal, [KILL])
+        with pytest.raises(InputError, match=f"^{KILL}: the workers that had it were killed"):
+            next(results)
+
+
+def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Writing to such a worker breaks a pipe. It dies too early for a test to kill it in time."""
     real, broken = ProcessPoolExecutor.submit, iter([BrokenPipeError(), BrokenPipeError()])
 
     def submit(executor: ProcessPoolExecutor, *task: Any) -> Any:
@@ -259,36 +245,29 @@ def test_a_worker_killed_before_it_reads_what_to_do_changes_nothing(
         return real(executor, *task)
 
     monkeypatch.setattr(ProcessPoolExecutor, "submit", submit)
-    with Batch(2) as run:
+    with Batch(2, starting_s=0.0) as run:
         assert list(run.map(abs, [-1, 2, -3])) == [1, 2, 3]
 
 
-def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) -> None:
-    with Batch(scheduler=cluster.whole()) as run:
-        results = run.map(signal.raise_signal, [KILL])
-        with pytest.raises(InputError, match=f"^{KILL}: the workers that had it were killed"):
-            next(results)
-
-
-# the end of a command is the end of its workers
+# the end of a command ends its workers
 
 READS_FILES = """
 import signal, sys
 from pathlib import Path
-from capture import batch
+from capture.batch.runner import Batch
 
-signal.signal(signal.SIGTERM, signal.default_int_handler)
-batch.STARTING_S = 0.0
+for number in (signal.SIGTERM, signal.SIGQUIT):
+    signal.signal(number, signal.default_int_handler)
 try:
-    with batch.Batch(2) as run:
+    with Batch(2, starting_s=0.0) as run:
         list(run.map(Path.read_text, map(Path, sys.argv[1:])))
 except KeyboardInterrupt:
     sys.exit(130)
 """
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_workers_end_with_the_command(files: list[Path], ending: signal.Signals) -> None:
+@pytest.mark.parametrize("ending", ["SIGINT", "SIGTERM", "SIGQUIT", "SIGKILL"])
+def test_workers_end_with_the_command(files: list[Path], ending: str) -> None:
     trap = Trap(files[7])
     process = subprocess.Popen(
         [sys.executable, "-c", READS_FILES, *files],
@@ -299,40 +278,42 @@ def test_workers_end_with_the_command(files: list[Path], ending: signal.Signals)
         start_new_session=True,
     )
     worker, writing = trap.caught()
-    if ending == signal.SIGINT:
-        os.killpg(process.pid, ending)  # as a terminal does
+    if ending in ("SIGINT", "SIGQUIT"):  # a terminal sends them to all processes of the command
+        os.killpg(process.pid, signal.Signals[ending])
     else:
-        process.send_signal(ending)
+        process.send_signal(signal.Signals[ending])
     output = process.communicate(timeout=DEADLINE_S)
     eventually(lambda: not Path(f"/proc/{worker}").exists())
     os.close(writing)
-    if ending != signal.SIGKILL:
+    if ending != "SIGKILL":
         assert (process.returncode, *output) == (130, b"", b"")
 
 
-# the commands, wherever they run
+# the same results everywhere
 
 
-def everywhere(address: str) -> dict[str, tuple[object, ...]]:
-    return {"here": ("--workers", 1), "local": ("--workers", 2), "dask": ("--scheduler", address)}
+def everywhere(cluster: Cluster) -> dict[str, dict[str, Any]]:
+    """Options of `Batch` for this process, for worker processes and for a cluster."""
+    return {
+        "here": {"workers": 1},
+        "local": {"workers": 2, "starting_s": 0.0},
+        "dask": {"scheduler": cluster.with_two_workers()},
+    }
 
 
-@at_once
-def test_all_commands_give_the_same_everywhere(
-    ps4rig: Command, sets: Path, tmp_path: Path, cluster: Cluster
-) -> None:
-    results = {}
-    for name, where in everywhere(cluster.whole()).items():
-        library, maps = tmp_path / name / "t.ps4lib", tmp_path / name / "maps"
-        library.parent.mkdir()
-        outputs = [
-            ps4rig("train", sets, "--library", library, "--json", *where),
-            ps4rig("classify", sets, "--library", library, "--json", *where),
-            ps4rig("evaluate", sets, "--library", library, "--json", *where),
-            ps4rig("solve", sets, "--out", maps, "--json", *where),
-        ]
-        assert [output.exit_code for output in outputs] == [0] * 4
-        trained = TextureLibrary.load(library)
+def test_results_are_the_same_everywhere(sets: Path, tmp_path: Path, cluster: Cluster) -> None:
+    paths = sorted(sets.glob("*.ome.tif"))
+    results = []
+    for name, options in everywhere(cluster).items():
+        folder = tmp_path / name
+        folder.mkdir()
+        library = folder / "t.ps4lib"
+        tasks = [SolveTask(path, folder / path.stem) for path in paths]
+        with Batch(**options) as run:
+            trained = train_library(paths, tmp_path, run).library
+            trained.save(library)
+            answers = list(run.map(partial(classify_set, library=library), paths))
+            solved = list(run.map(partial(solve_set, method=None), tasks))
         learned = (
             trained.labels,
             trained.orientations_deg.tolist(),
@@ -341,71 +322,74 @@ def test_all_commands_give_the_same_everywhere(
             dict(trained.limits),
         )
         written = {
-            path.relative_to(maps): path.read_bytes()
-            for path in sorted(maps.rglob("*"))
-            if path.is_file()
+            path.relative_to(folder): path.read_bytes()
+            for task in tasks
+            for path in sorted(task.folder.iterdir())
         }
-        texts = [output.stdout.replace(str(tmp_path / name), "OUT") for output in outputs]
-        results[name] = (texts, learned, written)
-    assert results["local"] == results["here"]
-    assert results["dask"] == results["here"]
-    assert {path.parts[0] for path in results["here"][2]} == {
-        "rock-001", "rock-002", "sand-001", "sand-002",
-    }  # fmt: skip
+        results.append((answers, solved, learned, written))
+    assert results[1] == results[0]
+    assert results[2] == results[0]
 
 
-@at_once
 @pytest.mark.parametrize("place", ["local", "dask"])
 def test_a_killed_worker_changes_no_answer(
-    ps4rig: Command, sets: Path, library: Path, cluster: Cluster, place: str
+    sets: Path, library: Path, cluster: Cluster, place: str
 ) -> None:
-    where = everywhere(cluster.whole())
-    expected = json.loads(
-        ps4rig("classify", sets, "--library", library, "--json", *where["here"]).stdout
-    )
+    task = partial(classify_set, library=library)
+    paths = sorted(sets.glob("*.ome.tif"))
+    expected = [task(path) for path in paths]
     others = workers()
 
     def kill_a_process() -> None:
         os.kill(min(eventually(lambda: workers() - others)), signal.SIGKILL)
 
     killers = {"local": kill_a_process, "dask": cluster.kill_a_worker_at_work}
+    options = everywhere(cluster)[place]
     killer = threading.Thread(target=killers[place])
     killer.start()
-    # Enough to be still at it when the worker is killed.
-    places = [sets] * {"local": 2, "dask": 40}[place]
-    result = ps4rig("classify", *places, "--library", library, "--json", *where[place])
+    # Enough sets that the workers are still busy when one of them is killed.
+    times = {"local": 2, "dask": 40}[place]
+    with Batch(**options) as run:
+        assert list(run.map(task, paths * times)) == expected * times
     killer.join()
-    assert json.loads(result.stdout) == expected * len(places)
 
 
-@at_once
-def test_what_is_wrong_with_a_set_is_the_same_line_everywhere(
-    refused: Command, sets: Path, library: Path, tmp_path: Path, cluster: Cluster
+def test_a_damaged_set_has_the_same_line_everywhere(
+    sets: Path, library: Path, tmp_path: Path, cluster: Cluster
 ) -> None:
-    copied = Path(shutil.copytree(sets, tmp_path / "copied"))
-    (copied / "sand-001.ome.tif").write_bytes(b"hello")
-    lines = {
-        refused("classify", copied, "--library", library, *where)
-        for where in everywhere(cluster.whole()).values()
-    }
-    (line,) = lines
-    assert line.startswith(f"{copied / 'sand-001.ome.tif'}: not a readable TIFF")
+    damaged = tmp_path / "damaged.ome.tif"
+    damaged.write_bytes(b"hello")
+    paths = [sets / "rock-001.ome.tif", damaged]
+    for options in everywhere(cluster).values():
+        with (
+            Batch(**options) as run,
+            pytest.raises(InputError, match=f"^{damaged}: not a readable TIFF"),
+        ):
+            list(run.map(partial(classify_set, library=library), paths))
 
 
-def test_paths_may_be_relative_for_a_cluster_too(
-    ps4rig: Command, sets: Path, library: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+def test_commands_print_the_same_with_a_cluster(
+    ps4rig: Command, sets: Path, tmp_path: Path, cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(sets.parent)
-    path = sets.relative_to(sets.parent) / "rock-001.ome.tif"
-    where = ("--scheduler", cluster.whole())
-    result = ps4rig("classify", path, "--library", library.name, "--json", *where)
-    assert json.loads(result.stdout)[0]["set"] == str(path)
+    texts = []
+    for where in (("--workers", 1), ("--scheduler", cluster.with_two_workers())):
+        library, maps = tmp_path / "t.ps4lib", tmp_path / "maps"
+        outputs = [
+            ps4rig("train", sets.name, "--library", library, "--force", "--json", *where),
+            ps4rig("classify", sets.name, "--library", library, "--json", *where),
+            ps4rig("evaluate", sets.name, "--library", library, "--json", *where),
+            ps4rig("solve", sets.name, "--out", maps, "--json", *where),
+        ]
+        assert [output.exit_code for output in outputs] == [0] * 4
+        texts.append([output.stdout for output in outputs])
+    assert texts[0] == texts[1]
 
 
 # clusters that are not there
 
 
-def test_dask_that_is_not_installed_is_one_line(
+def test_missing_dask_is_one_line(
     refused: Command, sets: Path, library: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
@@ -414,24 +398,18 @@ def test_dask_that_is_not_installed_is_one_line(
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ipx://a:1"])
-def test_a_scheduler_that_does_not_answer_is_one_line(
-    refused: Command, sets: Path, library: Path, monkeypatch: pytest.MonkeyPatch, address: str
-) -> None:
+def test_a_scheduler_that_does_not_answer_is_an_input_error(address: str) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(dask_pool, "_ANSWER_S", 0.2)
-    line = refused("classify", sets, "--library", library, "--scheduler", address)
-    assert line.startswith(f"--scheduler {address}: no Dask scheduler answers")
+    with pytest.raises(InputError, match=f"^--scheduler {address}: no Dask scheduler answers"):
+        DaskPool(address, answer_s=0.2)
 
 
-def test_workers_with_another_version_are_one_line(
-    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(dask_pool, "_VERSION", "0.0.7")
+def test_workers_with_another_version_are_an_input_error(cluster: Cluster) -> None:
     with pytest.raises(InputError, match=r"worker tcp://.* has ps4rig .* this is ps4rig 0\.0\.7"):
-        Batch(scheduler=cluster.whole())
+        DaskPool(cluster.with_two_workers(), version="0.0.7")
 
 
-def test_a_scheduler_that_goes_away_is_one_line(tmp_path: Path) -> None:
+def test_a_scheduler_that_goes_away_is_an_input_error(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     cluster = Cluster(tmp_path)
     with Batch(scheduler=cluster.address) as run:

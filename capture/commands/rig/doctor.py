@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import JsonOption, folding_table, out, print_json, reported
+from capture.console import JsonOption, new_table, out, print_json, print_table, reported
 
 __all__ = ["doctor"]
 
@@ -40,13 +40,13 @@ def doctor(
     if as_json:
         print_json({"checks": [asdict(check) for check in checks], **counts})
     else:
-        table = folding_table("what", "status", "seen")
+        table = new_table("what", "status", "seen", prose="seen")
         for check in checks:
             seen = Text(check.seen)
             if check.advice:
                 seen.append("\n-> " + check.advice, style="bold")
             table.add_row(check.name, Text(check.status, style=_STYLES[check.status]), seen)
-        out.print(table)
+        print_table(table)
         out.print(", ".join(f"{status}: {count}" for status, count in counts.items()))
     if counts["fault"]:
         raise typer.Exit(_FAULT_STATUS)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import JsonOption, folding_table, out, print_json, progress, reported
+from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
 
 if TYPE_CHECKING:
     from rig.latency.camera import CameraLatency
@@ -68,11 +68,11 @@ def latency(
 
 def _print_page(found: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
     fit = found.fit
-    table = folding_table("row", "whole in the picture after", "at most", "frames before it")
+    table = new_table("row", "whole in the picture after", "at most", "frames before it")
     for name, row in (("first", found.first_row), ("last", found.last_row)):
         frames = f"up to {row.most_frames}"
         table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)
-    out.print(table)
+    print_table(table)
     out.print(
         f"{fit.caught} of the frames caught one of {found.switches} switches. The LED rises in "
         f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); "

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import JsonOption, folding_table, out, print_json, progress, reported
+from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
 
 __all__ = ["timing"]
 
@@ -38,7 +38,7 @@ def timing(
     if as_json:
         print_json([asdict(one) for one in timings])
         return
-    table = folding_table(
+    table = new_table(
         "Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected"
     )
     for one in timings:
@@ -51,7 +51,7 @@ def timing(
             _rounded(one.limit_ms, 0),
             f"{one.rejected} of {one.accepted + one.rejected}",
         )
-    out.print(table)
+    print_table(table)
     out.print(
         "Times in ms. Switch: of the lights, after the command or the end of exposure. Set: from "
         "asking for it to having it, the median and the worst. In all: from the first exposure's "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from capture.console import folding_table, out
+from capture.console import new_table, out, print_table
 
 __all__ = ["Chapter", "Figure", "as_json", "print_chapter"]
 
@@ -75,7 +75,7 @@ def as_json(chapter: Chapter) -> dict[str, Any]:
 
 def print_chapter(chapter: Chapter) -> None:
     """A chapter as a table, its notes below."""
-    table = folding_table("step", "measured", "target", "time")
+    table = new_table("step", "measured", "target", "time", prose="step")
     table.title = chapter.title
     for figure in chapter.figures:
         target = ""
@@ -87,7 +87,7 @@ def print_chapter(chapter: Chapter) -> None:
             target,
             "" if figure.ms is None else f"{_short(figure.ms)} ms",
         )
-    out.print(table)
+    print_table(table)
     for note in chapter.notes:
         out.print(note)
     out.print()

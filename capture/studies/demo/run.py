@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
-from capture.console import folding_table, out, progress
+from capture.console import new_table, out, print_table, progress
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
 from classify import (
@@ -128,7 +128,7 @@ def _entries(
 
 
 def _print_table(trials: list[Trial]) -> None:
-    table = folding_table("true", "found", "true angle", "found angle", "distance", "margin")
+    table = new_table("true", "found", "true angle", "found angle", "distance", "margin")
     for trial in trials:
         match = trial.match
         table.add_row(
@@ -140,4 +140,4 @@ def _print_table(trials: list[Trial]) -> None:
             "-" if match.margin is None else f"{match.margin:.2f}",
             style=None if match.label == trial.label else "red",
         )
-    out.print(table)
+    print_table(table)

@@ -26,7 +26,7 @@ for _ in range(10):
 faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 print(json.dumps([faults, {{name: os.environ.get(name) for name in {variables}}}]))
 """
-SETTLE = "from capture.process_settings import settle_process; settle_process()"
+SETTLE = "from capture.process.settings import settle_process; settle_process()"
 
 
 def outcome(settle: str = "", **variables: str) -> tuple[int, dict[str, str | None]]:

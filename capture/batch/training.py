@@ -1,0 +1,82 @@
+"""Train texture libraries from captured sets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from capture.console import progress
+from classify import TextureLibrary
+from classify.errors import InputError, LibraryError
+from classify.methods import DEFAULT_CLASSIFIER
+
+from .runner import Batch
+from .tasks import library_of, observe_set, read_header
+
+__all__ = ["Trained", "retrain_library", "train_library"]
+
+
+class Trained(NamedTuple):
+    """A library and the number of training sets of each class."""
+
+    library: TextureLibrary
+    sets: dict[str, int]
+
+
+def train_library(
+    paths: Sequence[Path], folder: Path, batch: Batch, classifier: str = DEFAULT_CLASSIFIER
+) -> Trained:
+    """Train a library from labelled sets.
+
+    Parameters
+    ----------
+    paths
+        The files of the sets.
+    folder
+        The folder of the library. The library stores the paths of the sets relative to it.
+    batch
+        The workers.
+
+    Raises
+    ------
+    InputError
+        If a set cannot be read or solved, or has no label.
+    """
+    absolute = [path.absolute() for path in paths]
+    headers = list(progress(batch.map(read_header, absolute), len(paths), "read labels"))
+    segment_px = min(header.segment_px for header in headers)
+    task = partial(observe_set, segment_px=segment_px, classifier=classifier)
+    observations = list(progress(batch.map(task, absolute), len(paths), "train"))
+    sources = [os.path.relpath(path, folder.absolute()) for path in absolute]
+    trained = library_of(headers, observations, segment_px, classifier, sources)
+    labels = [header.label for header in headers]
+    return Trained(trained, {label: labels.count(label) for label in trained.classes})
+
+
+def retrain_library(
+    library: TextureLibrary, path: Path, batch: Batch, classifier: str
+) -> TextureLibrary:
+    """Train another classifier from the sets that the library at `path` was trained from.
+
+    Raises
+    ------
+    LibraryError
+        If the library does not name its training sets, or one of them is missing or has changed.
+    """
+    remedy = f"train a library with --classifier {classifier}"
+    if not library.sources:
+        raise LibraryError(f"{path}: does not name its training sets; {remedy}")
+    places = [path.absolute().parent / name for name, _ in library.sources]
+    for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
+        try:
+            found = read_header(place).pixels_sha256
+        except InputError as error:
+            raise LibraryError(
+                f"{path}: one of its training sets cannot be read ({error}); {remedy}"
+            ) from error
+        if found != pixels_sha256:
+            raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
+    return train_library(places, path.parent, batch, classifier).library

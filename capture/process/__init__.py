@@ -1,0 +1,1 @@
+"""The process of the command line: signals, standard streams, crash logs, threads and memory."""

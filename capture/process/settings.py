@@ -1,0 +1,49 @@
+"""Threads and memory of a process that works on one frame after the other."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+from classify.threads import thread_count
+
+__all__ = ["settle_process"]
+
+# Rounds of the waiting loop of GNU OpenMP: some hundred microseconds, about the time between two
+# kernels. With the default, some milliseconds, idle threads hold the cores that transforms need.
+_SPIN_COUNT = "10000"
+# Names and numbers of mallopt(3).
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+# Free memory that is kept: the maps of a frame of several megapixels.
+_TRIM_BYTES = 256 * 2**20
+_MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
+
+
+def settle_process() -> None:
+    """Let idle threads sleep, and keep freed memory for the next frame; child processes too.
+
+    Call it before numba is imported. The GNU C library returns the memory of each frame to the
+    system, and new pages cost more time than most operations on them. Environment variables that
+    the user has set take precedence. Other systems ignore these settings.
+
+    Raises
+    ------
+    InputError
+        If ``NUMBA_NUM_THREADS`` is not a positive whole number.
+    """
+    if "NUMBA_NUM_THREADS" in os.environ:
+        thread_count()  # numba checks the variable too, but fails with a traceback
+    if "OMP_WAIT_POLICY" not in os.environ:
+        os.environ.setdefault("GOMP_SPINCOUNT", _SPIN_COUNT)
+    for variable, option, size in (
+        ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _TRIM_BYTES),
+        ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _MMAP_BYTES),
+    ):
+        if variable in os.environ:
+            continue
+        os.environ[variable] = str(size)
+        # glibc reads the variables at the start of a process, so only child processes see them.
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+        if mallopt is not None:
+            mallopt(option, size)

@@ -1,0 +1,73 @@
+"""Standard output and standard error that a command can always write to."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+__all__ = ["StandardStreams"]
+
+BROKEN_PIPE_STATUS = 141  # 128 + SIGPIPE, as shells report it
+WRITE_ERROR_STATUS = 2
+
+
+class _TolerantFile(io.FileIO):
+    """A file descriptor that discards everything after the first error of a write."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            self.error = error
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self.fileno())
+            os.close(null)
+            return memoryview(data).nbytes
+
+
+class StandardStreams:
+    """Replace ``sys.stdout`` and ``sys.stderr`` for the rest of the process.
+
+    A reader that goes away does not stop the work. A stream that the parent process has closed is
+    discarded. Characters that the stream's encoding lacks are written as escapes.
+    """
+
+    def __init__(self) -> None:
+        # Otherwise the next file that is opened gets the number of the missing stream.
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+            pass
+        os.close(descriptor)
+        self._output, sys.stdout = _tolerant(1, sys.stdout)
+        _, sys.stderr = _tolerant(2, sys.stderr)
+
+    def final_status(self, status: int) -> int:
+        """Write out what is buffered; return the exit status of the process.
+
+        Parameters
+        ----------
+        status
+            The exit status of the command. A failed write changes only the status 0.
+        """
+        sys.stdout.flush()
+        error = self._output.error
+        if error is not None and not isinstance(error, BrokenPipeError):
+            print(f"ps4rig: standard output: {error.strerror}", file=sys.stderr)
+            status = status or WRITE_ERROR_STATUS
+        sys.stderr.flush()
+        return status or (BROKEN_PIPE_STATUS if error is not None else 0)
+
+
+def _tolerant(descriptor: int, old: TextIO | None) -> tuple[_TolerantFile, TextIO]:
+    raw = _TolerantFile(descriptor, "w", closefd=False)
+    new = io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=old.encoding if old else "utf-8",
+        errors="backslashreplace",
+        line_buffering=descriptor == 2 or raw.isatty(),
+        write_through=bool(os.environ.get("PYTHONUNBUFFERED")),
+    )
+    return raw, new
