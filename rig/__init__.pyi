@@ -14,7 +14,8 @@ from .scene.synthetic import (
     SYNTHETIC_TEXTURES,
     synthetic_surface,
 )
-from .simulation.rig import Simulation, surface_names
+from .simulation.rig import Simulation
+from .simulation.scenes import surface_names
 from .v4l2.camera_list import ListedCamera, list_cameras
 
 __all__ = [

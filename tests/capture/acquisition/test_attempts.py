@@ -129,8 +129,7 @@ def test_each_image_is_what_the_scene_looks_like_under_that_light(rig: Rig) -> N
     assert rig.simulation is not None
     rig.simulation.place(Placement(surface="sand", rotate_deg=20.0, seed=3))
     captured = capture_set(rig)
-    scene = rig.camera._scene  # type: ignore[attr-defined]
-    sensor = rig.camera._sensor  # type: ignore[attr-defined]
+    scene, sensor = rig.simulation.camera.scene, rig.simulation.camera.sensor
     assert captured.ambient is not None
     for image, light in [*zip(captured.images, scene.lights, strict=True), (captured.ambient, 0.0)]:
         electrons = 20.0 * sensor.white_e_per_ms * (light + scene.ambient)

@@ -36,7 +36,7 @@ def error_of(captured: CapturedSet, rig: Rig) -> float:
     assert rig.simulation is not None
     assert captured.ambient is not None
     camera = rig.simulation.camera
-    sensor, scene = camera._sensor, camera._scene
+    sensor, scene = camera.sensor, camera.scene
     dn_per_light = 1e3 * camera.info.exposure_s * sensor.white_e_per_ms / sensor.gain_e_per_dn
     truth = dn_per_light * scene.lights.astype(np.float64)
     taken = captured.images.astype(np.float64) - captured.ambient

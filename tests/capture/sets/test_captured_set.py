@@ -24,7 +24,7 @@ def test_pixels_of_another_shape_or_type_are_refused(made_set: Callable[..., Cap
 def test_solving_subtracts_the_ambient_light(rig: Rig) -> None:
     captured = capture_set(rig)
     assert rig.simulation is not None
-    truth = rig.camera._scene  # type: ignore[attr-defined]
+    truth = rig.simulation.camera.scene
     surface = captured.solve("least_squares")
     lit = surface.valid & ~truth.shadowed.any(axis=0)
     assert lit.mean() > 0.3

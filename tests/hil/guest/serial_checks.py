@@ -21,6 +21,7 @@ from rig.lights.driver import LightController
 from rig.lights.port_holders import port_holders
 from rig.scene.render import SceneImages
 from rig.simulation.camera import SimulatedCamera
+from rig.simulation.exposures import FreeRunning, Shutter
 from rig.simulation.sensor import SensorModel
 from tests.contract.test_lights_contract import (  # noqa: F401
     test_all_leds_are_out_once_it_is_open,
@@ -88,8 +89,7 @@ def rig_with(lights: LightController, seen: SerialController) -> Rig:
         seen.clock,
         _card(32, 48),
         SensorModel(bit_depth=12),
-        frame_period_s=0.1,
-        exposure_s=0.02,
+        FreeRunning(seen.clock, Shutter(0.1, 0.02)),
         seed=1,
     )
     return Rig(config, seen.clock, lights, camera, None)

@@ -85,8 +85,7 @@ def light_in(rig: Rig, frame: Frame, readout_ms: float) -> np.ndarray:
     """(4, 2): share of each LED's light in the first and the last row, by the board's account."""
     assert rig.simulation is not None
     info = rig.camera.info
-    # The camera was opened at 0 or later; its first exposure began with its stream.
-    begun_s = rig.simulation.camera._start_s(frame.sequence)
+    begun_s = rig.simulation.camera.exposures.start_s(frame.sequence)
     rows = (begun_s, begun_s + readout_ms / 1e3)
     return np.array(
         [

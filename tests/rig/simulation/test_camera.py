@@ -10,6 +10,7 @@ from firmware_sim import Clock, RealClock, SimulatedBoard, VirtualClock
 from rig import CameraError, Frame
 from rig.scene.render import SceneImages
 from rig.simulation.camera import SimulatedCamera
+from rig.simulation.exposures import FreeRunning, Shutter
 from rig.simulation.sensor import SensorModel
 
 SHAPE = (32, 48)
@@ -60,10 +61,8 @@ def setup(
         clock,
         flat_scene(),
         sensor,
-        frame_period_s=1.0 / rate_hz,
-        exposure_s=exposure_ms / 1e3,
+        FreeRunning(clock, Shutter(1.0 / rate_hz, exposure_ms / 1e3, readout_ms / 1e3)),
         seed=seed,
-        readout_s=readout_ms / 1e3,
     )
     return Setup(clock, board, sensor, camera)
 
@@ -234,7 +233,7 @@ def test_frames_in_the_queue_show_the_part_that_lay_there_then() -> None:
     rig = setup()
     rig.board.set_led(0, 100)
     rig.clock.sleep_s(1.0)
-    rig.camera.look_at(flat_scene((0.1, 0.1, 0.1, 0.1)), seed=2)
+    rig.camera.replace_scene(flat_scene((0.1, 0.1, 0.1, 0.1)), seed=2)
     means = [rig.light_ms(rig.camera.read(1.0)) for _ in range(6)]
     # Frame 0 began before the LED was up.
     np.testing.assert_allclose(means[1:4], 20.0 * (AMBIENT + LIGHTS[0]), rtol=5e-3)

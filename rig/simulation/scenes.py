@@ -1,0 +1,139 @@
+"""Scenes of the simulated rig: a placed surface, rendered under the rig's lights."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import fields
+from pathlib import Path
+from threading import Lock
+
+from classify.errors import InputError
+from rig.config.rig import RigConfig
+from rig.config.simulation import Placement
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
+
+__all__ = ["SceneCache", "SceneRenderer", "surface_names"]
+
+# One scene of 1024 x 1024 px and four lights, or many small ones.
+_CACHE_BYTES = 64_000_000
+
+
+def surface_names() -> tuple[str, ...]:
+    """Surfaces to start with: the four of the thesis, then the bundled materials.
+
+    They need no folder. The same holds for the other names in `SYNTHETIC_TEXTURES`.
+    """
+    return (*SYNTHETIC_NAMES, *bundled_materials())
+
+
+class SceneCache:
+    """Rendered scenes, the least recently used of which go first.
+
+    Rendering takes most of the time that it takes to open a simulated rig.
+
+    Parameters
+    ----------
+    limit_bytes
+        Memory of all kept scenes together.
+    """
+
+    def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
+        self._limit_bytes = limit_bytes
+        self._scenes: OrderedDict[Hashable, SceneImages] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, key: Hashable) -> SceneImages | None:
+        """The scene that was added under `key`, None if it is not kept."""
+        with self._lock:
+            if key in self._scenes:
+                self._scenes.move_to_end(key)
+            return self._scenes.get(key)
+
+    def add(self, key: Hashable, scene: SceneImages) -> None:
+        """Keep a scene as long as there is room."""
+        with self._lock:
+            self._scenes[key] = scene
+            while sum(map(_bytes_of, self._scenes.values())) > self._limit_bytes:
+                self._scenes.popitem(last=False)
+
+
+_SHARED_CACHE = SceneCache()
+
+
+class SceneRenderer:
+    """Renders what the camera of one rig sees.
+
+    Parameters
+    ----------
+    config
+        Lights, frame size and ambient light.
+    cache
+        Where scenes of named surfaces are kept; by default one for the whole process. A material
+        folder is rendered anew, because its files may change.
+    """
+
+    def __init__(self, config: RigConfig, cache: SceneCache = _SHARED_CACHE) -> None:
+        self._config = config
+        self._cache = cache
+        self._surface: tuple[tuple[object, ...], PeriodicSurface] | None = None
+
+    def render(self, placement: Placement) -> SceneImages:
+        """The scene of a placed surface, in the size of the camera's frames.
+
+        Raises
+        ------
+        InputError
+            If the surface is neither a name nor a readable material folder.
+        """
+        camera, ambient = self._config.camera, self._config.simulation.ambient
+        key = (placement, self._config.lights, camera.width_px, camera.height_px, ambient)
+        scene = self._cache.get(key)
+        if scene is not None:
+            return scene
+        size_px = max(camera.width_px, camera.height_px)
+        scene = render_frame(
+            self._surface_of(placement, size_px),
+            self._config.lights.lighting,
+            size_px,
+            placement.rotate_deg,
+            placement.shift_px,
+            ambient,
+        ).cropped(camera.height_px, camera.width_px)
+        if placement.surface in SYNTHETIC_TEXTURES or placement.surface in bundled_materials():
+            self._cache.add(key, scene)
+        return scene
+
+    def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
+        name = placement.surface
+        key: tuple[object, ...] = (name,)
+        if name in SYNTHETIC_TEXTURES:
+            key = (name, placement.seed, size_px)
+        # The last one is kept, because a surface is often captured at many orientations.
+        if self._surface is None or self._surface[0] != key:
+            self._surface = (key, _load(name, placement.seed, size_px))
+        return self._surface[1]
+
+
+def _bytes_of(scene: SceneImages) -> int:
+    arrays = (getattr(scene, field.name) for field in fields(scene))
+    # A cropped image keeps the memory of the whole one.
+    return sum((array if array.base is None else array.base).nbytes for array in arrays)
+
+
+def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
+    if name in SYNTHETIC_TEXTURES:
+        return synthetic_surface(name, seed, tile_side_px(size_px))
+    bundled = bundled_materials()
+    if name in bundled:
+        return load_material(bundled[name])
+    folder = Path(name)
+    if not folder.is_dir():
+        raise InputError(
+            f"surface {name!r} is neither a material folder nor one of "
+            + ", ".join((*SYNTHETIC_TEXTURES, *bundled))
+        )
+    return load_material(folder)
