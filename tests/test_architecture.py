@@ -37,7 +37,8 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "scene", "set_file"},
+        {"acceptance", "errors", "camera", "image_file", "set_file"},
+        {"scene"},
         {"config"},
         {"frame_time"},
         {"lights", "v4l2"},

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
-import tifffile
 
 from classify import Lighting
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
 from classify.labels import checked_label
+from rig.image_file import read_image
 from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
@@ -27,9 +24,6 @@ from .metadata import ImageRecord, LightingRecord, SetMetadata
 __all__ = ["Gamma", "import_images"]
 
 Gamma = Literal["linear", "srgb"]
-_MAX_BYTES = 2 * 2**30
-_MAX_SIDE_PX = 32768
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def import_images(
@@ -67,7 +61,7 @@ def import_images(
     if len(paths) != len(lighting):
         raise InputError(f"{len(paths)} images for {len(lighting)} lights; give one image each")
     files = [*paths, *(() if ambient is None else (ambient,))]
-    photographs = [_read(path) for path in files]
+    photographs = [read_image(path) for path in files]
     first = photographs[0]
     for path, photograph in zip(files[1:], photographs[1:], strict=True):
         if photograph.shape[:2] != first.shape[:2]:
@@ -113,87 +107,6 @@ def import_images(
         pixels_sha256=pixels_sha256(images, dark),
     )
     return CapturedSet(images, dark, metadata)
-
-
-def _read(path: Path) -> npt.NDArray[Any]:
-    """(H, W) or (H, W, 3 RGB), uint8 or uint16."""
-    kind = path.suffix.lower()
-    if kind not in (".png", ".jpg", ".jpeg", ".tif", ".tiff"):
-        raise InputError(f"{path}: images come as PNG, JPEG or TIFF")
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than {_MAX_BYTES} bytes")
-        image = _decoded_tiff(path) if kind.startswith(".tif") else _decoded(path, kind)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
-    if image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: {image.dtype} pixels; give 8 or 16 bit")
-    if image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
-    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
-        raise InputError(f"{path}: {image.shape} is not one grey or colour image")
-    if max(image.shape[:2]) > _MAX_SIDE_PX:
-        raise InputError(f"{path}: {_size(image)} px; sides up to {_MAX_SIDE_PX} are handled")
-    return image[:, :, :3] if image.ndim == 3 else image
-
-
-def _decoded(path: Path, kind: str) -> npt.NDArray[Any]:
-    content = path.read_bytes()
-    # OpenCV fills what is missing of a truncated file with grey and says nothing.
-    whole = _whole_png(content) if kind == ".png" else b"\xff\xd9" in content[-4096:]
-    image = None
-    if whole:
-        # OpenCV raises for more pixels than it handles.
-        with suppress(cv2.error):
-            image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(
-            f"{path}: not a complete {kind[1:].upper()} image, or too large; it may be truncated"
-        )
-    return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
-
-
-def _whole_png(content: bytes) -> bool:
-    """Whether all chunks up to the last are there, each with the right checksum."""
-    start = len(_PNG_SIGNATURE)
-    if content[:start] != _PNG_SIGNATURE:
-        return False
-    while len(content) >= start + 12:
-        end = start + 8 + int.from_bytes(content[start : start + 4], "big")
-        if content[end : end + 4] != zlib.crc32(content[start + 4 : end]).to_bytes(4, "big"):
-            return False
-        if content[start + 4 : start + 8] == b"IEND":
-            return True
-        start = end + 4
-    return False
-
-
-def _decoded_tiff(path: Path) -> npt.NDArray[Any]:
-    try:
-        with tifffile.TiffFile(path) as tiff:
-            photometric = tiff.pages.first.photometric
-            if photometric not in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB):
-                raise InputError(
-                    f"{path}: TIFF pixels are {tifffile.PHOTOMETRIC(photometric).name}; save it as "
-                    "grey or RGB"
-                )
-            if tiff.pages.first.compression != tifffile.COMPRESSION.LZW:
-                return tiff.asarray()
-        # LZW, which OpenCV writes by default, tifffile reads only with a further package.
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if image is None:
-            raise InputError(f"{path}: not a complete TIFF image; it may be truncated")
-        return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
-    except (FileNotFoundError, InputError):
-        raise
-    # What tifffile raises on damaged files depends on where the damage is.
-    except Exception as error:
-        raise InputError(
-            f"{path}: not a readable TIFF ({error}); it may be truncated, or its compression not "
-            "be handled"
-        ) from error
 
 
 def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[np.uint16]:

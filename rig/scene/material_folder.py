@@ -17,7 +17,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
@@ -134,24 +133,19 @@ def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None
 
 def _read(file: Path) -> FloatImage:
     """An image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
-    # A rotation noted by a camera must not turn a map whose colours are directions.
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        content = np.frombuffer(file.read_bytes(), np.uint8)
-        image = cv2.imdecode(content, flags)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
-    except cv2.error:
-        image = None
-    if image is None or image.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{file}: not a PNG or JPEG image of 8 or 16 bits; save it as one")
+    # Here, so that a rig without such a folder opens without loading the decoders.
+    from rig.image_file import read_image
+
+    image = read_image(file)
+    if image.ndim == 2:
+        image = np.dstack([image] * 3)
     if not all(8 <= side <= MAX_SIDE_PX for side in image.shape[:2]):
         raise InputError(
             f"{file}: {image.shape[1]} x {image.shape[0]} px; the sides of a material must be "
             f"8 to {MAX_SIDE_PX} px"
         )
     white = np.float32(255.0 if image.dtype == np.uint8 else 65535.0)
-    return np.asarray(image[..., ::-1] / white, np.float32)
+    return np.asarray(image / white, np.float32)
 
 
 def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:

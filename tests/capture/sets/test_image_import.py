@@ -1,8 +1,6 @@
 """Photographs into a captured set: their numbers, and which are refused."""
 
 import json
-import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -209,94 +207,8 @@ def test_an_ambient_image_of_another_size(four: Photographs, tmp_path: Path) -> 
     refuse(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
-def test_a_file_cut_off_anywhere(four: Photographs, suffix: str) -> None:
-    paths = four(cv2.resize(pattern(np.uint8), (170, 120)), suffix)
-    whole = paths[1].read_bytes()
-    # What follows the last pixel of a TIFF is not needed.
-    last = len(whole) - (0 if suffix == ".tif" else 2)
-    for length in (0, 1, 8, 50, *range(100, last, max(1, last // 30)), last - 1):
-        paths[1].write_bytes(whole[:length])
-        refuse(paths, rf"image1\{suffix}: .*truncated", gamma="linear")
-
-
-def test_a_png_that_lost_its_middle_or_a_bit(four: Photographs) -> None:
-    paths = four(cv2.resize(pattern(np.uint8), (170, 120)))
-    whole = paths[0].read_bytes()
-    half = len(whole) // 2
-    flipped = bytearray(whole)
-    flipped[half] ^= 4
-    for content in (whole[:half] + whole[-12:], bytes(flipped)):
-        paths[0].write_bytes(content)
-        refuse(paths, r"image0\.png: not a complete PNG image")
-
-
-def test_a_png_that_announces_too_many_pixels(four: Photographs) -> None:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        checksum = zlib.crc32(kind + data)
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
-
-    paths = four(pattern(np.uint8))
-    header = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 0, 0, 0, 0)
-    chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"0")) + chunk(b"IEND", b"")
-    paths[0].write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
-    refuse(paths, r"image0\.png: not a complete PNG image, or too large")
-
-
-@pytest.mark.parametrize("value", [0.5, np.nan, np.inf])
-def test_floating_point_pixels(four: Photographs, value: float) -> None:
-    paths = four(pattern(np.uint8), ".tif")
-    tifffile.imwrite(paths[3], np.full(SHAPE, value, np.float32))
-    refuse(paths, r"image3\.tif: float32 pixels; give 8 or 16 bit")
-
-
-@pytest.mark.parametrize("kind", ["palette", "miniswhite", "separated"])
-def test_tiff_pixels_that_are_not_brightness(four: Photographs, kind: str) -> None:
-    """The index into a palette, or white stored as 0, read as brightness gives another surface."""
-    paths = four(pattern(np.uint8), ".tif")
-    image = pattern(np.uint8, 4) if kind == "separated" else pattern(np.uint8)
-    colours = np.zeros((3, 256), np.uint16) if kind == "palette" else None
-    tifffile.imwrite(paths[1], image, photometric=kind, colormap=colours)
-    refuse(paths, rf"image1\.tif: TIFF pixels are {kind.upper()}; save it as grey or RGB")
-
-
-def test_a_tiff_of_several_pages(four: Photographs) -> None:
-    paths = four(pattern(np.uint8), ".tif")
-    tifffile.imwrite(paths[0], np.zeros((5, *SHAPE), np.uint8), photometric="minisblack")
-    refuse(paths, r"image0\.tif: \(5, 12, 17\) is not one grey or colour image")
-
-
-def test_files_of_another_kind_or_none(four: Photographs, tmp_path: Path) -> None:
-    paths = four(pattern(np.uint8))
-    for name, content, message in (
-        ("a.gif", b"GIF89a", "images come as PNG, JPEG or TIFF"),
-        ("a.png", b"hello IEND", "not a complete PNG"),
-        ("a.jpg", b"hello \xff\xd9", "not a complete JPG"),
-        ("a.tif", b"hello", "not a readable TIFF"),
-    ):
-        (tmp_path / name).write_bytes(content)
-        refuse([*paths[:3], tmp_path / name], rf"{name}: {message}")
-    refuse([*paths[:3], tmp_path / "none.png"], r"none\.png: no such file")
-    (tmp_path / "folder.png").mkdir()
-    refuse([*paths[:3], tmp_path / "folder.png"], r"folder\.png: cannot be read")
-
-
 def test_a_label_that_no_file_could_hold(four: Photographs) -> None:
     refuse(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
-
-
-def test_an_lzw_tiff_as_opencv_writes_it_is_read(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    grey = rng.integers(0, 60000, (4, 20, 30), dtype=np.uint16)
-    paths = [tmp_path / f"{index}.tif" for index in range(4)]
-    for path, image in zip(paths, grey, strict=True):
-        cv2.imwrite(str(path), image, [cv2.IMWRITE_TIFF_COMPRESSION, 5])
-    with tifffile.TiffFile(paths[0]) as tiff:
-        assert tiff.pages.first.compression == tifffile.COMPRESSION.LZW
-    assert np.array_equal(import_images(paths, Lighting.ring()).images, grey)
-    paths[0].write_bytes(paths[0].read_bytes()[:200])
-    with pytest.raises(InputError, match="TIFF"):
-        import_images(paths, Lighting.ring())
 
 
 # the command

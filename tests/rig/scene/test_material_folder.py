@@ -171,9 +171,9 @@ def _height_against_normals(folder: Path) -> None:
 BAD_FOLDERS = {
     "no picture at all": (lambda _: None, r"no height\.png and no normal"),
     "not an image": (
-        lambda d: (d / "height.png").write_text("hello"), r"height\.png: not a PNG or JPEG"
+        lambda d: (d / "height.png").write_text("hello"), r"height\.png: not a complete PNG image"
     ),
-    "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a PNG"),
+    "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a complete JPEG"),
     "other size": (
         lambda d: cv2.imwrite(str(d / "albedo.png"), picture(16)), r"albedo\.png: 16 x 16 px, but"
     ),
