@@ -173,7 +173,7 @@ BAD_FOLDERS = {
     "not an image": (
         lambda d: (d / "height.png").write_text("hello"), r"height\.png: not a complete PNG image"
     ),
-    "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a complete JPEG"),
+    "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a complete"),
     "other size": (
         lambda d: cv2.imwrite(str(d / "albedo.png"), picture(16)), r"albedo\.png: 16 x 16 px, but"
     ),
