@@ -1,8 +1,7 @@
-"""A rig that is ready: lights, camera and one clock for both."""
+"""An open rig: lights, camera and one clock for both."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,6 +17,9 @@ from .config.rig import RigConfig, load_config
 from .errors import ConfigError
 from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from .lights.driver import LightController
+from .lights.recovery import Whereabouts
+from .lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
+from .signals import uninterrupted
 from .simulation.rig import Simulation
 
 __all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of"]
@@ -25,18 +27,18 @@ __all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """An open rig. Closing it, also by leaving a `with` block in any way, puts the LEDs out.
+    """An open rig. Closing it, also by leaving its `with` block in any way, puts the LEDs out.
 
     Attributes
     ----------
     config
-        What it was opened with.
+        The configuration that it was opened with.
     clock
         The clock of frames and acknowledges.
     lights, camera
         The drivers.
     simulation
-        The part below the drivers, None on a real rig.
+        The simulated hardware below the drivers, None on a real rig.
     """
 
     config: RigConfig
@@ -47,11 +49,17 @@ class Rig:
 
     @property
     def lighting(self) -> Lighting:
-        """Where the lights stand."""
+        """Directions and relative intensities of the lights."""
         return self.config.lights.lighting
 
     def close(self) -> None:
-        """Put the LEDs out and release everything; a second call does nothing."""
+        """Put the LEDs out and release everything; a second call does nothing.
+
+        Signals that would end the program are delivered afterwards.
+        """
+        uninterrupted(self._close)
+
+    def _close(self) -> None:
         try:
             self.lights.close()
         finally:
@@ -71,8 +79,15 @@ class Rig:
         self.close()
 
 
-def open_rig(rig: str | Path | RigConfig) -> Rig:
+def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Rig:
     """Open a rig: ``"sim"`` for the simulated one, the path of a ``rig.toml``, or a `RigConfig`.
+
+    Parameters
+    ----------
+    rig
+        Which rig.
+    timeouts
+        How long to wait for the light controller.
 
     Raises
     ------
@@ -95,7 +110,7 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         config = RigConfig() if rig == "sim" else load_config(Path(rig))
     simulation = Simulation(config) if config.is_simulated else None
     try:
-        lights = open_lights(config, simulation)
+        lights = open_lights(config, simulation, timeouts)
         try:
             if lights.led_count < len(config.lights.tilts_deg):
                 raise ConfigError(
@@ -113,8 +128,10 @@ def open_rig(rig: str | Path | RigConfig) -> Rig:
         raise
 
 
-def open_lights(config: RigConfig, simulation: Simulation | None) -> LightController:
-    """The light controller of a rig, with its heartbeat."""
+def open_lights(
+    config: RigConfig, simulation: Simulation | None, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
+) -> LightController:
+    """Open the light controller of a rig, and keep its watchdog quiet from then on."""
     port = port_of(config) if simulation is None else simulation.port
     lights = LightController(
         port,
@@ -122,9 +139,10 @@ def open_lights(config: RigConfig, simulation: Simulation | None) -> LightContro
         baud=config.lights.baud,
         watchdog_ms=config.lights.watchdog_ms,
         whereabouts=_whereabouts(port, simulation),
+        timeouts=timeouts,
     )
     if simulation is not None and config.simulation.clock == "virtual":
-        simulation.clock.attend(lights.tend)
+        simulation.clock.keep_alive_with(lights.keep_alive_if_due)
     else:
         lights.keep_alive()
     return lights
@@ -136,14 +154,14 @@ def clock_of(simulation: Simulation | None) -> Clock:
 
 
 def port_of(config: RigConfig) -> str:
-    """Where the light controller of a real rig is; see `find_controller`."""
+    """The port of a real rig's light controller; see `find_controller`."""
     if config.lights.port != AUTO:
         return config.lights.port
     return find_controller(config.lights, list_serial_ports())
 
 
-def _whereabouts(port: str, simulation: Simulation | None) -> Callable[[], list[str]]:
-    """Where to look for the controller again that is at `port` now."""
+def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
+    """Where to look again for the controller that is at `port` now."""
     if simulation is not None:
         return lambda: simulation.ports
     was = known_port(port, list_serial_ports())
@@ -151,9 +169,9 @@ def _whereabouts(port: str, simulation: Simulation | None) -> Callable[[], list[
 
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:
-    """The camera of a rig."""
+    """Open the camera of a rig."""
     if isinstance(config.camera, V4l2CameraConfig):
-        # Here, so that a simulated rig opens without loading it.
+        # Imported here, so that a simulated rig opens without it.
         from .v4l2.camera import V4l2Camera
 
         return V4l2Camera(config.camera)

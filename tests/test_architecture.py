@@ -37,7 +37,7 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "image_file", "set_file"},
+        {"acceptance", "errors", "camera", "image_file", "set_file", "signals"},
         {"scene"},
         {"config"},
         {"frame_time"},

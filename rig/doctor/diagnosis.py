@@ -12,6 +12,7 @@ from rig.config.rig import RigConfig, load_config
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
+from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras
@@ -27,7 +28,7 @@ __all__ = ["diagnose"]
 Look = Callable[[], Iterator[Check]]
 
 
-def diagnose(rig: str | Path) -> Generator[Check]:
+def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:
     """Look at everything, one check after the other; none keeps the next from being made.
 
     The LEDs are lit for the pictures, and out at the end, also if the caller stops listening.
@@ -60,11 +61,14 @@ def diagnose(rig: str | Path) -> Generator[Check]:
     yield from answered("cameras", look_for_cameras)
     if config is not None:
         with ExitStack() as closing:
-            yield from _diagnose_open(config, cameras, closing)
+            yield from _diagnose_open(config, cameras, closing, timeouts)
 
 
 def _diagnose_open(
-    config: RigConfig, cameras: Sequence[ListedCamera], closing: ExitStack
+    config: RigConfig,
+    cameras: Sequence[ListedCamera],
+    closing: ExitStack,
+    timeouts: LinkTimeouts,
 ) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
@@ -82,7 +86,7 @@ def _diagnose_open(
         if simulation is None:
             port = port_of(config)
             yield from check_port(port)
-        lights = closing.enter_context(open_lights(config, simulation))
+        lights = closing.enter_context(open_lights(config, simulation, timeouts))
         yield from check_lights(lights, clock_of(simulation), config.lights)
 
     def look_at_camera() -> Iterator[Check]:

@@ -1,4 +1,4 @@
-"""What an open light controller says of itself, and how it does."""
+"""Checks of an open light controller."""
 
 from __future__ import annotations
 
@@ -14,29 +14,45 @@ from .check import Check
 
 __all__ = ["check_lights"]
 
-# More than this is a timer in a USB chip or a loaded machine, and goes into the time of each set.
+# A slower switch comes from a timer in a USB chip (16 ms in an FTDI) or a loaded machine, and
+# adds to the time of each set.
 _SLOW_SWITCH_MS = 10.0
 
 
-def check_lights(lights: LightController, clock: Clock, config: LightsConfig) -> Iterator[Check]:
-    """Identity, number of LEDs, watchdog, time of a switch. LEDs are lit and put out again."""
-    yield _identity(lights)
+def check_lights(
+    lights: LightController,
+    clock: Clock,
+    config: LightsConfig,
+    firmware_version: str = FIRMWARE_VERSION,
+) -> Iterator[Check]:
+    """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again.
+
+    Parameters
+    ----------
+    lights, clock
+        The open controller, and the rig's clock.
+    config
+        Its section of ``rig.toml``.
+    firmware_version
+        The version that this program brings along.
+    """
+    yield _identity(lights, firmware_version)
     yield _led_count(lights, config)
     yield _watchdog(lights)
     yield _latency(lights, clock)
 
 
-def _identity(lights: LightController) -> Check:
+def _identity(lights: LightController, firmware_version: str) -> Check:
     who = lights.identity
     seen = (
         f"{who.model} {who.serial_number} on {lights.port}, firmware {who.firmware_version}, "
         f"protocol {who.protocol_version}"
     )
-    if who.firmware_version != FIRMWARE_VERSION:
+    if who.firmware_version != firmware_version:
         return Check(
             "light controller",
             "warning",
-            f"{seen}; with this program comes firmware {FIRMWARE_VERSION}",
+            f"{seen}; this program brings firmware {firmware_version}",
             "ps4rig rig flash",
         )
     return Check("light controller", "ok", seen)
@@ -57,7 +73,7 @@ def _watchdog(lights: LightController) -> Check:
         "watchdog",
         "fault",
         "an LED stayed on although no command came",
-        "renew the firmware: ps4rig rig flash",
+        "renew the firmware with ps4rig rig flash",
     )
 
 

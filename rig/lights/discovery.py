@@ -11,6 +11,7 @@ from rig.errors import LightControllerError
 
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
+from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 __all__ = [
     "SerialPort",
@@ -100,15 +101,17 @@ def list_serial_ports() -> list[SerialPort]:
     return sorted(ports, key=lambda port: port.device)
 
 
-def who_is_there(device: str, baud: int = 115_200) -> ControllerIdentity:
-    """Open a port, ask `*IDN?`, close it. Nothing else is written but an empty line.
+def who_is_there(
+    device: str, baud: int = 115_200, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
+) -> ControllerIdentity:
+    """Open a port, ask ``*IDN?`` and close it; nothing else is written but an empty line.
 
     Raises
     ------
     LightControllerError
         If another program has the port, or no light controller answers there.
     """
-    link = ControllerLink(device, baud)
+    link = ControllerLink(device, baud, timeouts)
     link.close()
     return link.identity
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
@@ -13,26 +11,24 @@ from typing import Self
 from firmware_sim import Clock, RealClock
 from firmware_sim.firmware import WATCHDOG_MIN_MS
 from rig.errors import LightControllerError
+from rig.signals import uninterrupted
 
-from .heartbeat import Heartbeat
-from .link import REPLY_TIMEOUT_S, ControllerIdentity, ControllerLink
+from .keep_alive import Heartbeat, LightUsage
+from .link import ControllerIdentity, ControllerLink
+from .recovery import Whereabouts, find_again
+from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import Reply
 
 __all__ = ["Answer", "ControllerIdentity", "LightController", "LightState", "Switch"]
-
-# What is plugged in again takes a second or two until its port is there.
-_RECOVER_TIMEOUT_S = 5.0
-_RECOVER_PAUSE_S = 0.1
-# A program that has not used the lights for so long has forgotten them, or hangs.
-ATTENDED_S = 600.0
 
 
 @dataclass(frozen=True)
 class Switch:
     """An acknowledged change of the lights.
 
-    `led` is None for all off. `controller_time_us` is when the LED changed, on the controller's
-    own clock; `acknowledged_s` is when we knew, on the rig's clock: light is new from then on.
+    `led` is None for all off. `controller_time_us` is the time of the change on the controller's
+    own clock. `acknowledged_s` is the time of the acknowledge on the rig's clock; the change is
+    earlier.
     """
 
     led: int | None
@@ -42,7 +38,7 @@ class Switch:
 
 @dataclass(frozen=True)
 class LightState:
-    """The controller's own account of its LEDs."""
+    """The state of the LEDs as the controller reports it; `led` is None if none is lit."""
 
     led: int | None
     levels_percent: tuple[int, ...]
@@ -51,7 +47,7 @@ class LightState:
 
 @dataclass(frozen=True)
 class Answer:
-    """The numbers of a reply, and when the question was sent and the reply was here."""
+    """The numbers of a reply, and the times of question and reply on the rig's clock."""
 
     numbers: tuple[int, ...]
     sent_s: float
@@ -61,9 +57,9 @@ class Answer:
 class LightController:
     """An open LED controller: exclusive, with a deadline on every exchange.
 
-    All LEDs are out when it is opened and when it is closed. A failed exchange raises
-    `LightControllerError`; nothing is repeated silently, so a `Switch` that was returned happened.
-    After a failure the LEDs are left to the controller's watchdog until `recover` is called.
+    All LEDs are out after opening and after closing. A failed exchange raises
+    `LightControllerError` and is never repeated silently, so a returned `Switch` has happened.
+    After a failure the controller's watchdog puts the LEDs out, unless `recover` is called before.
     Thread-safe: one exchange at a time.
 
     Parameters
@@ -72,8 +68,19 @@ class LightController:
         Device name or pyserial URL.
     clock
         The rig's clock, on which acknowledges are stamped.
+    baud
+        Bits per second; USB serial ports ignore it.
+    watchdog_ms
+        Silence after which the controller puts the LEDs out.
     whereabouts
         Ports on which `recover` looks for the controller, in this order; `port` if left out.
+    timeouts
+        How long to wait for the controller.
+
+    Raises
+    ------
+    LightControllerError
+        If the port cannot be opened, or no controller that this program can use answers there.
     """
 
     def __init__(
@@ -83,7 +90,8 @@ class LightController:
         clock: Clock | None = None,
         baud: int = 115_200,
         watchdog_ms: int = 5000,
-        whereabouts: Callable[[], Iterable[str]] | None = None,
+        whereabouts: Whereabouts | None = None,
+        timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
     ) -> None:
         self._clock = clock if clock is not None else RealClock()
         self._baud = baud
@@ -91,11 +99,13 @@ class LightController:
         self._whereabouts = whereabouts if whereabouts is not None else lambda: (port,)
         self._lock = threading.RLock()
         self._heartbeat: Heartbeat | None = None
-        self._missed_beat: LightControllerError | None = None
+        self._missed_keep_alive: LightControllerError | None = None
         self._levels_percent: dict[int, int] = {}
         self._has_failed = False
-        self._attend()
-        self._link = ControllerLink(port, baud)
+        self._timeouts = timeouts
+        self._usage = LightUsage(self._clock, watchdog_ms, timeouts.unused_s)
+        self.led_count = 0
+        self._link = ControllerLink(port, baud, timeouts)
         try:
             self._prepare()
             self.led_count = len(self.state().levels_percent)
@@ -114,7 +124,7 @@ class LightController:
         return self._link.port
 
     def select(self, led: int) -> Switch:
-        """Light LED `led` (0-based) and no other."""
+        """Light LED `led`, counted from 0, and no other."""
         shown, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
         if shown != led:
             raise self._failed(f"asked for LED {led}, it lit LED {shown}")
@@ -128,29 +138,29 @@ class LightController:
         return Switch(None, time_us, self._clock.now_s())
 
     def set_level(self, led: int, percent: int) -> None:
-        """Brightness of one LED when it is lit, 0 to 100 %."""
+        """Set the level of one LED when it is lit, 0 to 100 %."""
         if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
             raise self._failed(f"level {percent} % of LED {led} did not hold")
         self._levels_percent[led] = percent
 
     def state(self) -> LightState:
-        """Ask the controller what is lit; this also keeps its watchdog quiet."""
+        """Ask the controller what is lit, which also keeps its watchdog quiet."""
         return self._state_in(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
-        """Send any command whose reply is `count` numbers; times are on the rig's clock."""
+        """Send any command whose reply is `count` numbers."""
         sent_s = self._clock.now_s()
         numbers = self._numbers(self._exchange(command), count)
         return Answer(numbers, sent_s, self._clock.now_s())
 
     def confirm(self, led: int | None) -> LightState:
-        """Make sure that `led` (None: no LED) is still what is lit, and return the whole state.
+        """Check that `led` (None: no LED) is still lit, and return the whole state.
 
         Raises
         ------
         LightControllerError
-            If not, with the oldest entry of the controller's error queue: its watchdog tripped,
-            the LED has been on for as long as it may, or somebody else switched.
+            If another LED or none is lit, with the oldest entry of the controller's error queue:
+            its watchdog tripped, or the LED has been lit for as long as it may.
         """
         state = self.state()
         if state.led != led:
@@ -162,55 +172,57 @@ class LightController:
         return state
 
     def trips_watchdog(self) -> bool:
-        """Whether the controller puts an LED out by itself when it is left alone.
+        """Test whether the controller puts an LED out by itself when no command comes.
 
-        It is told to wait for its shortest time, and again for its ordinary time afterwards.
+        The watchdog is set to its shortest time for the test, and back to the ordinary time.
         """
-        with self._lock:  # no heartbeat meanwhile
+        with self._lock:  # no keep-alive meanwhile
             self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")
             self.select(0)
             self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
             tripped = self.state().led is None
-            self._exchange("SYST:ERR?")  # takes note of it, so that nobody wonders later
+            self._exchange("SYST:ERR?")  # removes the entry that this test has caused
             self.off()
             self._exchange(f"SYST:WDOG {self._watchdog_ms}")
         return tripped
 
     def keep_alive(self) -> None:
-        """Send heartbeats from a thread from here on; for real time, see `tend`."""
+        """Start a thread that keeps the watchdog quiet, in real time."""
         if self._heartbeat is None:
-            self._heartbeat = Heartbeat(self.tend)
+            self._heartbeat = Heartbeat(self.keep_alive_if_due)
 
-    def tend(self) -> float:
-        """Keep the controller's watchdog quiet if half its time has passed without a command.
+    def keep_alive_if_due(self) -> float:
+        """Keep the watchdog quiet if half its time has passed without a command.
 
-        That is only done while the program lives: the thread that used the lights last must not
-        have ended, they were used within `ATTENDED_S`, and no exchange has failed. A heartbeat
-        that fails is raised by the next exchange.
+        That is done only while the program lives: the thread that used the lights last must still
+        run, it must have used them recently, and no exchange may have failed. The next exchange
+        raises the error of a keep-alive that failed.
 
         Returns
         -------
         float
             Seconds until it should be called again.
         """
-        period_s = self._watchdog_ms / 2000.0
         if not self._lock.acquire(blocking=False):
-            return period_s  # an exchange that is under way does the same
+            return self._usage.period_s  # the exchange that is running has the same effect
         try:
-            due_s = self._fed_s + period_s - self._clock.now_s()
-            if due_s > 0.0:
+            if (due_s := self._usage.due_in_s) > 0.0:
                 return due_s
-            if self._is_attended() and not self._has_failed:
-                self._beat()
-            return period_s
+            if self._usage.is_recent and not self._has_failed:
+                self._usage.mark_sent()
+                try:
+                    self._state_in(self._ask("LED:STAT?"))
+                except LightControllerError as error:
+                    self._missed_keep_alive = error
+            return self._usage.period_s
         finally:
             self._lock.release()
 
     def recover(self) -> None:
-        """After a failed exchange: find the same controller again, and put its LEDs out.
+        """After a failed exchange, find the same controller again and put its LEDs out.
 
-        The port is opened anew, and what an old exchange left in it is thrown away. Levels that
-        were set are set again. Without a failure nothing is done.
+        The port is opened again, remains of earlier exchanges are discarded, and levels that were
+        set are set again. Without a failure nothing is done.
 
         Raises
         ------
@@ -220,29 +232,46 @@ class LightController:
         with self._lock:
             if not self._has_failed:
                 return
-            self._attend()
+            self._usage.mark_used()
             self._link.close()
-            self._reopen()
+            self._link = find_again(self.identity, self._whereabouts, self._baud, self._timeouts)
             self._has_failed = False
-            self._missed_beat = None
+            self._missed_keep_alive = None
             self._prepare()
             for led, percent in self._levels_percent.items():
                 self._exchange(f"LED:LEV {led},{percent}")
 
+    def put_out(self) -> None:
+        """Put all LEDs out, also after an exchange that was interrupted.
+
+        Signals that would end the program are held back until the controller has confirmed.
+
+        Raises
+        ------
+        LightControllerError
+            If it does not confirm. Its watchdog then puts the LEDs out.
+        """
+        uninterrupted(self._put_out)
+
     def close(self) -> None:
-        """Put the LEDs out if the controller still listens, and release the port."""
-        if self._heartbeat is not None:
-            self._heartbeat.stop(2.0 * REPLY_TIMEOUT_S)
-        self._missed_beat = None
-        # Whatever goes wrong here, the watchdog puts the LEDs out.
+        """Put the LEDs out if the controller still answers, and release the port."""
+        uninterrupted(self._close)
+
+    def _put_out(self) -> None:
+        self._missed_keep_alive = None
         try:
-            with suppress(LightControllerError):
-                try:
-                    self.off()
-                except LightControllerError:
-                    # An interrupted write may have left half a line, and spoilt this one.
-                    self._link.end_line()
-                    self.off()
+            self.off()
+        except LightControllerError:
+            # An interrupted write may have left half a line that spoils the first command.
+            self._link.end_line()
+            self.off()
+
+    def _close(self) -> None:
+        if self._heartbeat is not None:
+            self._heartbeat.stop(2.0 * self._timeouts.reply_s)
+        try:
+            with suppress(LightControllerError):  # the watchdog puts the LEDs out
+                self._put_out()
         finally:
             self._link.close()
 
@@ -262,49 +291,15 @@ class LightController:
         self._exchange("*RST")
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
-    def _reopen(self) -> None:
-        deadline_s = time.monotonic() + _RECOVER_TIMEOUT_S
-        wanted = self.identity.serial_number
-        while True:
-            failure: LightControllerError | None = None
-            for port in self._whereabouts():
-                try:
-                    link = ControllerLink(port, self._baud, max(0.1, deadline_s - time.monotonic()))
-                except LightControllerError as error:
-                    failure = failure or error
-                    continue
-                if link.identity.serial_number == wanted:
-                    self._link = link
-                    return
-                link.close()
-                found = link.identity.serial_number
-                failure = LightControllerError(
-                    f"{port}: light controller {found} is there in place of "
-                    f"{wanted}; plug that in again, or open the rig anew to use this one"
-                )
-            if time.monotonic() >= deadline_s:
-                raise failure or LightControllerError(
-                    f"light controller {wanted} is not plugged in any more"
-                )
-            time.sleep(_RECOVER_PAUSE_S)
-
-    def _attend(self) -> None:
-        """Somebody has used the lights, and so has fed the watchdog."""
-        self._fed_s = self._attended_s = self._clock.now_s()
-        self._attendant = threading.current_thread()
-
-    def _is_attended(self) -> bool:
-        return self._attendant.is_alive() and self._clock.now_s() - self._attended_s <= ATTENDED_S
-
-    def _beat(self) -> None:
-        self._fed_s = self._clock.now_s()
-        try:
-            self._state_in(self._ask("LED:STAT?"))
-        except LightControllerError as error:
-            self._missed_beat = error
-
     def _state_in(self, reply: Reply) -> LightState:
-        led, *levels, time_us = self._numbers(reply, max(3, reply.text.count(",") + 1))
+        # The first state, at opening, tells how many LEDs there are.
+        count = max(3, reply.text.count(",") + 1)
+        led, *levels, time_us = self._numbers(reply, count)
+        if self.led_count not in (0, len(levels)):
+            raise self._failed(
+                f"its state has {len(levels)} LED levels, it had {self.led_count} when it was "
+                "opened; open the rig again"
+            )
         if time_us < self._latest_us:
             raise self._failed("the controller has restarted: its clock went back")
         self._latest_us = time_us
@@ -315,11 +310,11 @@ class LightController:
         return LightControllerError(f"{self.port}: {cause}")
 
     def _exchange(self, command: str) -> Reply:
-        """Ask, and refuse what is refused."""
+        """Send a command of the program; raise if the controller refuses it."""
         with self._lock:
-            self._attend()
-            if self._missed_beat is not None:
-                missed, self._missed_beat = self._missed_beat, None
+            self._usage.mark_used()
+            if self._missed_keep_alive is not None:
+                missed, self._missed_keep_alive = self._missed_keep_alive, None
                 raise LightControllerError(f"while nobody switched: {missed}") from missed
             reply = self._ask(command)
         if not reply.ok:

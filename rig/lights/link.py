@@ -1,4 +1,4 @@
-"""One open line to a light controller: who is there, and one reply to each command."""
+"""One open line to a light controller: its identity, and one reply to each command."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from rig.errors import LightControllerError
 
 from .serial_line import SerialLine
+from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
 
-__all__ = ["PROTOCOL_VERSION", "REPLY_TIMEOUT_S", "ControllerIdentity", "ControllerLink"]
+__all__ = ["PROTOCOL_VERSION", "ControllerIdentity", "ControllerLink"]
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"
-REPLY_TIMEOUT_S = 0.5
-_OPEN_TIMEOUT_S = 3.0
-# How the serial numbers of simulated boards begin.
-_SIMULATED = "SIM-"
+_SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
 
 @dataclass(frozen=True)
@@ -34,14 +32,14 @@ class ControllerIdentity:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it is the firmware on a simulated board, by whatever line it is reached."""
+        """Whether it is the firmware on a simulated board, on any kind of line."""
         return self.serial_number.startswith(_SIMULATED)
 
 
 class ControllerLink:
-    """An exclusively opened port behind which a light controller has told who it is.
+    """An exclusively opened port on which a light controller has identified itself.
 
-    Nothing but an empty line and `*IDN?` is written before that is known.
+    Until then nothing but an empty line and ``*IDN?`` is written.
 
     Parameters
     ----------
@@ -49,32 +47,32 @@ class ControllerLink:
         Device name or pyserial URL.
     baud
         Bits per second; USB serial ports ignore it.
-    timeout_s
-        How long to wait for an answer, a restart of the board included.
+    timeouts
+        How long to wait for the first answer, a restart of the board included, and for replies.
     any_protocol
-        Whether a controller with another version of the protocol will do, to have its firmware
-        renewed.
+        Whether to accept another version of the protocol, as is needed to renew the firmware.
 
     Raises
     ------
     LightControllerError
-        If the port cannot be opened, or none answers there that this program can talk to.
+        If the port cannot be opened, or no controller that this program can use answers there.
     """
 
     def __init__(
         self,
         port: str,
         baud: int,
-        timeout_s: float | None = None,
+        timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
         *,
         any_protocol: bool = False,
     ) -> None:
         self._any_protocol = any_protocol
-        # Not from 1: late replies to the program before must not look like replies to this one.
+        # Random, so that late replies to an earlier program do not match a command of this one.
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
-        self._line = SerialLine(port, baud, REPLY_TIMEOUT_S)
+        self._reply_s = timeouts.reply_s
+        self._line = SerialLine(port, baud, timeouts.reply_s)
         try:
-            self.identity = self._identify(_OPEN_TIMEOUT_S if timeout_s is None else timeout_s)
+            self.identity = self._identify(timeouts.open_s)
         except BaseException:
             self._line.close()
             raise
@@ -85,33 +83,33 @@ class ControllerLink:
         return self._line.port
 
     def ask(self, command: str) -> Reply:
-        """Send a command and wait for its reply, which may be a refusal.
+        """Send a command and return its reply, which may be a refusal.
 
         Raises
         ------
         LightControllerError
-            If none comes in time, it is damaged, the controller restarts, or the port is gone.
+            If no reply comes in time, it is damaged, the controller restarts, or the port is gone.
         """
         return self._reply_to(command, self._send(command))
 
     def end_line(self) -> None:
         """End the half line that an interrupted write may have left, and take its reply."""
         self._line.write(b"\n")
-        self._line.read_line(time.monotonic() + REPLY_TIMEOUT_S)
+        self._line.read_line(time.monotonic() + self._reply_s)
 
     def close(self) -> None:
         """Release the port; never raises, and may be called again."""
         self._line.close()
 
     def _identify(self, timeout_s: float) -> ControllerIdentity:
-        """Wait out a reset that opening the port may have caused, then ask who is there."""
+        """Ask who is there, also through a restart that opening the port may have caused."""
         deadline_s = time.monotonic() + timeout_s
         # Ends whatever half line a previous program left in the controller.
         self._line.write(b"\n")
         heard = b""
         while (now_s := time.monotonic()) < deadline_s:
             sequence = self._send("*IDN?")
-            try_until_s = min(deadline_s, now_s + REPLY_TIMEOUT_S)
+            try_until_s = min(deadline_s, now_s + self._reply_s)
             while (line := self._line.read_line(try_until_s)) is not None:
                 heard = line
                 if line.startswith(BANNER):
@@ -135,7 +133,7 @@ class ControllerLink:
         fields = text.split(",")
         if len(fields) < 5 or fields[0] != VENDOR or not fields[4].isdigit():
             raise LightControllerError(
-                f"{self.port}: what is there is not a {VENDOR} light controller (it is {text!r})"
+                f"{self.port}: this is not a {VENDOR} light controller (it is {text!r})"
             )
         vendor, model, serial_number, firmware_version, protocol = fields[:5]
         identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
@@ -154,7 +152,7 @@ class ControllerLink:
         return self._sequence
 
     def _reply_to(self, command: str, sequence: int) -> Reply:
-        deadline_s = time.monotonic() + REPLY_TIMEOUT_S
+        deadline_s = time.monotonic() + self._reply_s
         while (line := self._line.read_line(deadline_s)) is not None:
             if line.startswith(BANNER):
                 raise LightControllerError(
@@ -166,11 +164,11 @@ class ControllerLink:
                 raise LightControllerError(
                     f"{self.port}: garbled reply to {command!r}: {line[:40]!r}"
                 ) from error
-            # Another's is the late answer to an exchange that was given up. None is of a line
-            # that arrived damaged.
+            # Another sequence number belongs to the late reply to an exchange that was given up.
+            # A refusal without one answers a command that arrived damaged.
             if reply.sequence == sequence or (reply.sequence is None and not reply.ok):
                 return reply
         raise LightControllerError(
-            f"{self.port}: no answer to {command!r} in {REPLY_TIMEOUT_S:g} s; "
+            f"{self.port}: no answer to {command!r} in {self._reply_s:g} s; "
             "the controller hangs or has lost power"
         )

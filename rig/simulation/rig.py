@@ -26,7 +26,7 @@ from rig.config.fault_plan import FaultPlan
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
 from rig.errors import ConfigError
-from rig.lights.heartbeat import TendedClock
+from rig.lights.keep_alive import KeepAliveClock
 
 from .camera import CameraIdentity, LitScene, SimulatedCamera
 from .exposures import Exposures, FreeRunning, Shutter, Triggered
@@ -91,7 +91,7 @@ class Simulation:
         self._renderer = SceneRenderer(config)
         virtual = config.simulation.clock == "virtual"
         device_clock: Clock = VirtualClock() if virtual else RealClock()
-        self.clock = TendedClock(device_clock)
+        self.clock = KeepAliveClock(device_clock)
         camera = _camera_of(config)
         placement = config.simulation.placement
         if isinstance(camera, ReplayCameraConfig):
@@ -165,7 +165,7 @@ class Simulation:
 
     def close(self) -> None:
         """Stop the firmware and the camera."""
-        self.clock.attend(None)
+        self.clock.keep_alive_with(None)
         self.camera.close()
         self._server.stop()
 

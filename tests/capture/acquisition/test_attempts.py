@@ -24,7 +24,7 @@ from rig import (
     RigConfig,
     open_rig,
 )
-from rig.lights import driver
+from rig.lights.timeouts import LinkTimeouts
 
 Outputs = Callable[[Rig], list[float]]
 
@@ -384,7 +384,7 @@ def test_a_frame_that_comes_twice_is_noticed(rig: Rig) -> None:
 def test_a_set_is_begun_again_when_the_watchdog_trips_in_it(rig: Rig) -> None:
     def hang() -> None:
         assert rig.simulation is not None
-        rig.simulation.clock.attend(None)  # no heartbeat either
+        rig.simulation.clock.keep_alive_with(None)  # no heartbeat either
         rig.clock.sleep_s(5.5)
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
@@ -399,24 +399,23 @@ def test_a_set_is_begun_again_when_the_controller_restarts_in_it(rig: Rig) -> No
     assert str(rig.lights.port) in cause
 
 
-@pytest.mark.usefixtures("dark_after")
 def test_lights_unplugged_between_led_2_and_3_are_an_error(
-    rig: Rig, monkeypatch: pytest.MonkeyPatch
+    small_config: RigConfig, led_outputs: Outputs
 ) -> None:
-    monkeypatch.setattr(driver, "_RECOVER_TIMEOUT_S", 0.3)
-    assert rig.simulation is not None
-    select = rig.lights.select
+    with open_rig(small_config, timeouts=LinkTimeouts(recover_s=0.3)) as rig:
+        assert rig.simulation is not None
+        select, unplug = rig.lights.select, rig.simulation.unplug_lights
 
-    def select_until_unplugged(led: int) -> object:
-        if led == 3:
-            assert rig.simulation is not None
-            rig.simulation.unplug_lights()
-        return select(led)
+        def select_until_unplugged(led: int) -> object:
+            if led == 3:
+                unplug()
+            return select(led)
 
-    rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
-    with pytest.raises(LightControllerError, match="the light controller is gone") as caught:
-        capture_set(rig)
-    assert caught.value.exit_status == 3
+        rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
+        with pytest.raises(LightControllerError, match="the light controller is gone") as caught:
+            capture_set(rig)
+        assert caught.value.exit_status == 3
+        assert led_outputs(rig) == [0.0] * 4
 
 
 @pytest.mark.usefixtures("dark_after")

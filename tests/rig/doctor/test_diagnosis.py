@@ -26,9 +26,9 @@ from rig.doctor.serial_ports import (
     check_ports,
 )
 from rig.latency.switch import measure_switch_latency
-from rig.lights import link as link_module
 from rig.lights.discovery import _VENDORS, SerialPort
 from rig.lights.driver import LightController
+from rig.lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from rig.v4l2.abi import CID_EXPOSURE_ABSOLUTE
 from rig.v4l2.controls import Control
 from rig.v4l2.device import OfferedFormat
@@ -40,10 +40,12 @@ SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'
 def ill(tmp_path: Path) -> Any:
     """The checks of a simulated rig with these lines in its rig.toml, by name."""
 
-    def examine(lines: str = "", text: str = SMALL) -> dict[str, Check]:
+    def examine(
+        lines: str = "", text: str = SMALL, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
+    ) -> dict[str, Check]:
         path = tmp_path / "rig.toml"
         path.write_text(text + lines)
-        return {check.name: check for check in diagnose(path)}
+        return {check.name: check for check in diagnose(path, timeouts)}
 
     return examine
 
@@ -187,11 +189,13 @@ def test_switch_latency_is_on_the_rigs_clock_and_leaves_darkness() -> None:
         assert lights.state().led is None
 
 
-def test_old_firmware_is_to_be_renewed(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(light_checks_module, "FIRMWARE_VERSION", "99.0")
+def test_old_firmware_is_to_be_renewed(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         check, count, *_ = light_checks_module.check_lights(
-            lights, bench.clock, RigConfig().lights.model_copy(update={"tilts_deg": (0.0,) * 5})
+            lights,
+            bench.clock,
+            RigConfig().lights.model_copy(update={"tilts_deg": (0.0,) * 5}),
+            firmware_version="99.0",
         )
     assert (check.status, check.advice) == ("warning", "ps4rig rig flash")
     assert count.status == "fault"
@@ -363,11 +367,9 @@ def test_leds_that_all_moved_on_by_one_are_named(pictures: Pictures) -> None:
     assert "where 0 should be is 1" in found["LED order"].seen
 
 
-def test_a_silent_controller_is_one_fault_among_checks(
-    ill: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.1)
-    checks = ill("[[simulation.faults.lines]]\nkind = 'lose'\ndirection = 'to_host'")
+def test_a_silent_controller_is_one_fault_among_checks(ill: Any) -> None:
+    lost = "[[simulation.faults.lines]]\nkind = 'lose'\ndirection = 'to_host'"
+    checks = ill(lost, timeouts=LinkTimeouts(open_s=0.1))
     assert checks["light controller"].status == "fault"
     assert checks["frame rate"].status == "ok"
     assert checks["pictures"].status == "unknown"

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,6 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 from rig import ConfigError, LightControllerError, RigConfig
 from rig.config.lights import LightsConfig
 from rig.lights import discovery as discovery_module
-from rig.lights import link as link_module
 from rig.lights.discovery import (
     SerialPort,
     find_controller,
@@ -25,6 +25,7 @@ from rig.lights.discovery import (
 from rig.lights.driver import LightController
 from rig.lights.link import ControllerIdentity
 from rig.lights.port_holders import port_holders
+from rig.lights.timeouts import LinkTimeouts
 
 PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 
@@ -82,12 +83,11 @@ def test_a_usb_id_decides_also_among_ports_that_are_not_known_as_boards() -> Non
 def test_the_one_that_answers_among_several(
     plug_in: Callable[..., SerialPort],
     silent_port: tuple[int, SerialPort],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.3)
     master, silent = silent_port
     there = plug_in("A-1")
-    assert find_controller(auto(), [silent, there]) == there.device
+    ask = partial(who_is_there, timeouts=LinkTimeouts(open_s=0.3))
+    assert find_controller(auto(), [silent, there], ask) == there.device
     said = os.read(master, 4096)
     # It was asked, and nothing else was written to what is not ours.
     assert said.replace(b"\n", b"").startswith(b"#")
@@ -187,7 +187,7 @@ def test_a_port_that_another_program_holds_is_not_written_to(
 _LOCKS = """
 import sys
 sys.path[:] = {path!r}
-from rig.lights import LightController
+from rig.lights.driver import LightController
 with LightController({port!r}):
     print(1, flush=True)
     input()

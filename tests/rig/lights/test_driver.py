@@ -21,17 +21,15 @@ from firmware_sim import (
     serve_pty,
 )
 from rig import LightControllerError
-from rig.lights import link as link_module
 from rig.lights.driver import LightController, LightState
+from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
+from rig.lights.timeouts import LinkTimeouts
 
 Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Deadlines short enough to be waited for, and longer than a busy machine stands still."""
-    monkeypatch.setattr(link_module, "_OPEN_TIMEOUT_S", 0.4)
-    monkeypatch.setattr(link_module, "REPLY_TIMEOUT_S", 0.5)
+# Deadlines short enough to be waited for, and longer than a busy machine stands still.
+SHORT = LinkTimeouts(open_s=0.4, reply_s=0.5)
 
 
 def sealed(text: str) -> bytes:
@@ -51,7 +49,7 @@ def test_identity_is_what_the_firmware_says(bench: Any) -> None:
         identity = lights.identity
         assert (identity.vendor, identity.model) == ("PS4RIG", "LED4")
         assert identity.serial_number == "SIM-0001"
-        assert identity.protocol_version == PROTOCOL_VERSION == link_module.PROTOCOL_VERSION
+        assert identity.protocol_version == PROTOCOL_VERSION == DRIVER_PROTOCOL_VERSION
         assert lights.led_count == 4
 
 
@@ -148,13 +146,9 @@ def test_any_exception_puts_the_leds_out(bench: Any, error: type[BaseException])
     assert bench.lit() == [0.0] * 4
 
 
-def test_the_port_is_free_again_after_a_failed_opening(
-    bench: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patched:
-        patched.setattr(link_module, "VENDOR", "SOMEBODY")
-        with pytest.raises(LightControllerError, match="not a SOMEBODY light controller"):
-            LightController(bench.port, clock=bench.clock)
+def test_the_port_is_free_again_after_a_failed_opening(bench: Any) -> None:
+    with pytest.raises(LightControllerError, match="no answer in 0 s"):
+        LightController(bench.port, clock=bench.clock, timeouts=LinkTimeouts(open_s=0.0))
     with LightController(bench.port, clock=bench.clock) as lights:
         assert lights.select(0).led == 0
 
@@ -173,7 +167,11 @@ _AS_NOBODY = """
 import os, sys
 sys.path[:] = {path!r}
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
-from rig.lights import LightController
+from rig.lights.driver import LightController, LightState
+from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
+from rig.lights.timeouts import LinkTimeouts
+from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
+from rig.lights.timeouts import LinkTimeouts
 import serial, serial.serialposix
 if os.getuid() == 0:
     os.setuid(65534)  # the superuser is let in by the kernel
@@ -225,15 +223,13 @@ def bare_pty() -> Iterator[tuple[int, str]]:
     os.close(master)
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_port_where_nobody_answers_is_given_up(bare_pty: tuple[int, str]) -> None:
     started_s = time.monotonic()
     with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
-        LightController(bare_pty[1])
+        LightController(bare_pty[1], timeouts=SHORT)
     assert time.monotonic() - started_s < 1.0
 
 
-@pytest.mark.usefixtures("impatient")
 @pytest.mark.parametrize(
     ("chatter", "message"),
     [
@@ -262,7 +258,7 @@ def test_a_port_that_chatters_is_given_up(
     started_s = time.monotonic()
     try:
         with pytest.raises(LightControllerError, match=message):
-            LightController(port)
+            LightController(port, timeouts=SHORT)
     finally:
         stopping.set()
         thread.join()
@@ -333,20 +329,18 @@ def test_a_garbled_reply_is_an_error_and_the_next_exchange_is_in_step(damaged_li
         assert lights.select(3).led == 3
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_lost_reply_is_an_error_with_a_deadline(damaged_line: Line) -> None:
-    with LightController(damaged_line(only("LED:SEL 1", lambda *_: []))) as lights:
+    with LightController(damaged_line(only("LED:SEL 1", lambda *_: [])), timeouts=SHORT) as lights:
         with pytest.raises(LightControllerError, match=r"no answer to 'LED:SEL 1' in 0.5 s"):
             lights.select(1)
         assert lights.select(3).led == 3
 
 
-@pytest.mark.usefixtures("impatient")
 def test_half_a_reply_is_never_taken_for_one(damaged_line: Line) -> None:
     def cut(_: str, reply: bytes) -> Iterator[bytes]:
         yield reply[:-4]
 
-    with LightController(damaged_line(only("LED:SEL 1", cut))) as lights:
+    with LightController(damaged_line(only("LED:SEL 1", cut)), timeouts=SHORT) as lights:
         with pytest.raises(LightControllerError, match="no answer"):
             lights.select(1)
         # The half that is left stands before the next reply, whose checksum then fails.
@@ -355,13 +349,12 @@ def test_half_a_reply_is_never_taken_for_one(damaged_line: Line) -> None:
         assert lights.select(3).led == 3
 
 
-@pytest.mark.usefixtures("impatient")
 def test_a_late_reply_is_not_taken_for_the_next_one(damaged_line: Line) -> None:
     def late(_: str, reply: bytes) -> Iterator[bytes]:
         time.sleep(0.7)
         yield reply
 
-    with LightController(damaged_line(only("LED:SEL 1", late))) as lights:
+    with LightController(damaged_line(only("LED:SEL 1", late)), timeouts=SHORT) as lights:
         with pytest.raises(LightControllerError, match="no answer"):
             lights.select(1)
         assert lights.select(2).led == 2
@@ -400,6 +393,23 @@ def test_an_intact_reply_of_another_form_is_an_error(damaged_line: Line, fields:
         pytest.raises(LightControllerError, match="unexpected reply"),
     ):
         lights.state()
+
+
+@pytest.mark.parametrize("levels", ["100", "100,100,100,100,100"])
+def test_a_state_with_another_number_of_leds_is_an_error(damaged_line: Line, levels: str) -> None:
+    asked = 0
+
+    def change(command: str, reply: bytes) -> Iterator[bytes]:
+        nonlocal asked
+        asked += 1
+        # The first is part of opening.
+        yield reply if asked == 1 else sealed(f"{sequence_of(command)} OK -1,{levels},900000000")
+
+    with (
+        LightController(damaged_line(only("STAT?", change))) as lights,
+        pytest.raises(LightControllerError, match=r"has \d LED levels, it had 4 when it was"),
+    ):
+        lights.confirm(None)
 
 
 # a controller that restarts or goes away

@@ -12,9 +12,9 @@ import pytest
 
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights import driver as lights_module
 from rig.lights.driver import LightController
-from rig.lights.heartbeat import Heartbeat, TendedClock
+from rig.lights.keep_alive import Heartbeat, KeepAliveClock
+from rig.lights.timeouts import LinkTimeouts
 
 SMALL = RigConfig().with_changes(
     camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}
@@ -41,11 +41,8 @@ def test_frames_may_be_read_for_longer_than_the_watchdog_waits() -> None:
         assert rig.lights.confirm(1).led == 1
 
 
-def test_a_program_that_has_forgotten_its_lights_loses_them(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(lights_module, "ATTENDED_S", 20.0)
-    with open_rig(SMALL) as rig:
+def test_a_program_that_has_forgotten_its_lights_loses_them() -> None:
+    with open_rig(SMALL, timeouts=LinkTimeouts(unused_s=20.0)) as rig:
         rig.lights.select(2)
         rig.clock.sleep_s(19.0)
         assert output(rig, 2) == 1.0
@@ -60,9 +57,9 @@ def test_without_a_rig_around_it_the_driver_leaves_time_to_its_caller(bench: Any
         lights.select(0)
         for _ in range(5):
             bench.clock.sleep_s(0.14)
-            assert 0.0 < lights.tend() <= 0.15
+            assert 0.0 < lights.keep_alive_if_due() <= 0.15
             bench.clock.sleep_s(0.011)
-            assert lights.tend() == 0.15
+            assert lights.keep_alive_if_due() == 0.15
         assert lights.confirm(0).led == 0
 
 
@@ -73,7 +70,7 @@ def test_no_heartbeat_for_a_thread_that_has_ended(bench: Any) -> None:
         thread.join()
         for _ in range(4):
             bench.clock.sleep_s(0.1)
-            lights.tend()
+            lights.keep_alive_if_due()
         assert bench.lit() == [0.0] * 4
 
 
@@ -82,7 +79,7 @@ def test_no_heartbeat_while_an_exchange_is_under_way(bench: Any) -> None:
         lights.select(1)
         bench.clock.sleep_s(0.9)
         with lights._lock:
-            thread = threading.Thread(target=lambda: waits.append(lights.tend()))
+            thread = threading.Thread(target=lambda: waits.append(lights.keep_alive_if_due()))
             waits: list[float] = []
             thread.start()
             thread.join()
@@ -112,7 +109,7 @@ def test_a_controller_that_restarted_unseen_is_noticed(bench: Any) -> None:
         bench.controller.reset()
         bench.clock.sleep_s(0.5)
         bench.controller.take_output()  # the banner went to nobody
-        lights.tend()
+        lights.keep_alive_if_due()
         with pytest.raises(LightControllerError, match=r"while nobody switched: .*restarted"):
             lights.select(1)
 
@@ -123,7 +120,7 @@ def test_nothing_beats_after_a_failure_so_that_the_watchdog_works(bench: Any) ->
         lights._has_failed = True
         for _ in range(4):
             bench.clock.sleep_s(0.15)
-            lights.tend()
+            lights.keep_alive_if_due()
         assert bench.lit() == [0.0] * 4
 
 
@@ -150,19 +147,19 @@ def test_a_heartbeat_is_stopped_also_in_mid_call_and_by_itself() -> None:
 
 def test_a_tended_clock_keeps_the_time_of_the_clock_inside() -> None:
     inner = VirtualClock(5.0)
-    clock = TendedClock(inner)
+    clock = KeepAliveClock(inner)
     clock.sleep_s(0.25)
     asked: list[float] = []
 
-    def tend() -> float:
+    def keep_alive() -> float:
         asked.append(inner.now_s())
         return 0.0 if len(asked) == 3 else 0.1
 
-    clock.attend(tend)
+    clock.keep_alive_with(keep_alive)
     clock.sleep_s(0.25)
     assert clock.now_s() == inner.now_s() == pytest.approx(5.5, abs=1e-8)
     assert asked == pytest.approx([5.25, 5.35, 5.45, 5.45], abs=1e-8)
-    clock.attend(None)
+    clock.keep_alive_with(None)
     clock.sleep_s(-1.0)
     assert clock.now_s() == inner.now_s()
 
@@ -170,7 +167,7 @@ def test_a_tended_clock_keeps_the_time_of_the_clock_inside() -> None:
 _HOLDS_AN_LED = """
 import sys, time
 sys.path[:] = {path!r}
-from rig.lights import LightController
+from rig.lights.driver import LightController
 lights = LightController({port!r}, watchdog_ms=300)
 lights.keep_alive()
 lights.select(2)

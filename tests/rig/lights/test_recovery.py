@@ -12,16 +12,13 @@ from hypothesis import strategies as st
 from capture import capture_set
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
-from rig.lights import driver as lights_module
-from rig.lights import link as link_module
 from rig.lights.driver import LightController
+from rig.lights.timeouts import LinkTimeouts
 
 SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
 
 
-@pytest.fixture
-def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 0.3)
+SHORT = LinkTimeouts(recover_s=0.3)
 
 
 def test_without_a_failure_nothing_is_done(bench: Any) -> None:
@@ -42,16 +39,14 @@ def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
         assert lights._link is link
 
 
-def test_unplugged_and_plugged_in_again_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    with open_rig(SMALL) as rig:
+def test_unplugged_and_plugged_in_again_elsewhere() -> None:
+    with open_rig(SMALL, timeouts=SHORT) as rig:
         assert rig.simulation is not None
         rig.lights.set_level(2, 98)
         capture_set(rig)
         rig.simulation.unplug_lights()
-        with monkeypatch.context() as patch:
-            patch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 0.3)
-            with pytest.raises(LightControllerError, match="gone"):
-                capture_set(rig)
+        with pytest.raises(LightControllerError, match="gone"):
+            capture_set(rig)
         rig.simulation.replug_lights()
         capture_set(rig)
         assert rig.lights.port == rig.simulation.port
@@ -59,9 +54,8 @@ def test_unplugged_and_plugged_in_again_elsewhere(monkeypatch: pytest.MonkeyPatc
         assert rig.lights.state().led is None
 
 
-@pytest.mark.usefixtures("impatient")
 def test_while_it_is_unplugged_it_is_named_as_missing() -> None:
-    with open_rig(SMALL) as rig:
+    with open_rig(SMALL, timeouts=SHORT) as rig:
         assert rig.simulation is not None
         rig.simulation.unplug_lights()
         with pytest.raises(LightControllerError):
@@ -130,10 +124,9 @@ def test_among_several_the_same_one_is_found(devices: Callable[[str], str]) -> N
         assert lights.identity.serial_number == "A-1"
 
 
-@pytest.mark.usefixtures("impatient")
 def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str]) -> None:
     first, other = devices("A-1"), devices("B-2")
-    with LightController(first, whereabouts=lambda: (other,)) as lights:
+    with LightController(first, whereabouts=lambda: (other,), timeouts=SHORT) as lights:
         fail(lights)
         with pytest.raises(LightControllerError, match="controller B-2 is there in place of A-1"):
             lights.recover()
@@ -143,9 +136,8 @@ def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str
         assert lights.identity.serial_number == "B-2"
 
 
-@pytest.mark.usefixtures("impatient")
 def test_plugged_in_nowhere(devices: Callable[[str], str]) -> None:
-    with LightController(devices("A-1"), whereabouts=lambda: ()) as lights:
+    with LightController(devices("A-1"), whereabouts=lambda: (), timeouts=SHORT) as lights:
         fail(lights)
         with pytest.raises(LightControllerError, match="A-1 is not plugged in any more"):
             lights.recover()
@@ -186,13 +178,11 @@ KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "ba
 
 @pytest.mark.parametrize("switches", [8])
 def test_damage_is_an_error_or_does_no_harm_and_is_over_after_recovery(
-    switches: int, damaged_device: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+    switches: int, damaged_device: Callable[[Any], Any]
 ) -> None:
     """Any damage to any replies: no acknowledge of a switch that did not happen."""
-    monkeypatch.setattr(link_module, "REPLY_TIMEOUT_S", 0.03)
     damage = Damage()
     line = damaged_device(damage)
-    monkeypatch.setattr(lights_module, "_RECOVER_TIMEOUT_S", 5.0)
 
     @settings(max_examples=25, deadline=None, derandomize=True)
     @given(st.lists(st.tuples(KINDS, st.integers(0, 10_000)), max_size=6))
@@ -210,5 +200,5 @@ def test_damage_is_an_error_or_does_no_harm_and_is_over_after_recovery(
         assert lights.select(3).led == 3
         assert lights.off().led is None
 
-    with LightController(line.port) as lights:
+    with LightController(line.port, timeouts=LinkTimeouts(reply_s=0.03)) as lights:
         play()

@@ -1,0 +1,115 @@
+"""Keeping a controller's watchdog quiet while the program lives, in real and simulated time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from firmware_sim import Clock
+
+__all__ = ["Heartbeat", "KeepAlive", "KeepAliveClock", "LightUsage"]
+
+KeepAlive = Callable[[], float]
+"""Sends a command if one is due; returns the seconds until it should be called again."""
+
+# Simulated clocks count whole nanoseconds, so a shorter sleep would not advance them.
+_INSTANT_S = 1e-9
+
+
+class LightUsage:
+    """When a program last used its lights, and so whether they should stay on.
+
+    Parameters
+    ----------
+    clock
+        The rig's clock.
+    watchdog_ms
+        Silence after which the controller puts the LEDs out; a command is due after half of it.
+    unused_s
+        Time without use after which the program has forgotten its lights, or hangs.
+    """
+
+    def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
+        self._clock = clock
+        self._unused_s = unused_s
+        self.period_s = watchdog_ms / 2000.0
+        self.mark_used()
+
+    @property
+    def due_in_s(self) -> float:
+        """Seconds until the next command is due; negative if it is overdue."""
+        return self._sent_s + self.period_s - self._clock.now_s()
+
+    @property
+    def is_recent(self) -> bool:
+        """Whether the thread that used the lights last still runs, and used them recently."""
+        return self._user.is_alive() and self._clock.now_s() - self._used_s <= self._unused_s
+
+    def mark_used(self) -> None:
+        """Note a command of the program."""
+        self._user = threading.current_thread()
+        self._used_s = self._sent_s = self._clock.now_s()
+
+    def mark_sent(self) -> None:
+        """Note a command that only keeps the watchdog quiet."""
+        self._sent_s = self._clock.now_s()
+
+
+class Heartbeat:
+    """A thread that keeps a controller alive in real time until it is stopped.
+
+    Parameters
+    ----------
+    keep_alive
+        Called from the thread; it must have a deadline of its own and must not raise.
+    """
+
+    def __init__(self, keep_alive: KeepAlive) -> None:
+        self._keep_alive = keep_alive
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="light heartbeat", daemon=True)
+        self._thread.start()
+
+    def stop(self, timeout_s: float) -> None:
+        """Make no further call, and wait up to `timeout_s` for one that runs."""
+        self._stopping.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        while not self._stopping.wait(self._keep_alive()):
+            pass
+
+
+class KeepAliveClock:
+    """A clock whose sleeps also keep a controller alive, for simulated time.
+
+    A thread cannot do it there: simulated time passes at once, and a tick of a virtual clock must
+    not wait for an answer that itself takes simulated time. The simulated hardware uses the inner
+    clock.
+
+    Parameters
+    ----------
+    clock
+        The inner clock.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._keep_alive: KeepAlive | None = None
+
+    def keep_alive_with(self, keep_alive: KeepAlive | None) -> None:
+        """Call `keep_alive` in every sleep, as often as it asks; None ends that."""
+        self._keep_alive = keep_alive
+
+    def now_s(self) -> float:
+        return self._clock.now_s()
+
+    def sleep_s(self, duration_s: float) -> None:
+        end_s = self._clock.now_s() + duration_s
+        while (left_s := end_s - self._clock.now_s()) > _INSTANT_S:
+            pause_s = left_s if self._keep_alive is None else min(left_s, self._keep_alive())
+            self._clock.sleep_s(max(pause_s, _INSTANT_S))
+
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+        return self._clock.call_at(at_s, callback)

@@ -1,0 +1,54 @@
+"""Finding the same light controller again after its line has failed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from rig.errors import LightControllerError
+
+from .link import ControllerIdentity, ControllerLink
+from .timeouts import LinkTimeouts
+
+__all__ = ["Whereabouts", "find_again"]
+
+Whereabouts = Callable[[], Iterable[str]]
+"""The ports on which a controller may be now, the likeliest first."""
+
+_PAUSE_S = 0.1  # between two rounds through the ports; short against the second that USB takes
+
+
+def find_again(
+    wanted: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
+) -> ControllerLink:
+    """Open the line to the controller with the same serial number, on whichever port it is.
+
+    Raises
+    ------
+    LightControllerError
+        If it is not found within `timeouts.recover_s`, or another controller is in its place.
+    """
+    deadline_s = time.monotonic() + timeouts.recover_s
+    while True:
+        failure: LightControllerError | None = None
+        for port in whereabouts():
+            left_s = max(0.1, deadline_s - time.monotonic())
+            try:
+                link = ControllerLink(port, baud, replace(timeouts, open_s=left_s))
+            except LightControllerError as error:
+                failure = failure or error
+                continue
+            found = link.identity.serial_number
+            if found == wanted.serial_number:
+                return link
+            link.close()
+            failure = LightControllerError(
+                f"{port}: light controller {found} is there in place of {wanted.serial_number}; "
+                "plug that in again, or open the rig anew to use this one"
+            )
+        if time.monotonic() >= deadline_s:
+            raise failure or LightControllerError(
+                f"light controller {wanted.serial_number} is not plugged in any more"
+            )
+        time.sleep(_PAUSE_S)

@@ -1,0 +1,62 @@
+"""Finishing what must not be interrupted, such as putting LEDs out, when signals arrive."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+__all__ = ["uninterrupted"]
+
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
+
+def uninterrupted(action: Callable[[], object]) -> None:
+    """Run `action` to its end, and deliver signals that end a program only afterwards.
+
+    An interrupt that arrives before the signals are held back makes `action` run again, so it
+    must be harmless to repeat.
+
+    Parameters
+    ----------
+    action
+        It needs deadlines of its own: Ctrl-C does not end it.
+    """
+    try:
+        with _signals_held_back():
+            action()
+    except KeyboardInterrupt:
+        with _signals_held_back():
+            action()
+        raise
+
+
+@contextmanager
+def _signals_held_back() -> Iterator[None]:
+    """Note ending signals instead of handling them; handle them at the end of the block.
+
+    Masking them in this thread is not enough, since the kernel then delivers them to another
+    thread and Python runs the handler here all the same. So the handlers are exchanged as well.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python runs handlers in the main thread only
+        return
+    held: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in _ENDING}
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        for number, handler in handlers.items():
+            if handler not in (signal.SIG_IGN, None):  # None: not installed from Python
+                signal.signal(number, lambda number, _frame: held.append(number))
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        for number, handler in handlers.items():
+            if handler not in (signal.SIG_IGN, None):
+                signal.signal(number, handler)
+        for arrived in dict.fromkeys(held):
+            signal.raise_signal(arrived)  # pending until the mask is restored
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
