@@ -2,6 +2,8 @@
 
 Before and after a command a signal ends the process at once. During a command it raises
 KeyboardInterrupt in the main thread, so that LEDs go out and temporary files are removed.
+
+This module imports little, because a signal before `install_handlers` ends in a traceback.
 """
 
 from __future__ import annotations
@@ -13,11 +15,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    # Nothing else is imported before the handlers are installed: importing takes time.
-    from sys import UnraisableHookArgs
 
 __all__ = ["INTERRUPTED_LINE", "INTERRUPTED_STATUS", "install_handlers", "interruptible"]
 
@@ -93,7 +90,7 @@ def _send_again(number: int) -> None:
     timer.start()
 
 
-def _retry_lost_interrupt(lost: UnraisableHookArgs) -> None:
+def _retry_lost_interrupt(lost: sys.UnraisableHookArgs) -> None:
     """Raise an interrupt again that Python lost in a finalizer or a callback from C."""
     global _raised_at_s
     if issubclass(lost.exc_type, KeyboardInterrupt):

@@ -32,8 +32,11 @@ def settle_process() -> None:
     InputError
         If ``NUMBA_NUM_THREADS`` is not a positive whole number.
     """
-    if "NUMBA_NUM_THREADS" in os.environ:
-        thread_count()  # numba checks the variable too, but fails with a traceback
+    # numba reads the variable as well, but prints a traceback if it is wrong or blank.
+    if os.environ.get("NUMBA_NUM_THREADS", "").strip():
+        thread_count()
+    else:
+        os.environ.pop("NUMBA_NUM_THREADS", None)
     if "OMP_WAIT_POLICY" not in os.environ:
         os.environ.setdefault("GOMP_SPINCOUNT", _SPIN_COUNT)
     for variable, option, size in (

@@ -1,9 +1,7 @@
-"""The start of the command: what it loads for a page of help, and Ctrl-C before it has loaded."""
+"""The modules that a page of help loads, and the public names of the packages."""
 
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,12 +18,12 @@ pages = [[], *([name] for name in sys.argv[1:])]
 assert all(CliRunner().invoke(app, [*page, "--help"]).exit_code == 0 for page in pages)
 print(*{name.split(".")[0] for name in sys.modules})
 """
-# Not pydantic: typer has it for itself.
+# pydantic is not in the list, because typer loads it.
 HEAVY = {"cv2", "distributed", "matplotlib", "numba", "numpy", "scipy", "serial", "tifffile"}
 
 
-def test_help_loads_nothing_that_takes_its_time() -> None:
-    names = ("demo", "capture", "import", "solve", "train", "classify", "evaluate")
+def test_help_loads_no_large_module() -> None:
+    names = ("demo", "capture", "import", "solve", "train", "classify", "evaluate", "rig")
     result = subprocess.run(
         [sys.executable, "-c", HELP, *names],
         check=True,
@@ -39,25 +37,10 @@ def test_help_loads_nothing_that_takes_its_time() -> None:
 
 
 @pytest.mark.parametrize("package", [capture, classify, rig])
-def test_every_public_name_is_there_when_it_is_asked_for(package: Any) -> None:
+def test_every_public_name_can_be_imported(package: Any) -> None:
     assert package.__all__
     for name in package.__all__:
         assert getattr(package, name) is not None
+    assert set(package.__all__) <= set(dir(package))
     with pytest.raises(AttributeError):
         _ = package.no_such_name
-
-
-@pytest.mark.parametrize("module", ["typer", "numba"])
-def test_ctrl_c_in_an_import_is_one_line(
-    spawn: Callable[..., Any],
-    sets: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    module: str,
-) -> None:
-    (tmp_path / f"{module}.py").write_text("import signal; signal.raise_signal(signal.SIGINT)")
-    monkeypatch.syspath_prepend(tmp_path)
-    process = spawn("solve", sets / "rock-001.ome.tif", "--out", tmp_path / "maps")
-    stdout, stderr = process.communicate(timeout=30)
-    assert (process.returncode, stdout, stderr) == (130, "", "ps4rig: interrupted\n")
-    assert not (tmp_path / "maps").exists()

@@ -1,0 +1,159 @@
+"""Signals that end a command, during its start-up and in the middle of a set."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Spawn = Callable[..., Any]
+INTERRUPTED = (130, "", "ps4rig: interrupted\n")
+DEADLINE_S = 60.0
+RIG = """
+[lights]
+port = "simulated"
+[camera]
+width_px = 64
+height_px = 64
+frame_rate_hz = 1
+[simulation]
+clock = "real"
+"""
+PROGRAM = """
+import signal, sys, time
+from capture.process.interrupts import install_handlers, interruptible
+
+class Interrupts:
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+install_handlers()
+try:
+    with interruptible():
+        {block}
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@pytest.fixture
+def slow_capture(spawn: Spawn, tmp_path: Path) -> Callable[[], Any]:
+    """Start a capture that takes five seconds; its only output would be tmp_path/sets."""
+    config = tmp_path / "rig.toml"
+    config.write_text(RIG)
+    (tmp_path / "sets").mkdir()
+    return lambda: spawn("capture", "--rig", config, tmp_path / "sets" / "a.ome.tif")
+
+
+def wait_until(condition: Callable[[int], bool], process: Any) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition(process.pid):
+        assert process.poll() is None
+        assert time.monotonic() < deadline_s
+
+
+def handles_sigterm(pid: int) -> bool:
+    """Whether the process has installed its handlers: Python itself has none for SIGTERM."""
+    (caught,) = [
+        line.split()[1]
+        for line in Path(f"/proc/{pid}/status").read_text().splitlines()
+        if line.startswith("SigCgt")
+    ]
+    return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def has_opened_lights(pid: int) -> bool:
+    """Whether the process has opened the slave side of a pseudo-terminal, the simulated port."""
+    descriptors = []
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            descriptors.append(str(link.readlink()))
+        except OSError:
+            continue
+    return any(target.removeprefix("/dev/pts/").isdigit() for target in descriptors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_in_mid_set_is_one_line_and_leaves_no_file(
+    slow_capture: Callable[[], Any], tmp_path: Path, number: str
+) -> None:
+    process = slow_capture()
+    wait_until(has_opened_lights, process)
+    process.send_signal(signal.Signals[number])
+    stdout, stderr = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, stdout, stderr) == INTERRUPTED
+    assert list((tmp_path / "sets").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_signal_at_any_moment_of_the_start_is_one_line(
+    slow_capture: Callable[[], Any], tmp_path: Path
+) -> None:
+    moments = random.Random(11)
+    for _ in range(24):
+        process = slow_capture()
+        wait_until(handles_sigterm, process)
+        time.sleep(moments.uniform(0.0, 1.0))  # any delay is good: the capture takes five seconds
+        process.send_signal(moments.choice([signal.SIGINT, signal.SIGTERM]))
+        stdout, stderr = process.communicate(timeout=DEADLINE_S)
+        assert (process.returncode, stdout, stderr) == INTERRUPTED
+        assert list((tmp_path / "sets").iterdir()) == []
+
+
+@pytest.mark.parametrize("module", ["typer", "tifffile"])
+def test_an_interrupt_that_an_import_swallows_is_raised_later(
+    spawn: Spawn, sets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str
+) -> None:
+    """The module swallows the interrupt of its import, and loads the real one in its place."""
+    (tmp_path / f"{module}.py").write_text(
+        "import signal, sys\n"
+        "try:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\n"
+        f"sys.path.remove({str(tmp_path)!r})\n"
+        f"del sys.modules[{module!r}]\nimport {module}\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    process = spawn("solve", sets / "rock-001.ome.tif", "--out", tmp_path / "maps")
+    stdout, stderr = process.communicate(timeout=DEADLINE_S)
+    assert (process.returncode, stdout, stderr) == INTERRUPTED
+    assert not (tmp_path / "maps").exists()
+
+
+@pytest.mark.parametrize(
+    ("block", "stdout"),
+    [
+        ("signal.raise_signal(signal.SIGQUIT)", "interrupted\n"),
+        # Python loses an exception that is raised in a finalizer.
+        ("Interrupts(); time.sleep(60)", "interrupted\n"),
+        # A second signal does not disturb the clean-up after the first.
+        (
+            """try: signal.raise_signal(signal.SIGINT)
+        finally: signal.raise_signal(signal.SIGTERM); print('cleaned up')""",
+            "cleaned up\ninterrupted\n",
+        ),
+    ],
+)
+def test_a_command_is_interrupted_once(block: str, stdout: str) -> None:
+    program = [sys.executable, "-c", PROGRAM.format(block=block)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == (stdout, "")
+
+
+def test_signals_that_the_parent_ignores_stay_ignored() -> None:
+    block = "signal.raise_signal(signal.SIGHUP); print('goes on')"
+    done = subprocess.run(
+        ["nohup", sys.executable, "-c", PROGRAM.format(block=block)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (done.stdout, done.stderr) == ("goes on\n", "")
