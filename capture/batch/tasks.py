@@ -19,7 +19,7 @@ from capture.sets.captured_set import CapturedSet
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
-from classify.library.texture_library import TrainingRow, common_lighting, observe
+from classify.library.training import TrainingRow, common_lighting, observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
 

@@ -1,7 +1,10 @@
-"""The ways to tell textures apart, all behind one `Classifier`.
+"""The classifiers by name, all behind one `Classifier`.
 
-`joint` is the default; the others are those of the thesis and of Varma and Zisserman, to compare.
+`joint` is the default. The others are those of the thesis and of Varma and Zisserman, for
+comparison.
 """
+
+from typing import Any
 
 from classify.errors import InputError
 
@@ -20,15 +23,13 @@ __all__ = [
     "classifier_named",
 ]
 
-CLASSIFIERS = {
-    each.name: each
-    for each in (
-        JOINT, SPECTRA_2D, SPECTRA_2D_POWER, POLAR_RADIAL, POLAR, IMAGE_POLAR, VARMA_ZISSERMAN
-    )
-}  # fmt: skip
+_ALL: tuple[Classifier[Any, Any], ...] = (
+    JOINT, SPECTRA_2D, SPECTRA_2D_POWER, POLAR_RADIAL, POLAR, IMAGE_POLAR, VARMA_ZISSERMAN
+)  # fmt: skip
+CLASSIFIERS = {classifier.name: classifier for classifier in _ALL}
 
 
-def classifier_named(name: str) -> Classifier:
+def classifier_named(name: str) -> Classifier[Any, Any]:
     """The classifier of that name.
 
     Raises

@@ -1,23 +1,38 @@
-"""What every classifier does, so that one library, file and evaluation serves them all."""
+"""The interface of all classifiers: one library, file format and evaluation serves them all."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-__all__ = ["Classifier", "Comparison", "Observation", "Parameters"]
+__all__ = [
+    "Classifier",
+    "Comparison",
+    "Observation",
+    "Parameters",
+    "Shape",
+    "simple_classifier",
+]
 
-Observation = Mapping[str, npt.NDArray[Any]]
-"""All that a classifier keeps of one surface: plain arrays, cheap to send to another process."""
+
+class Observation:
+    """What a classifier keeps of one surface: a small dataclass that pickles cheaply."""
+
+
+Tested = TypeVar("Tested", bound=Observation)
+Trained = TypeVar("Trained", bound=Observation)
 
 Parameters = Mapping[str, npt.NDArray[np.float64]]
 """What a classifier learns from all training sets together, such as floors and weights."""
+
+Shape = tuple[int, ...]
+"""Shape of an array; -1 stands for any length."""
 
 
 class Comparison(NamedTuple):
@@ -43,12 +58,30 @@ class Comparison(NamedTuple):
     headings: npt.NDArray[np.float64] | None = None
 
 
-def _nothing(_observations: Sequence[Observation], _labels: Sequence[str]) -> Parameters:
+def _no_parameters(_observations: Sequence[Any], _labels: Sequence[str]) -> Parameters:
     return {}
 
 
+def _no_shapes(_segment_px: int) -> Mapping[str, Shape]:
+    return {}
+
+
+def _no_limits(
+    _labels: Sequence[str], _sets: Sequence[int], _references: FloatMap, _parameters: Parameters
+) -> dict[str, float]:
+    return {}
+
+
+def _no_invariants(signatures: FloatMap) -> FloatMap:
+    return np.ones((len(signatures), 1), np.float32)
+
+
+def _unchanged(references: FloatMap) -> FloatMap:
+    return references
+
+
 @dataclass(frozen=True)
-class Classifier:
+class Classifier(Generic[Tested, Trained]):
     """A way to tell textures apart, as functions on arrays.
 
     Attributes
@@ -56,51 +89,69 @@ class Classifier:
     name
         As in ``--classifier NAME``.
     observe
-        (surface, segment_px) to what a test is judged by.
+        (surface, segment_px) to the observation of a test.
+    observe_training
+        (surface, segment_px) to the observation of a training set, which may hold more.
     signature
-        (observation, parameters) to an array of fixed shape, float32.
+        (observation of a test, parameters) to an array of fixed shape, float32.
+    references
+        (observation of a training set, parameters) to (k, ...) signatures.
     compare
-        (test signature, (n, ...) reference signatures, parameters) to a `Comparison`.
+        (signature, (n, ...) references, parameters) to a `Comparison`.
     learn
         (observations of all training sets, their labels) to parameters.
-    observe_training
-        As `observe`, where training looks at more than a test does.
-    references
-        (training observation, parameters) to (k, ...) signatures, where a set gives several.
+    parameter_shapes
+        segment_px to the shape of each parameter.
     limits
-        (label and set of each reference, (n, ...) references, parameters) to the distance, for each
-        class, beyond which a surface is none of it; None where a classifier cannot say.
+        (label and set number of each reference, (n, ...) references, parameters) to the distance
+        beyond which each class rejects; empty where the classifier rejects nothing.
+    has_invariants
+        Whether `invariants` bound the distance; a large library then compares few references.
     invariants
-        (n, ...) signatures to (n, k + 1): k numbers whose squared Euclidean distance, over the
-        last number of the test, is never above the distance. A large library is sifted by them.
+        (n, ...) signatures to (n, k + 1): k numbers whose squared Euclidean distance, divided by
+        the last number of the test, never exceeds the distance.
     without_heading
-        (k, ...) references to the same without a heading; None where they have none.
+        (k, ...) references to the same references without a heading.
     from_images
-        Whether it looks at images rather than at the surface: then a set under another lighting
-        is another thing.
+        Whether it compares images rather than surfaces: images depend on the lighting.
     """
 
     name: str
-    observe: Callable[[SurfaceEstimate, int], Observation]
-    signature: Callable[[Observation, Parameters], FloatMap]
+    observe: Callable[[SurfaceEstimate, int], Tested]
+    observe_training: Callable[[SurfaceEstimate, int], Trained]
+    signature: Callable[[Tested, Parameters], FloatMap]
+    references: Callable[[Trained, Parameters], FloatMap]
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
-    learn: Callable[[Sequence[Observation], Sequence[str]], Parameters] = _nothing
-    observe_training: Callable[[SurfaceEstimate, int], Observation] | None = None
-    references: Callable[[Observation, Parameters], FloatMap] | None = None
-    limits: (
-        Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] | None
-    ) = None
-    invariants: Callable[[FloatMap], FloatMap] | None = None
-    without_heading: Callable[[FloatMap], FloatMap] | None = None
+    learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = _no_parameters
+    parameter_shapes: Callable[[int], Mapping[str, Shape]] = _no_shapes
+    limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
+        _no_limits
+    )
+    has_invariants: bool = False
+    invariants: Callable[[FloatMap], FloatMap] = _no_invariants
+    without_heading: Callable[[FloatMap], FloatMap] = _unchanged
     from_images: bool = False
 
-    def training_observation(self, surface: SurfaceEstimate, segment_px: int) -> Observation:
-        """What training keeps of a surface."""
-        observe = self.observe_training or self.observe
-        return observe(surface, segment_px)
 
-    def training_signatures(self, observation: Observation, parameters: Parameters) -> FloatMap:
-        """(k, ...) references that one training set gives."""
-        if self.references is not None:
-            return self.references(observation, parameters)
-        return self.signature(observation, parameters)[None]
+def simple_classifier(
+    name: str,
+    observe: Callable[[SurfaceEstimate, int], Tested],
+    signature: Callable[[Tested, Parameters], FloatMap],
+    compare: Callable[[FloatMap, FloatMap, Parameters], Comparison],
+    *,
+    from_images: bool = False,
+) -> Classifier[Tested, Tested]:
+    """Make a classifier that observes training sets like tests and learns nothing from them."""
+
+    def references(observation: Tested, parameters: Parameters) -> FloatMap:
+        return signature(observation, parameters)[None]
+
+    return Classifier(
+        name=name,
+        observe=observe,
+        observe_training=observe,
+        signature=signature,
+        references=references,
+        compare=compare,
+        from_images=from_images,
+    )

@@ -10,14 +10,14 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import image_spectrum, polar_radii_px
 
-from .classifier import Classifier, Comparison, Observation, Parameters
-from .spectra_2d import observe_spectra, shifts_by_polar
+from .classifier import Comparison, Parameters, simple_classifier
+from .spectra_2d import PolarSpectra, observe_spectra, shifts_by_polar
 
-__all__ = ["IMAGE_POLAR", "POLAR", "POLAR_RADIAL", "first_light"]
+__all__ = ["IMAGE_POLAR", "POLAR", "POLAR_RADIAL", "first_light", "images_of"]
 
 
-def first_light(surface: SurfaceEstimate) -> int:
-    """Index of the light nearest to tilt 0, the one whose image is looked at.
+def images_of(surface: SurfaceEstimate) -> npt.NDArray[np.generic]:
+    """(N, H, W) images of a surface.
 
     Raises
     ------
@@ -29,20 +29,24 @@ def first_light(surface: SurfaceEstimate) -> int:
             "this surface comes without its images, and this classifier compares images; "
             "solve the set again"
         )
+    return surface.images
+
+
+def first_light(surface: SurfaceEstimate) -> int:
+    """Index of the light nearest to tilt 0, whose image is compared."""
     return 0 if surface.lighting is None else surface.lighting.light_nearest_tilt(0.0, 180.0)
 
 
-def _observe_image(surface: SurfaceEstimate, segment_px: int) -> Observation:
-    index = first_light(surface)
-    assert surface.images is not None
-    spectrum = image_spectrum(surface.images[index], segment_px)
+def _observe_image(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
+    image = images_of(surface)[first_light(surface)]
+    spectrum = image_spectrum(image, segment_px)
     octaves = np.square(polar_radii_px(segment_px) / segment_px).astype(np.float32)[:, None]
-    return {"per_octave": (spectrum * octaves)[None]}
+    return PolarSpectra((spectrum * octaves)[None])
 
 
-def _polar(observation: Observation, _: Parameters) -> FloatMap:
+def _polar(observation: PolarSpectra, _: Parameters) -> FloatMap:
     """(A,) magnitudes of the first channel, summed over radius (thesis section 6.4)."""
-    polar: FloatMap = np.sqrt(observation["per_octave"][0]).sum(axis=0)
+    polar: FloatMap = np.sqrt(observation.per_octave[0]).sum(axis=0)
     return polar
 
 
@@ -54,9 +58,9 @@ def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Compa
     return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, turns * STEP_DEG)
 
 
-def _profiles(observation: Observation, _: Parameters) -> FloatMap:
+def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
     """(2, A + R) of M and A: polar and radial magnitudes (thesis chapter 8)."""
-    magnitude = np.sqrt(observation["per_octave"])
+    magnitude = np.sqrt(observation.per_octave)
     return np.concatenate([magnitude.sum(axis=1), magnitude.sum(axis=2)], axis=1)
 
 
@@ -86,14 +90,8 @@ def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
     return sums
 
 
-IMAGE_POLAR = Classifier(
-    name="image_polar",
-    observe=_observe_image,
-    signature=_polar,
-    compare=_compare_polar,
-    from_images=True,
+IMAGE_POLAR = simple_classifier(
+    "image_polar", _observe_image, _polar, _compare_polar, from_images=True
 )
-POLAR = Classifier(name="polar", observe=observe_spectra, signature=_polar, compare=_compare_polar)
-POLAR_RADIAL = Classifier(
-    name="polar_radial", observe=observe_spectra, signature=_profiles, compare=_compare_profiles
-)
+POLAR = simple_classifier("polar", observe_spectra, _polar, _compare_polar)
+POLAR_RADIAL = simple_classifier("polar_radial", observe_spectra, _profiles, _compare_profiles)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,14 +11,28 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import Spectra, surface_spectra
 
-from .classifier import Classifier, Comparison, Observation, Parameters
+from .classifier import Comparison, Observation, Parameters, simple_classifier
 
-__all__ = ["SPECTRA_2D", "SPECTRA_2D_POWER", "observe_spectra", "per_octave", "shifts_by_polar"]
+__all__ = [
+    "SPECTRA_2D",
+    "SPECTRA_2D_POWER",
+    "PolarSpectra",
+    "observe_spectra",
+    "per_octave",
+    "shifts_by_polar",
+]
 
 
-def observe_spectra(surface: SurfaceEstimate, segment_px: int) -> Observation:
+@dataclass(frozen=True, eq=False)
+class PolarSpectra(Observation):
+    """(channels, R, A) float32 power spectra per octave; a surface has two, M and A."""
+
+    per_octave: FloatMap
+
+
+def observe_spectra(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
     """M and A of a surface, each multiplied by the square of the frequency."""
-    return {"per_octave": per_octave(surface_spectra(surface, segment_px))}
+    return PolarSpectra(per_octave(surface_spectra(surface, segment_px)))
 
 
 def per_octave(spectra: Spectra) -> FloatMap:
@@ -35,14 +51,13 @@ def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.floa
     return best_shift(_errors_1d(test, references))
 
 
-def _magnitude(observation: Observation, _: Parameters) -> FloatMap:
+def _magnitude(observation: PolarSpectra, _: Parameters) -> FloatMap:
     """Magnitudes: a few strong low frequencies outvote all others in a power spectrum."""
-    return np.sqrt(observation["per_octave"])
+    return np.sqrt(observation.per_octave)
 
 
-def _power(observation: Observation, _: Parameters) -> FloatMap:
-    power: FloatMap = observation["per_octave"]
-    return power
+def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
+    return observation.per_octave
 
 
 def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
@@ -77,9 +92,5 @@ def _errors_1d(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
     return errors_1d
 
 
-SPECTRA_2D = Classifier(
-    name="spectra_2d", observe=observe_spectra, signature=_magnitude, compare=_compare
-)
-SPECTRA_2D_POWER = Classifier(
-    name="spectra_2d_power", observe=observe_spectra, signature=_power, compare=_compare
-)
+SPECTRA_2D = simple_classifier("spectra_2d", observe_spectra, _magnitude, _compare)
+SPECTRA_2D_POWER = simple_classifier("spectra_2d_power", observe_spectra, _power, _compare)

@@ -1,48 +1,56 @@
-"""The classifier of Varma and Zisserman on one image of a set, as a library's classifier."""
+"""The classifier of Varma and Zisserman (2005): textons of the images of a set."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.texture.filter_bank import mr8_responses
+from classify.texture.filter_bank import RESPONSES, mr8_responses
 from classify.texture.textons import chi_squared, learn_textons, texton_histogram
 
-from .classifier import Classifier, Comparison, Observation, Parameters
-from .profiles import first_light
+from .classifier import Classifier, Comparison, Observation, Parameters, Shape
+from .profiles import first_light, images_of
 
 __all__ = ["VARMA_ZISSERMAN"]
 
 
-def _observe(surface: SurfaceEstimate, _segment_px: int) -> Observation:
-    index = first_light(surface)
-    assert surface.images is not None
-    return {"responses": mr8_responses(surface.images[index])[None]}
+@dataclass(frozen=True, eq=False)
+class FilterResponses(Observation):
+    """(images, 8, H, W) float32 MR8 responses: one image of a test, all of a training set."""
+
+    responses: FloatMap
 
 
-def _observe_training(surface: SurfaceEstimate, _segment_px: int) -> Observation:
-    """Every image of a training set is a training image."""
-    first_light(surface)
-    assert surface.images is not None
-    return {"responses": np.stack([mr8_responses(image) for image in surface.images])}
+def _observe(surface: SurfaceEstimate, _segment_px: int) -> FilterResponses:
+    image = images_of(surface)[first_light(surface)]
+    return FilterResponses(mr8_responses(image)[None])
 
 
-def _learn(observations: Sequence[Observation], labels: Sequence[str]) -> Parameters:
+def _observe_training(surface: SurfaceEstimate, _segment_px: int) -> FilterResponses:
+    return FilterResponses(np.stack([mr8_responses(image) for image in images_of(surface)]))
+
+
+def _learn(observations: Sequence[FilterResponses], labels: Sequence[str]) -> Parameters:
     by_class: dict[str, list[FloatMap]] = {}
     for label, observation in zip(labels, observations, strict=True):
-        by_class.setdefault(label, []).extend(observation["responses"])
+        by_class.setdefault(label, []).extend(observation.responses)
     textons = np.concatenate([learn_textons(responses) for responses in by_class.values()])
     return {"textons": textons.astype(np.float64)}
 
 
-def _histograms(observation: Observation, parameters: Parameters) -> FloatMap:
+def _parameter_shapes(_segment_px: int) -> Mapping[str, Shape]:
+    return {"textons": (-1, RESPONSES)}
+
+
+def _histograms(observation: FilterResponses, parameters: Parameters) -> FloatMap:
     textons = parameters["textons"].astype(np.float32)
-    return np.stack([texton_histogram(each, textons) for each in observation["responses"]])
+    return np.stack([texton_histogram(each, textons) for each in observation.responses])
 
 
-def _histogram(observation: Observation, parameters: Parameters) -> FloatMap:
+def _histogram(observation: FilterResponses, parameters: Parameters) -> FloatMap:
     histogram: FloatMap = _histograms(observation, parameters)[0]
     return histogram
 
@@ -55,9 +63,10 @@ VARMA_ZISSERMAN = Classifier(
     name="varma_zisserman",
     observe=_observe,
     observe_training=_observe_training,
-    learn=_learn,
     signature=_histogram,
     references=_histograms,
     compare=_compare,
+    learn=_learn,
+    parameter_shapes=_parameter_shapes,
     from_images=True,
 )

@@ -1,8 +1,8 @@
-"""Few comparisons in a large library: what cannot be nearest is passed over."""
+"""The few references of a large library that can be the nearest or the runner-up."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,9 @@ from classify.classifiers import Comparison
 from classify.compiling import FAST
 from classify.surface.estimate import FloatMap
 
-__all__ = ["COMPARED_AT_ONCE", "Sieve"]
+__all__ = ["Indices", "Sieve"]
 
-COMPARED_AT_ONCE = 1024
-"""A library of up to so many references is compared as a whole: a sieve would gain nothing."""
-
-_FIRST = 64
-_MOST = 4096
-# Error of the numbers in single precision, and of their sums, relative to all of them together.
+# Relative error of the norm of the difference of two vectors of single precision.
 _ROUNDING = np.float32(2e-6)
 
 Array = npt.NDArray[Any]
@@ -29,43 +24,59 @@ Bounds = npt.NDArray[np.float64]
 
 
 class Sieve:
-    """Bounds from below on the distance to every reference, from numbers that no turn changes.
+    """Lower bounds on the distance to every reference, from orientation-invariant numbers.
 
     Parameters
     ----------
     invariants
-        (n, k + 1) float32: k numbers, and one that only counts in a test, as a divisor. The squared
-        Euclidean distance of k numbers, over that divisor, is never above the distance.
-    labels
+        (n, k + 1) float32; see `Classifier.invariants`.
+    class_indices
         (n,) class of each reference.
+    first
+        References that are compared first, and again of other classes than the nearest of them.
+    most
+        References that are compared after that at most, which bounds the time. On 100,000
+        references the nearest is among them in 99.9 % of queries (``ps4rig bench``).
     """
 
-    def __init__(self, invariants: FloatMap, labels: Sequence[str]) -> None:
-        self.invariants = invariants
-        numbers: dict[str, int] = {}
-        self._classes = np.array([numbers.setdefault(label, len(numbers)) for label in labels])
+    def __init__(
+        self,
+        invariants: FloatMap,
+        class_indices: npt.NDArray[np.integer],
+        *,
+        first: int = 64,
+        most: int = 4096,
+    ) -> None:
+        self._invariants = invariants
+        self._classes = class_indices
+        self._first = first
+        self._most = most
 
     def bounds(self, invariants: FloatMap) -> Bounds:
         """(n,) bounds on the distances of a test with the invariants (k + 1,)."""
-        bounds = np.empty(len(self.invariants), np.float64)
-        _bounds(self.invariants, invariants, bounds)
-        # A number that is none bounds nothing.
+        bounds = np.empty(len(self._invariants), np.float64)
+        _bounds(self._invariants, invariants, bounds)
+        # NaN, which a mapped file may contain, gives no bound.
         return np.fmax(bounds, 0.0, out=bounds)
 
     def nearest(
         self, invariants: FloatMap, compare: Callable[[Indices], Comparison]
     ) -> tuple[Indices, Comparison]:
-        """Indices, rising, of all references that may be the nearest or the runner-up, compared.
+        """Compare all references that may be the nearest or the runner-up.
 
-        A few of the lowest bounds, of two classes or more, are compared first. Whatever has a
-        bound above the distance of the best of them cannot be the nearest; nor the runner-up, if
-        it is of the class of the best or has a bound above the distance of the best of another.
-        The rest is compared, lowest bounds first, up to a number that keeps the time bounded.
+        The references of the lowest bounds, of two classes or more, are compared first. Let d1 be
+        their smallest distance, to a reference of class c, and d2 the smallest to any other class.
+        References of c whose bound is at most d1 are compared too, and references of other classes
+        whose bound is at most d2: lowest bounds first, `most` at most.
+
+        Returns
+        -------
+        (m,) indices, rising, and the comparison with these references.
         """
         bounds = self.bounds(invariants)
-        lowest = _lowest(bounds, _FIRST)
+        lowest = _lowest(bounds, self._first)
         rest = np.flatnonzero(self._classes != self._classes[lowest[0]])
-        first = np.union1d(lowest, rest[_lowest(bounds[rest], _FIRST)])
+        first = np.union1d(lowest, rest[_lowest(bounds[rest], self._first)])
         found = compare(first)
         best = int(np.argmin(found.distances))
         others = self._classes != self._classes[first[best]]
@@ -73,7 +84,7 @@ class Sieve:
         within = bounds <= np.where(others, second_best, found.distances[best])
         within[first] = False
         more = np.flatnonzero(within)
-        more = more[_lowest(bounds[more], _MOST)]
+        more = more[_lowest(bounds[more], self._most)]
         if not len(more):
             return first, found
         indices = np.concatenate([first, more])
@@ -83,25 +94,25 @@ class Sieve:
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
 def _bounds(references: Array, test: Array, bounds: Array) -> None:
-    """Squared distances, less what rounding may have added, over the divisor."""
+    """Squared distances, less the rounding error, over the divisor of the test."""
     count, numbers = references.shape
     last = numbers - 1
     energy = np.float32(0.0)
     for k in range(last):
         energy += test[k] * test[k]
-    # That of the references is not needed: it differs only where the distance is large.
-    added = _ROUNDING * np.sqrt(energy)
+    # The energy of a reference differs from the test's only where the distance is large.
+    rounding = _ROUNDING * np.sqrt(energy)
     for n in prange(count):
         square = np.float32(0.0)
         for k in range(last):
             difference = references[n, k] - test[k]
             square += difference * difference
-        distance = np.float64(max(np.sqrt(square) - added, np.float32(0.0)))
+        distance = np.float64(max(np.sqrt(square) - rounding, np.float32(0.0)))
         bounds[n] = distance * distance / np.float64(test[last])
 
 
 def _lowest(values: Bounds, count: int) -> Indices:
-    """Indices of so many of the lowest values, in any order; of all, where there are fewer."""
+    """Indices of the `count` lowest values, in any order; of all where there are fewer."""
     if len(values) <= count:
         return np.arange(len(values))
     return np.argpartition(values, count)[:count]

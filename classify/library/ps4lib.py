@@ -1,7 +1,7 @@
-"""The ``.ps4lib`` file: a zip of one JSON header and plain numpy arrays, none of them packed.
+"""The ``.ps4lib`` file: a zip of one JSON header and plain numpy arrays, stored unpacked.
 
-A member that is stored as it is can be mapped into memory, so that a library of 100,000
-references opens at once and only those that are asked for are read.
+A stored array can be mapped into memory: a library of 100,000 references opens at once, and only
+the signatures that a match needs are read.
 """
 
 from __future__ import annotations
@@ -11,34 +11,41 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, BinaryIO, Final, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from classify.durable_file import durable_file, require_folder
-from classify.errors import LibraryError
+from classify.errors import InputError, LibraryError
+from classify.lighting import Lighting
 from classify.methods import CLASSIFIER_NAMES
-from classify.surface.estimate import FloatMap
+from classify.regular_file import open_regular_file
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
-__all__ = ["SUFFIX", "VERSION", "Contents", "Header", "check_path", "read", "write"]
+from .contents import LibraryContents
+
+__all__ = ["MAP_FROM_BYTES", "SUFFIX", "VERSION", "check_path", "read", "write"]
 
 SUFFIX = ".ps4lib"
 VERSION: Final = 3
+MAP_FROM_BYTES = 64 * 2**20
+"""Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
+
 _HEADER = "library.json"
 _PARAMETERS = "parameters/"
-_MAX_HEADER_BYTES = 256 * 2**20
-_MAX_ARRAY_BYTES = 64 * 2**30
 _MAX_PARAMETERS = 64
-# Larger arrays stay in the file. Smaller ones are read at once and their checksum with them.
-_MAPPED_FROM_BYTES = 64 * 2**20
+# A library of 100,000 references takes 1.1 GB (`ps4rig bench`), its header 20 MB.
+_MAX_FILE_BYTES = 64 * 2**30
+_MAX_HEADER_BYTES = 64 * 2**20
+# Members are stored, not packed; a copy packed by another program is smaller by half. A file whose
+# members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
+_MAX_PACKING = 16
+_PACKING_SLACK_BYTES = 2**20
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
-# What zipfile, zlib, json and numpy raise at a damaged file; RuntimeError stands for encrypted
+# What zipfile, zlib, json and numpy raise for a damaged file; RuntimeError stands for encrypted
 # members and JSON nested too deep, the last four for a broken numpy header.
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError, struct.error,
@@ -47,10 +54,12 @@ _UNREADABLE = (
 
 Label = Annotated[str, Field(min_length=1)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Library = TypeVar("Library", bound=LibraryContents)
+Array = npt.NDArray[Any]
 
 
-class Header(BaseModel):
-    """What a library says in words and single numbers."""
+class _Header(BaseModel):
+    """The contents of a library that are no arrays; see `LibraryContents`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
@@ -64,25 +73,13 @@ class Header(BaseModel):
     sources: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Contents:
-    """A header and the arrays beside it; see `TextureLibrary` for their meaning."""
-
-    header: Header
-    class_indices: npt.NDArray[np.int32]
-    orientations_deg: npt.NDArray[np.float64]
-    signatures: FloatMap
-    parameters: Mapping[str, npt.NDArray[np.float64]]
-    invariants: FloatMap | None = None
-
-
 def check_path(path: Path) -> None:
     """Make sure, before the work, that a library can be written to `path`.
 
     Raises
     ------
     LibraryError
-        If the name does not end in ``.ps4lib``: it may be that of something else.
+        If the name does not end in ``.ps4lib``: the file may be something else.
     InputError
         If there is no such folder.
     """
@@ -91,7 +88,7 @@ def check_path(path: Path) -> None:
     require_folder(path)
 
 
-def write(path: Path, contents: Contents) -> None:
+def write(path: Path, library: LibraryContents) -> None:
     """Write a library to `path`, whole or not at all.
 
     Raises
@@ -102,103 +99,206 @@ def write(path: Path, contents: Contents) -> None:
         If the file cannot be written.
     """
     check_path(path)
-    arrays: dict[str, npt.NDArray[Any]] = {
-        "classes": contents.class_indices.astype("<i4"),
-        "orientations_deg": contents.orientations_deg.astype("<f8"),
-        "signatures": contents.signatures.astype("<f4", copy=False),
+    header = _Header(
+        classifier=library.classifier,
+        segment_px=library.segment_px,
+        simulated=library.simulated,
+        classes=library.classes,
+        limits=dict(library.limits),
+        light_directions=(
+            None if library.lighting is None else library.lighting.directions.tolist()
+        ),
+        sources=library.sources,
+    )
+    arrays: dict[str, Array] = {
+        "classes": library.class_indices.astype("<i4"),
+        "orientations_deg": library.orientations_deg.astype("<f8"),
+        "signatures": library.signatures.astype("<f4", copy=False),
     }
-    if contents.invariants is not None:
-        arrays["invariants"] = contents.invariants.astype("<f4", copy=False)
-    for name, values in contents.parameters.items():
+    if library.invariants is not None:
+        arrays["invariants"] = library.invariants.astype("<f4", copy=False)
+    for name, values in library.parameters.items():
         arrays[_PARAMETERS + name] = values.astype("<f8")
     with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(_HEADER, contents.header.model_dump_json(indent=1))
+        archive.writestr(_HEADER, header.model_dump_json(indent=1))
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                # Not `ascontiguousarray`, which makes a list of a single number.
+                # `ascontiguousarray` would make a list of a single number.
                 plain = np.asarray(array, order="C")
                 np.lib.format.write_array(member, plain, allow_pickle=False)
 
 
-def read(path: Path) -> Contents:
-    """Read a library; any failure is a `LibraryError` that names the file."""
+def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> Library:
+    """Read a library as an object of `kind`; any failure is a `LibraryError` naming the file."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            header = _checked_header(_small_member(archive, path, _HEADER), path)
-            contents = _contents(archive, path, header)
-    except FileNotFoundError as error:
-        raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
+        with open_regular_file(path, _MAX_FILE_BYTES) as file, zipfile.ZipFile(file) as archive:
+            return _read(_Archive(archive, file, map_from_bytes), kind)
+    except LibraryError as error:
+        raise LibraryError(f"{path}: {error}") from error
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
+        raise LibraryError(str(error)) from error
     except _UNREADABLE as error:
         cause = " ".join(str(error).split())
         raise LibraryError(f"{path}: not a readable library ({cause}); train it again") from error
-    _check_numbers(contents, path)
-    return contents
 
 
-def _contents(archive: zipfile.ZipFile, path: Path, header: Header) -> Contents:
-    names = [name for name in archive.namelist() if name.startswith(_PARAMETERS)]
-    if len(names) > _MAX_PARAMETERS:
-        raise LibraryError(f"{path}: holds {len(names)} parameters; the file is damaged")
-    invariants = None
-    if "invariants.npy" in archive.namelist():
-        invariants = _array(archive, path, "invariants.npy", "<f4")
-    return Contents(
-        header=header,
-        class_indices=_array(archive, path, "classes.npy", "<i4"),
-        orientations_deg=_array(archive, path, "orientations_deg.npy", "<f8"),
-        signatures=_array(archive, path, "signatures.npy", "<f4"),
-        parameters={
-            name.removeprefix(_PARAMETERS).removesuffix(".npy"): _array(archive, path, name, "<f8")
-            for name in names
-        },
-        invariants=invariants,
+def _read(archive: _Archive, kind: type[Library]) -> Library:
+    header = _checked_header(archive.header())
+    indices = archive.array("classes.npy", "<i4")
+    arrays = {
+        "orientations_deg": archive.array("orientations_deg.npy", "<f8"),
+        "signatures": archive.array("signatures.npy", "<f4"),
+    }
+    if "invariants.npy" in archive.names:
+        arrays["invariants"] = archive.array("invariants.npy", "<f4")
+    parameters = archive.parameters()
+    _check_references(indices, len(header.classes), arrays)
+    for array in [*arrays.values(), *parameters.values()]:
+        # Numbers of mapped arrays are tested when a match reads them.
+        if not isinstance(array, np.memmap) and not np.isfinite(array).all():
+            raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
+    library = kind(
+        classifier=header.classifier,
+        labels=tuple(header.classes[index] for index in indices.tolist()),
+        orientations_deg=arrays["orientations_deg"],
+        signatures=arrays["signatures"],
+        parameters=parameters,
+        segment_px=header.segment_px,
+        limits=header.limits,
+        lighting=_lighting(header),
+        simulated=header.simulated,
+        sources=header.sources,
     )
+    if "invariants" in arrays:
+        # The cached property, which would compute them anew.
+        vars(library)["invariants"] = arrays["invariants"]
+    return library
 
 
-def _check_numbers(contents: Contents, path: Path) -> None:
-    """That the arrays belong together; their values too, but for those still in the file."""
-    count = contents.class_indices.size
-    others: list[npt.NDArray[Any]] = [contents.orientations_deg, contents.signatures]
-    if contents.invariants is not None:
-        others.append(contents.invariants)
-    lists = (contents.class_indices, contents.orientations_deg)
+def _checked_header(content: bytes) -> _Header:
+    try:
+        raw = json.loads(content)
+        version = raw["version"] if isinstance(raw, dict) else None
+        if isinstance(version, int) and version != VERSION:
+            which = "use a newer ps4rig or train" if version > VERSION else "train"
+            raise LibraryError(
+                f"library version {version}, this program reads {VERSION}; {which} it again"
+            )
+        header = _Header.model_validate(raw)
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
+        raise LibraryError(f"the header is not readable ({error}); train it again") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise LibraryError(f"header field {place}: {first['msg']}; train it again") from error
+    if header.classifier not in CLASSIFIER_NAMES:
+        raise LibraryError(
+            f"made for a classifier {header.classifier!r} that this program does not know; "
+            "use a newer ps4rig or train it again"
+        )
+    return header
+
+
+def _lighting(header: _Header) -> Lighting | None:
+    if header.light_directions is None:
+        return None
+    try:
+        return Lighting(np.array(header.light_directions))
+    except InputError as error:
+        raise LibraryError(f"{error}; train it again") from error
+
+
+def _check_references(indices: Array, classes: int, others: dict[str, Array]) -> None:
+    """Check that the arrays describe the same references."""
+    count = indices.size
     if (
         count == 0
-        or any(each.ndim != 1 for each in lists)
-        or any(other.shape[:1] != (count,) for other in others)
+        or indices.ndim != 1
+        or others["orientations_deg"].ndim != 1
+        or any(other.shape[:1] != (count,) for other in others.values())
     ):
+        shapes = ", ".join(str(other.shape) for other in others.values())
         raise LibraryError(
-            f"{path}: {count} references, and arrays of "
-            f"{', '.join(str(other.shape) for other in others)}; the file is damaged, "
-            "train it again"
+            f"{count} references, and arrays of {shapes}; the file is damaged, train it again"
         )
-    indices = contents.class_indices
-    if indices.min() < 0 or indices.max() >= len(contents.header.classes):
-        raise LibraryError(f"{path}: a class has no name; the file is damaged, train it again")
-    for array in [*others, *contents.parameters.values()]:
-        if not isinstance(array, np.memmap) and not np.isfinite(array).all():
-            raise LibraryError(f"{path}: holds NaN; the file is damaged, train it again")
+    if indices.min() < 0 or indices.max() >= classes:
+        raise LibraryError("a class has no name; the file is damaged, train it again")
 
 
-def _array(archive: zipfile.ZipFile, path: Path, name: str, dtype: str) -> npt.NDArray[Any]:
-    """One array, read or mapped; its own header is checked before its size is believed."""
-    info = _member_info(archive, path, name, _MAX_ARRAY_BYTES)
-    with archive.open(info) as member:
-        np.lib.format.read_magic(member)
-        shape, fortran_order, found = np.lib.format.read_array_header_1_0(member)
-        header_bytes = member.tell()
-        values_bytes = info.file_size - header_bytes
-        if found != np.dtype(dtype) or fortran_order or _bytes_of(shape, found) != values_bytes:
+class _Archive:
+    """The members of an open library, each checked against the size of the file before it is read.
+
+    The errors name no file.
+    """
+
+    def __init__(self, archive: zipfile.ZipFile, file: BinaryIO, map_from_bytes: int) -> None:
+        self._archive = archive
+        self._file = file
+        self._map_from_bytes = map_from_bytes
+        self.names = archive.namelist()
+        file_bytes = file.seek(0, 2)
+        declared = sum(info.file_size for info in archive.infolist())
+        if declared > _MAX_PACKING * file_bytes + _PACKING_SLACK_BYTES:
             raise LibraryError(
-                f"{path}: {name} is {shape} {found} in {values_bytes} bytes; "
+                f"declares {declared} bytes in a file of {file_bytes}; "
                 "the file is damaged, train it again"
             )
-        if info.file_size < _MAPPED_FROM_BYTES:
-            return np.frombuffer(member.read(), found).reshape(shape)
-    if info.compress_type != zipfile.ZIP_STORED:
-        raise LibraryError(f"{path}: {name} is packed; train it again")
-    start = _start_of_member(path, info) + header_bytes
-    return np.memmap(path, found, mode="r", offset=start, shape=shape)
+
+    def header(self) -> bytes:
+        info = self._member(_HEADER)
+        if info.file_size > _MAX_HEADER_BYTES:
+            raise LibraryError(
+                f"{_HEADER} has {info.file_size} bytes; more than {_MAX_HEADER_BYTES} are refused"
+            )
+        return self._archive.read(info)
+
+    def parameters(self) -> dict[str, Array]:
+        names = [name for name in self.names if name.startswith(_PARAMETERS)]
+        if len(names) > _MAX_PARAMETERS:
+            raise LibraryError(f"holds {len(names)} parameters; the file is damaged")
+        return {
+            name.removeprefix(_PARAMETERS).removesuffix(".npy"): self.array(name, "<f8")
+            for name in names
+        }
+
+    def array(self, name: str, dtype: str) -> Array:
+        """One array, read or mapped, after its header was checked."""
+        info = self._member(name)
+        with self._archive.open(info) as member:
+            np.lib.format.read_magic(member)
+            shape, fortran_order, found = np.lib.format.read_array_header_1_0(member)
+            header_bytes = member.tell()
+            values_bytes = info.file_size - header_bytes
+            if found != np.dtype(dtype) or fortran_order or _bytes_of(shape, found) != values_bytes:
+                raise LibraryError(
+                    f"{name} is {shape} {found} in {values_bytes} bytes; "
+                    "the file is damaged, train it again"
+                )
+            if info.file_size < self._map_from_bytes:
+                return np.frombuffer(member.read(), found).reshape(shape)
+        if info.compress_type != zipfile.ZIP_STORED:
+            raise LibraryError(f"{name} is packed; train it again")
+        start = self._start(info) + header_bytes
+        return np.memmap(self._file, found, mode="r", offset=start, shape=shape)
+
+    def _member(self, name: str) -> zipfile.ZipInfo:
+        try:
+            info = self._archive.getinfo(name)
+        except KeyError as error:
+            raise LibraryError(f"holds no {name}; this is not a ps4rig library") from error
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise LibraryError(f"{name} is packed in an unknown way; train it again")
+        return info
+
+    def _start(self, info: zipfile.ZipInfo) -> int:
+        """Offset of the bytes of a stored member, which follow its own header."""
+        self._file.seek(info.header_offset)
+        fields = _LOCAL_HEADER.unpack(self._file.read(_LOCAL_HEADER.size))
+        if fields[0] != b"PK\x03\x04":
+            raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
+        return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
 
 
 def _bytes_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
@@ -206,59 +306,3 @@ def _bytes_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
     for length in shape:
         count *= length
     return count
-
-
-def _start_of_member(path: Path, info: zipfile.ZipInfo) -> int:
-    """Where the bytes of a stored member begin: behind a header of its own, not the directory's."""
-    with path.open("rb") as file:
-        file.seek(info.header_offset)
-        fields = _LOCAL_HEADER.unpack(file.read(_LOCAL_HEADER.size))
-    if fields[0] != b"PK\x03\x04":
-        raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
-    return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
-
-
-def _small_member(archive: zipfile.ZipFile, path: Path, name: str) -> bytes:
-    return archive.read(_member_info(archive, path, name, _MAX_HEADER_BYTES))
-
-
-def _member_info(archive: zipfile.ZipFile, path: Path, name: str, limit: int) -> zipfile.ZipInfo:
-    try:
-        info = archive.getinfo(name)
-    except KeyError as error:
-        raise LibraryError(f"{path}: holds no {name}; this is not a ps4rig library") from error
-    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise LibraryError(f"{path}: {name} is packed in an unknown way; train it again")
-    if info.file_size > limit:
-        raise LibraryError(
-            f"{path}: {name} claims {info.file_size} bytes; more than {limit} is refused"
-        )
-    return info
-
-
-def _checked_header(content: bytes, path: Path) -> Header:
-    try:
-        raw = json.loads(content)
-        version = raw["version"] if isinstance(raw, dict) else None
-        if isinstance(version, int) and version != VERSION:
-            which = "use a newer ps4rig or train" if version > VERSION else "train"
-            raise LibraryError(
-                f"{path}: library version {version}, this program reads {VERSION}; {which} it again"
-            )
-        header = Header.model_validate(raw)
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
-        raise LibraryError(
-            f"{path}: the header is not readable ({error}); train it again"
-        ) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise LibraryError(
-            f"{path}: header field {place}: {first['msg']}; train it again"
-        ) from error
-    if header.classifier not in CLASSIFIER_NAMES:
-        raise LibraryError(
-            f"{path}: made for a classifier {header.classifier!r} that this program does not know; "
-            "use a newer ps4rig or train it again"
-        )
-    return header

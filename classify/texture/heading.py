@@ -21,6 +21,7 @@ __all__ = [
     "HEADING_FLOATS",
     "HEADING_SUMS",
     "LEAST_SCORE",
+    "MOMENTS",
     "add_row",
     "heading_moments",
     "heading_numbers",
@@ -32,9 +33,9 @@ LEAST_SCORE = 4.0
 """Standard deviations by which one of the two ways must be the better to be told."""
 
 HEADING_SUMS = 13
-_MOMENTS = 6
+MOMENTS = 6
 _MAX_LEVELS = 4
-HEADING_FLOATS = 3 * _MOMENTS * _MAX_LEVELS
+HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
 """Real and imaginary parts of the moments, and a weight of each."""
 
 # How many times its angle each moment turns when the surface turns.
@@ -124,12 +125,12 @@ def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
         (levels, 6) `heading_variances`, the mean over all training sets: four quarters tell those
         of one set only roughly, and half of either is believed.
     """
-    found = np.zeros((_MAX_LEVELS, _MOMENTS), np.complex128)
-    weights = np.zeros((_MAX_LEVELS, _MOMENTS))
+    found = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
+    weights = np.zeros((_MAX_LEVELS, MOMENTS))
     levels = len(typical)
     found[:levels] = moments[0]
     weights[:levels] = 2.0 / (heading_variances(moments) + typical + 1e-12)
-    significance = (np.square(np.abs(found)) * weights).sum() / max(levels * _MOMENTS, 1)
+    significance = (np.square(np.abs(found)) * weights).sum() / max(levels * MOMENTS, 1)
     if significance < _LEAST_SIGNIFICANCE:
         weights[:] = 0.0
     return np.concatenate(
@@ -152,7 +153,7 @@ def heading_scores(test: FloatMap, references: FloatMap, turns_deg: Floats) -> F
     turns_deg
         (n,) from the reference to the test, modulo 180.
     """
-    size = _MOMENTS * _MAX_LEVELS
+    size = MOMENTS * _MAX_LEVELS
     own = test[:size] + 1j * test[size : 2 * size]
     others = references[:, :size] + 1j * references[:, size : 2 * size]
     weights = references[:, 2 * size :]

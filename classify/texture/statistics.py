@@ -21,7 +21,14 @@ from classify.compiling import FAST
 from .fields import TextureFields
 from .heading import HEADING_SUMS, add_row, heading_moments
 
-__all__ = ["PARTS", "LocalStatistics", "levels_for", "local_statistics", "statistics_vector"]
+__all__ = [
+    "PARTS",
+    "LocalStatistics",
+    "levels_for",
+    "local_statistics",
+    "statistics_length",
+    "statistics_vector",
+]
 
 PARTS = 4
 """Quarters of a frame, each measured on its own: how much one surface differs from itself."""
@@ -164,6 +171,11 @@ def statistics_vector(
     together = measured.energies[:, upper[0], upper[1]] / np.maximum(scale, 1e-6)
     parts += [np.log(spread + 0.05), np.arctanh(np.clip(together, -0.95, 0.95))]
     return np.concatenate(parts, axis=1)
+
+
+def statistics_length(levels: int) -> int:
+    """Length d of a `statistics_vector` of so many levels."""
+    return 9 * levels + levels * (2 * levels - 1)
 
 
 @njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")

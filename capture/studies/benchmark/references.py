@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
-from classify.library.texture_library import TrainingRow, observe
+from classify.library.training import TrainingRow
 from classify.surface.estimate import FloatMap
 from classify.texture.spectra import ANGLES, segment_for
 from rig import SYNTHETIC_30, SYNTHETIC_TEXTURES
@@ -53,31 +53,35 @@ class Textures:
 def observed_textures(names: Sequence[str] = SYNTHETIC_TEXTURES, frame_px: int = 512) -> Textures:
     """Render, solve and observe two realisations of synthetic textures."""
     segment_px = segment_for((frame_px, frame_px))
-    rows, again = [], []
+    joint = classifier_named("joint")
+    trainings, again = [], []
     for seed, texture in enumerate(names):
         first, second = (patch(texture, 2 * seed + k, frame_px).solve() for k in (0, 1))
-        rows.append(TrainingRow(texture, observe(first, segment_px), 0.0))
-        again.append(classifier_named("joint").observe(second, segment_px))
-    thirty = [row for row in rows if row.label in SYNTHETIC_30]
+        trainings.append(joint.observe_training(first, segment_px))
+        again.append(joint.observe(second, segment_px))
+    thirty = [
+        TrainingRow(texture, training, 0.0)
+        for texture, training in zip(names, trainings, strict=True)
+        if texture in SYNTHETIC_30
+    ]
     library = TextureLibrary.from_observations(thirty, segment_px, simulated=True)
-    joint = classifier_named(library.classifier)
     signatures = [
         [
             [
                 # A column of a polar map is 2 degrees: whole columns turn it exactly.
-                joint.signature(
-                    {
-                        **row.observation,
-                        **observation,
-                        "polar": np.roll(observation["polar"], turn, axis=-1),
-                    },
+                joint.references(
+                    replace(
+                        training,
+                        frame=replace(frame, polar=np.roll(frame.polar, turn, axis=-1)),
+                        rotated=(),
+                    ),
                     library.parameters,
-                )
+                )[0]
                 for turn in range(ANGLES)
             ]
-            for observation in (row.observation, second)
+            for frame in (training.frame, second)
         ]
-        for row, second in zip(rows, again, strict=True)
+        for training, second in zip(trainings, again, strict=True)
     ]
     return Textures(library, np.array(signatures, np.float32))
 

@@ -148,10 +148,9 @@ def _recall_figures(size: int, recall: _Recall) -> list[Figure]:
 
 def _recall(library: TextureLibrary, queries: FloatMap) -> _Recall:
     how = classifier_named(library.classifier)
-    assert how.invariants is not None
     chunks = [np.s_[start : start + _AT_ONCE] for start in range(0, len(library.labels), _AT_ONCE)]
     invariants = [how.invariants(np.asarray(library.signatures[chunk])) for chunk in chunks]
-    sieve = Sieve(np.concatenate(invariants), library.labels)
+    sieve = Sieve(np.concatenate(invariants), library.class_indices)
 
     def compare(query: FloatMap, which: Indices | slice) -> Comparison:
         return how.compare(query, np.asarray(library.signatures[which]), library.parameters)

@@ -197,7 +197,7 @@ class Patch:
     ) -> Observation:
         """What a classifier keeps of it; those that look at the same share one."""
         how = classifier_named(classifier)
-        observe = (how.observe_training if train else None) or how.observe
+        observe = how.observe_training if train else how.observe
         key = (conditions, method, observe, segment_px)
         if key not in self._observations:
             self._observations[key] = observe(self.estimate(conditions, method), segment_px)

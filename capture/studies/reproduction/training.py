@@ -8,7 +8,7 @@ from pathlib import Path
 
 from classify import Lighting, Method, TextureLibrary
 from classify.classifiers import Observation
-from classify.library.texture_library import TrainingRow, observe
+from classify.library.training import TrainingRow, observe
 
 from .plan import BEST_SOLVER, OURS, Experiment, Lesson
 from .rejection import quartered

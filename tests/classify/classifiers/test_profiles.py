@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from classify import InputError, Lighting
 from classify.classifiers import CLASSIFIERS
 from classify.classifiers.profiles import first_light
+from classify.classifiers.spectra_2d import PolarSpectra
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 
@@ -31,7 +32,7 @@ def observed(texture):
 
 
 def test_signatures_are_the_sums_that_they_are_named_for(observed) -> None:
-    magnitude = np.sqrt(observed[0.0]["per_octave"])
+    magnitude = np.sqrt(observed[0.0].per_octave)
     polar = POLAR.signature(observed[0.0], {})
     np.testing.assert_allclose(polar, magnitude[0].sum(axis=0), rtol=1e-6)
     both = POLAR_RADIAL.signature(observed[0.0], {})
@@ -70,8 +71,8 @@ def test_polar_spectra_compare_as_by_brute_force(steps: int, seed: int) -> None:
 
 def test_radial_spectra_tell_what_polar_ones_cannot(observed) -> None:
     """The same sums over radius, from other frequencies."""
-    power = observed[0.0]["per_octave"]
-    other = {"per_octave": power[:, np.random.default_rng(0).permutation(RADII)]}
+    power = observed[0.0].per_octave
+    other = PolarSpectra(power[:, np.random.default_rng(0).permutation(RADII)])
     apart = {}
     for classifier in OF_SURFACES:
         one, two = (classifier.signature(each, {}) for each in (observed[0.0], other))

@@ -1,6 +1,6 @@
 """The sieve finds what comparing everything finds, with a fraction of the comparisons."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,14 +10,18 @@ from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
 from classify.classifiers import CLASSIFIERS, Comparison
-from classify.library import candidates, texture_library
 from classify.library.candidates import Sieve
 from classify.library.match import match_of
 from classify.texture.angular_harmonics import HARMONICS
 from classify.texture.spectra import RADII
 
 SEEDS = st.integers(0, 2**32 - 1)
+FIRST, MOST = 64, 4096
 KEPT, LOST = 12, 6  # numbers that the sieve sees, and that only the comparison sees
+
+
+def sieve(invariants: npt.NDArray[np.float32], labels: list[str]) -> Sieve:
+    return Sieve(invariants, np.unique(labels, return_inverse=True)[1], first=FIRST, most=MOST)
 
 
 @dataclass
@@ -33,7 +37,7 @@ class Points:
     def sieve(self) -> Sieve:
         # The last number of a reference does not count.
         last = np.arange(len(self.points), dtype=np.float32)[:, None]
-        return Sieve(np.concatenate([self.points[:, :KEPT], last], axis=1), self.labels)
+        return sieve(np.concatenate([self.points[:, :KEPT], last], axis=1), self.labels)
 
     def distances(self, test: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
         squares = np.square(self.points.astype(np.float64) - test).sum(axis=1)
@@ -107,7 +111,7 @@ def test_nearest_and_runner_up_are_those_of_comparing_everything(
 def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
     """More than are ever compared have lower bounds than any of another class."""
     library = clustered(0, 12_000, 2, 0.05, 0.0)
-    assert 2 * candidates._MOST < 12_000
+    assert 2 * MOST < 12_000
     test = library.points[0]
     found = library.match(test)
     assert found == library.exhaustive(test)
@@ -146,7 +150,7 @@ def test_where_bounds_say_nothing_the_time_stays_bounded() -> None:
     library.points[:, :KEPT] = 0.0
     test = library.points[11]
     library.match(test)
-    assert library.compared <= candidates._MOST + 2 * candidates._FIRST
+    assert library.compared <= MOST + 2 * FIRST
 
 
 @pytest.mark.parametrize("count", [1, 2, 64, 65])
@@ -163,7 +167,7 @@ def test_a_classifier_without_angles_is_sifted_as_well() -> None:
     chosen, found = library.sieve.nearest(
         library.invariants(test), lambda indices: Comparison(distances[indices])
     )
-    assert len(chosen) > 4 * candidates._FIRST  # there was a second round
+    assert len(chosen) > 4 * FIRST  # there was a second round
     assert found.orientations_deg is None
     assert found.sharpness is None
     assert found.distances.min() == distances.min()
@@ -174,10 +178,10 @@ def test_a_reference_with_a_bound_that_is_no_number_is_compared() -> None:
     library = clustered(7, 3000, 10, 0.1, 0.0)
     test = library.points[2000]
     expected = library.exhaustive(test)
-    broken = library.sieve.invariants.copy()
+    broken = np.append(library.points[:, :KEPT], np.ones((3000, 1), np.float32), axis=1)
     broken[2000, 3] = np.nan
     distances = library.distances(test)
-    chosen, found = Sieve(broken, library.labels).nearest(
+    chosen, found = sieve(broken, library.labels).nearest(
         library.invariants(test), lambda indices: Comparison(distances[indices])
     )
     assert 2000 in chosen.tolist()
@@ -218,52 +222,51 @@ def trained(stationary) -> TextureLibrary:
 def test_no_joint_distance_is_below_its_bound(trained, seed: int, spread: float) -> None:
     signatures, labels = joint_signatures(seed, 60, 12, spread, trained)
     test = signatures[0] + np.float32(spread) * signatures[1]
-    sieve = Sieve(JOINT.invariants(signatures), labels)
-    bounds = sieve.bounds(JOINT.invariants(test[None])[0])
+    bounds = sieve(JOINT.invariants(signatures), labels).bounds(JOINT.invariants(test[None])[0])
     distances = JOINT.compare(test, signatures, trained.parameters).distances
     energy = np.square(signatures[:, :-1]).sum(axis=1) / signatures[:, -1]
     assert (distances >= bounds - 2e-6 * energy).all()
 
 
 @pytest.mark.parametrize("spread", [0.01, 0.2, 1.0])
-def test_a_large_library_answers_as_if_all_were_compared(
-    trained, monkeypatch: pytest.MonkeyPatch, spread: float
-) -> None:
+def test_a_large_library_answers_as_if_all_were_compared(trained, spread: float) -> None:
     signatures, labels = joint_signatures(11, 600, 60, spread, trained)
-    orientations_deg = np.arange(600.0) % 180.0
-    monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", 100)
-    sifted = TextureLibrary(
-        "joint", tuple(labels), orientations_deg, signatures, trained.parameters, 64
+    everything = replace(
+        trained,
+        labels=tuple(labels),
+        orientations_deg=np.arange(600.0) % 180.0,
+        signatures=signatures,
+        limits={},
     )
+    library = replace(everything, compare_all_up_to=100)
+    assert everything.invariants is None
     rng = np.random.default_rng(12)
     for index in rng.integers(0, 600, 6):
-        asked = signatures[index] + 0.1 * spread * rng.standard_normal(signatures.shape[1]).astype(
-            np.float32
-        )
-        everything = JOINT.compare(asked, signatures, trained.parameters)
-        expected = match_of(everything, labels, orientations_deg, {})
-        answer = sifted.match(asked)
+        noise = rng.standard_normal(signatures.shape[1]).astype(np.float32)
+        asked = signatures[index] + 0.1 * spread * noise
+        expected, answer = everything.match(asked), library.match(asked)
         assert (answer.nearest, answer.runner_up) == (expected.nearest, expected.runner_up)
         assert answer.distance == pytest.approx(expected.distance, rel=1e-6, abs=1e-9)
         assert answer.runner_up_distance == pytest.approx(expected.runner_up_distance, rel=1e-6)
         assert answer.orientation_deg == pytest.approx(expected.orientation_deg, abs=1e-3)
-    assert sifted._sieve is not None
     if spread < 1.0:
-        assert len(sifted._compared(asked)[0]) < 300
+        assert len(library.candidates(asked)[0]) < 300
 
 
-def test_a_library_of_a_class_and_its_copy_names_neither(
-    stationary, trained, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_of_a_class_and_its_copy_names_neither(stationary, trained) -> None:
     """Equal references at equal distances, wherever in the library they stand."""
     signatures, _ = joint_signatures(13, 150, 150, 1.0, trained)
     signatures[[3, 140]] = trained.signatures[0]
     labels = tuple(f"class {index}" for index in range(150))
     asked = trained.observe(stationary("sand", 33.0, seed=2))
     for at_once in (1000, 100):
-        monkeypatch.setattr(texture_library, "COMPARED_AT_ONCE", at_once)
-        found = TextureLibrary(
-            "joint", labels, np.zeros(150), signatures, trained.parameters, 64
-        ).match(asked)
+        library = replace(
+            trained,
+            labels=labels,
+            orientations_deg=np.zeros(150),
+            signatures=signatures,
+            compare_all_up_to=at_once,
+        )
+        found = library.match(asked)
         assert found.label is None
         assert (found.nearest, found.runner_up) == ("class 3", "class 140")

@@ -7,7 +7,7 @@ import scipy.ndimage
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.classifiers.joint import _ALBEDO_GAINS
+from classify.classifiers.joint_features import ALBEDO_GAINS
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import MAX_SEGMENT_PX, segment_for
 from classify.texture.statistics import (
@@ -179,8 +179,8 @@ def test_the_gains_of_white_noise_are_those_the_joint_classifier_counts_with() -
     found = np.mean(
         [local_statistics(fields_of(p, q, 1.0 + a), 5).moments[0] for p, q, a in draws], axis=0
     )
-    assert len(_ALBEDO_GAINS) == len(found) == levels_for(MAX_SEGMENT_PX)
-    np.testing.assert_allclose(found[:, ALBEDO] / found[:, CURL], _ALBEDO_GAINS, rtol=0.15)
+    assert len(ALBEDO_GAINS) == len(found) == levels_for(MAX_SEGMENT_PX)
+    np.testing.assert_allclose(found[:, ALBEDO] / found[:, CURL], ALBEDO_GAINS, rtol=0.15)
     np.testing.assert_allclose(found[:, RELIEF] / found[:, CURL], 1.0, rtol=0.15)
 
 

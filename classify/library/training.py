@@ -1,0 +1,142 @@
+"""Training: from observed sets to the references, parameters and limits of a library."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.classifiers import Classifier, Observation, Parameters, classifier_named
+from classify.errors import LibraryError
+from classify.labels import checked_label
+from classify.lighting import Lighting
+from classify.methods import DEFAULT_CLASSIFIER
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.heading import LEAST_SCORE
+
+__all__ = [
+    "SAME_LIGHT_DEG",
+    "Learned",
+    "TrainingRow",
+    "common_lighting",
+    "learn_references",
+    "observe",
+]
+
+SAME_LIGHT_DEG = 1.0
+"""Lights that differ by less count as the same (test_classifiers.py tries 0.5 and 5 degrees)."""
+
+
+class TrainingRow(NamedTuple):
+    """What training keeps of one set: its class, its observation, its orientation if known."""
+
+    label: str
+    observation: Observation
+    orientation_deg: float | None = None
+
+
+class Learned(NamedTuple):
+    """What training finds; see `LibraryContents`."""
+
+    labels: tuple[str, ...]
+    orientations_deg: npt.NDArray[np.float64]
+    signatures: FloatMap
+    parameters: Parameters
+    limits: dict[str, float]
+
+
+def observe(
+    surface: SurfaceEstimate, segment_px: int, classifier: str = DEFAULT_CLASSIFIER
+) -> Observation:
+    """Observe one training surface, for `TextureLibrary.from_observations`.
+
+    A pure function with a small result, so that other processes can observe sets.
+
+    Raises
+    ------
+    InputError
+        If the surface is smaller than a segment, or has no valid pixel.
+    """
+    observation: Observation = classifier_named(classifier).observe_training(surface, segment_px)
+    return observation
+
+
+def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]) -> Learned:
+    """Learn from observed sets; see `TextureLibrary.train` for orientations.
+
+    Raises
+    ------
+    LibraryError, InputError
+        Without rows, for a label that cannot name a class, or an orientation that is not finite.
+    """
+    if not rows:
+        raise LibraryError("nothing to train on; give at least one set")
+    for row in rows:
+        _check(row)
+    parameters = classifier.learn([row.observation for row in rows], [row.label for row in rows])
+    labels: list[str] = []
+    orientations_deg: list[float] = []
+    signatures: list[FloatMap] = []
+    sets: list[int] = []
+    first_of_class: dict[str, int] = {}
+    for number, row in enumerate(rows):
+        references = classifier.references(row.observation, parameters)
+        first = first_of_class.setdefault(row.label, len(labels))
+        orientation_deg = row.orientation_deg
+        if orientation_deg is None:
+            orientation_deg = 0.0
+            if first < len(labels):
+                references, relative_deg = _aligned(
+                    references, signatures[first], classifier, parameters
+                )
+                orientation_deg = orientations_deg[first] + relative_deg
+        labels += [row.label] * len(references)
+        sets += [number] * len(references)
+        # Rounded first: -1e-12 is 0, not 360 - 1e-12.
+        orientations_deg += [round(orientation_deg, 6) % 360.0] * len(references)
+        signatures += list(references)
+    stacked = np.stack(signatures)
+    return Learned(
+        labels=tuple(labels),
+        orientations_deg=np.array(orientations_deg),
+        signatures=stacked,
+        parameters=parameters,
+        limits=classifier.limits(labels, sets, stacked, parameters),
+    )
+
+
+def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
+    """The lighting that all have, to a degree; None where they differ or one is not known."""
+    first = lightings[0]
+    if first is None:
+        return None
+    alike = all(other is not None and first.within(SAME_LIGHT_DEG, other) for other in lightings)
+    return first if alike else None
+
+
+def _aligned(
+    references: FloatMap, first: FloatMap, classifier: Classifier[Any, Any], parameters: Parameters
+) -> tuple[FloatMap, float]:
+    """References of a set, and its orientation relative to the first set of its class, degrees."""
+    found = classifier.compare(references[0], first[None], parameters)
+    if found.orientations_deg is None:
+        return references, 0.0
+    heading = 0.0 if found.headings is None else float(found.headings[0])
+    if abs(heading) < LEAST_SCORE:
+        # The set may lie the other way round: it must not tell headings.
+        references = classifier.without_heading(references)
+    return references, float(found.orientations_deg[0]) + 180.0 * (heading < 0.0)
+
+
+def _check(row: TrainingRow) -> None:
+    if not row.label.strip():
+        raise LibraryError("a training set has no label; give each set its class")
+    checked_label(row.label)
+    if row.orientation_deg is not None and not math.isfinite(row.orientation_deg):
+        raise LibraryError(
+            f"the orientation of a training set of {row.label} is {row.orientation_deg}; "
+            "give degrees, or leave it out"
+        )
