@@ -14,7 +14,7 @@ import tifffile
 
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
-from classify.durable_file import durable_file, make_folder
+from classify.durable_folder import durable_folder
 
 from . import pictures
 from .page import map_page
@@ -26,6 +26,7 @@ __all__ = ["write_maps"]
 
 _PREVIEW_ROW = 4
 _PREVIEW_TILES = 16
+_PAGE = "index.html"
 
 
 def write_maps(
@@ -53,7 +54,6 @@ def write_maps(
         If the folder cannot be made or written to, or `light` is not one light.
     """
     maps = SurfaceMaps.of(surface, light)
-    make_folder(folder)
     origin = {
         "method": surface.method,
         "simulated": captured.metadata.simulated,
@@ -74,27 +74,29 @@ def write_maps(
         "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
         "residual": (surface.residual, {"unit": "full scale"}),
     }
-    written = [
-        _write_tiff(folder / f"{name}.tif", values, json.dumps(origin | about))
-        for name, (values, about) in tiffs.items()
-    ]
     views = map_views(captured, maps)
     tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
     preview = {view.title: view.picture for view in tiles[:_PREVIEW_TILES]}
-    shown = {
+    pngs = {
         "shadow": pictures.shadow_map(surface),
         "dropped": pictures.dropped_map(surface, len(captured.lighting)),
         "specular": pictures.grey(surface.specular, top=1.0),
         "valid": pictures.grey(surface.valid, top=1.0),
         "preview": pictures.contact_sheet(preview),
     }
-    for name, picture in shown.items():
-        written.append(_write(folder / f"{name}.png", pictures.png_bytes(picture)))
-    roughness = json.dumps(origin | _roughness(maps), indent=2, allow_nan=False)
-    written.append(_write(folder / "roughness.json", roughness.encode()))
-    # Last, so that the page is there only when all it names is.
-    written.append(_write(folder / "index.html", map_page(captured, maps, views).encode()))
-    return written
+    texts = {
+        "roughness.json": json.dumps(origin | _roughness(maps), indent=2, allow_nan=False),
+        _PAGE: map_page(captured, maps, views),
+    }
+    names = [*(f"{name}.tif" for name in tiffs), *(f"{name}.png" for name in pngs), *texts]
+    with durable_folder(folder, names, first=_PAGE) as temporary:
+        for name, (values, about) in tiffs.items():
+            _write_tiff(temporary / f"{name}.tif", values, json.dumps(origin | about))
+        for name, picture in pngs.items():
+            (temporary / f"{name}.png").write_bytes(pictures.png_bytes(picture))
+        for name, text in texts.items():
+            (temporary / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in names]
 
 
 def _roughness(maps: SurfaceMaps) -> dict[str, Any]:
@@ -108,20 +110,11 @@ def _roughness(maps: SurfaceMaps) -> dict[str, Any]:
     }
 
 
-def _write(path: Path, content: bytes) -> Path:
-    with durable_file(path) as temporary:
-        temporary.write_bytes(content)
-    return path
-
-
-def _write_tiff(path: Path, values: npt.NDArray[np.float32], about: str) -> Path:
-    photometric = "rgb" if values.ndim == 3 else "minisblack"
-    with durable_file(path) as temporary:
-        tifffile.imwrite(
-            temporary,
-            values.astype(np.float32, copy=False),
-            photometric=photometric,
-            description=about,
-            metadata=None,
-        )
-    return path
+def _write_tiff(path: Path, values: npt.NDArray[np.float32], about: str) -> None:
+    tifffile.imwrite(
+        path,
+        values.astype(np.float32, copy=False),
+        photometric="rgb" if values.ndim == 3 else "minisblack",
+        description=about,
+        metadata=None,
+    )

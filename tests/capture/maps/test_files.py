@@ -179,3 +179,24 @@ def test_a_file_in_the_place_of_the_folder_stays(captured: CapturedSet, tmp_path
     with pytest.raises(InputError, match="maps: cannot be made: File exists"):
         write_maps(captured, captured.solve(), file)
     assert file.read_text() == "mine"
+
+
+def test_an_interrupted_solve_leaves_the_maps_of_the_set_before(
+    captured: CapturedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "maps"
+    written = write_maps(captured, captured.solve(), folder)
+    before = {path: path.read_bytes() for path in written}
+    calls = iter(range(10))
+    imwrite = tifffile.imwrite
+
+    def interrupted(*arguments: Any, **options: Any) -> None:
+        if next(calls) == 4:
+            raise KeyboardInterrupt
+        imwrite(*arguments, **options)
+
+    monkeypatch.setattr(tifffile, "imwrite", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_maps(captured, captured.solve("ps4"), folder)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert list(tmp_path.iterdir()) == [folder]

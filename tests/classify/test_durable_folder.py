@@ -1,0 +1,97 @@
+"""Folders of results: replaced as a whole, and nothing of others is lost."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from classify import durable_folder as module
+from classify.durable_folder import durable_folder
+from classify.errors import InputError
+
+NAMES = ("index", "a", "b")
+
+
+def write(folder: Path, text: str, *names: str, error: BaseException | None = None) -> None:
+    with durable_folder(folder, NAMES, first="index") as temporary:
+        for name in names or NAMES:
+            (temporary / name).write_text(text)
+        if error is not None:
+            raise error
+
+
+def held(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()}
+
+
+def test_a_result_replaces_the_one_before_as_a_whole(tmp_path: Path) -> None:
+    folder = tmp_path / "x" / "maps"
+    write(folder, "old")
+    write(folder, "new", "index", "a")
+    assert held(folder) == {"index": "new", "a": "new"}
+    assert list(folder.parent.iterdir()) == [folder]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_an_interruption_leaves_the_old_result_whole(tmp_path: Path, error: BaseException) -> None:
+    write(tmp_path / "maps", "old")
+    wanted = InputError if isinstance(error, OSError) else KeyboardInterrupt
+    for folder in (tmp_path / "maps", tmp_path / "none"):
+        with pytest.raises(wanted):
+            write(folder, "new", "a", error=error)
+    assert held(tmp_path / "maps") == dict.fromkeys(NAMES, "old")
+    assert list(tmp_path.iterdir()) == [tmp_path / "maps"]
+
+
+def test_what_others_put_into_the_folder_stays(tmp_path: Path) -> None:
+    write(tmp_path, "old")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "sub").mkdir()
+    write(tmp_path, "new", "index", "b")
+    assert held(tmp_path) == {"index": "new", "b": "new", "notes.txt": "mine"}
+    assert (tmp_path / "sub").is_dir()
+
+
+def test_the_working_folder_stays_the_one_that_a_shell_stands_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "maps").mkdir()
+    monkeypatch.chdir(tmp_path / "maps")
+    write(Path(), "new")
+    assert sorted(os.listdir()) == sorted(NAMES)  # noqa: PTH208 - of the folder we stand in
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    write(tmp_path / "real", "old")
+    (tmp_path / "link").symlink_to("real")
+    write(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert held(tmp_path / "real") == dict.fromkeys(NAMES, "new")
+
+
+def test_abandoned_folders_are_removed_and_those_in_use_stay(tmp_path: Path) -> None:
+    (tmp_path / ".writing-folder-killed").mkdir()
+    (tmp_path / ".writing-folder-killed" / "a").write_text("half")
+    os.utime(tmp_path / ".writing-folder-killed", (0, 0))
+    with durable_folder(tmp_path / "one", NAMES, first="index") as in_use:
+        os.utime(in_use, (0, 0))
+        write(tmp_path / "other", "new")
+        assert in_use.is_dir()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "other"]
+
+
+def test_a_file_system_that_cannot_exchange_renames_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module.ctypes, "CDLL", lambda *_, **__: object())
+    write(tmp_path / "maps", "old")
+    write(tmp_path / "maps", "new")
+    assert held(tmp_path / "maps") == dict.fromkeys(NAMES, "new")
+    assert list(tmp_path.iterdir()) == [tmp_path / "maps"]
+
+
+def test_a_file_in_the_place_of_the_folder_stays(tmp_path: Path) -> None:
+    (tmp_path / "maps").write_text("mine")
+    with pytest.raises(InputError, match="maps: cannot be made: File exists"):
+        write(tmp_path / "maps", "new")
+    assert held(tmp_path) == {"maps": "mine"}
