@@ -1,5 +1,5 @@
-"""From an open rig to a captured set: light after light, fresh frames only, checked.
+"""Capture sets: light after light, fresh frames only, checked.
 
-`attempts` is the order of things; by software `light_images` and `fresh_frames` take the pictures,
-with strobe or trigger `hardware_set` does. `quality` and `light_checks` reject.
+`attempts` holds `capture_set`. `light_images` and `fresh_frames` capture with lights switched by
+software, `hardware_set` with strobe or trigger. `quality` and `light_checks` reject sets.
 """

@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -31,13 +30,7 @@ from rig.set_file import pixels_sha256
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
-from .light_checks import (
-    LightImages,
-    check_agreement,
-    check_ambient,
-    check_order,
-    check_retake,
-)
+from .light_checks import LightImages, check_agreement, check_ambient, check_order, check_retake
 from .light_images import images_under
 from .quality import check_images
 
@@ -136,69 +129,16 @@ class _Attempt:
     checks: ChecksRecord
 
 
-class _Source(Protocol):
-    """Captures the images of one attempt."""
-
-    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
-        """Light images in order, the ambient image, and a later ambient image or None."""
-
-    def retake(self) -> list[SetImage]:
-        """The light images once more, in order."""
-
-
-class _SoftwareSource:
-    """Images with the lights switched by this computer.
-
-    Lights with the same sign in the redundancy are captured one after the other, with the second
-    ambient image between the two groups. Then light that is there for a while, over any
-    consecutive images, shows in the redundancy or in the ambient images.
-    """
-
-    def __init__(self, rig: Rig, average: int) -> None:
-        self._rig = rig
-        self._average = average
-        self._history = FrameHistory.of(rig)
-        self._groups = like_signed(rig.lighting)
-
-    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
-        first, second = self._groups
-        images = self._images_under((None, *first, None, *second))
-        later_ambient = images.pop(len(first) + 1)
-        return _in_order(images[1:]), images[0], later_ambient
-
-    def retake(self) -> list[SetImage]:
-        first, second = self._groups
-        return _in_order(self._images_under((*first, *second)[::-1]))
-
-    def _images_under(self, lights: tuple[int | None, ...]) -> list[SetImage]:
-        return images_under(self._rig, lights, self._average, self._history)
-
-
-class _SequenceSource:
-    """Images with the lights switched by the controller, without a frame for a later ambient."""
-
-    def __init__(self, rig: Rig, average: int) -> None:
-        self._rig = rig
-        self._average = average
-
-    def capture(self) -> tuple[list[SetImage], SetImage, SetImage | None]:
-        ambient, *lights = images_in_sequence(self._rig, self._average)
-        return lights, ambient, None
-
-    def retake(self) -> list[SetImage]:
-        return self.capture()[0]
-
-
 def _attempt(rig: Rig, average: int) -> _Attempt:
-    by_software = rig.config.sequence_plan is None
-    source: _Source = (_SoftwareSource if by_software else _SequenceSource)(rig, average)
-    lights, ambient, later_ambient = source.capture()
-    info = rig.camera.info
+    info, history = rig.camera.info, FrameHistory.of(rig)
+    captured = _capture(rig, average, history)
+    lights = _light_images(captured)
+    ambient, *later = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
     images = LightImages(
         _stack(lights),
         ambient.pixels,
-        None if later_ambient is None else later_ambient.pixels,
+        later[0].pixels if later else None,
         full_scale,
         image_noise(_camera_record(info), info.bit_depth, full_scale, average),
     )
@@ -207,7 +147,8 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
     check_images(images.images, images.ambient, full_scale, names)
     agreement = check_agreement(images, rig.lighting, names)
     if agreement.undecided:
-        check_retake(images, _stack(source.retake()), agreement, rig.lighting, names)
+        retaken = _light_images(_capture(rig, average, history, retake=True))
+        check_retake(images, _stack(retaken), agreement, rig.lighting, names)
     found = agreement.found
     levels = None if found is None else found.strengths
     checks = ChecksRecord(
@@ -222,12 +163,30 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
     return _Attempt(images, tuple(image.record for image in (*lights, ambient)), checks)
 
 
+def _capture(
+    rig: Rig, average: int, history: FrameHistory, *, retake: bool = False
+) -> list[SetImage]:
+    """Ambient and light images in the order of their capture; a retake may lack ambient images.
+
+    By software, lights with the same sign in the redundancy follow each other, with the second
+    ambient image between the two groups. Then light that is there for a while, over any
+    consecutive images, shows in the redundancy or in the ambient images.
+    """
+    if rig.config.sequence_plan is not None:
+        return images_in_sequence(rig, average)
+    first, second = like_signed(rig.lighting)
+    order = (*first, *second)[::-1] if retake else (None, *first, None, *second)
+    return images_under(rig, order, average, history)
+
+
+def _light_images(images: list[SetImage]) -> list[SetImage]:
+    """The light images in the order of the lights."""
+    by_light = {image.record.light: image for image in images if image.record.light is not None}
+    return [by_light[light] for light in sorted(by_light)]
+
+
 def _stack(images: list[SetImage]) -> npt.NDArray[np.uint16]:
     return np.stack([image.pixels for image in images])
-
-
-def _in_order(images: list[SetImage]) -> list[SetImage]:
-    return sorted(images, key=lambda image: image.record.light or 0)
 
 
 def _leds_off(rig: Rig) -> None:

@@ -1,4 +1,4 @@
-"""How long sets take: switched by software, and by the controller, against what is possible."""
+"""Measure how long sets take, with lights switched by software and by the controller."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ __all__ = ["SetTiming", "compared_configs", "measure_set_timing"]
 
 Synchronisation = Literal["software", "strobe", "trigger"]
 _SYNCHRONISATIONS: tuple[Synchronisation, ...] = ("software", "strobe", "trigger")
-# Frames per second, and exposures that leave the lights time to settle between them.
+# Frame rates in Hz, each with an exposure in ms that leaves the LEDs time to settle in a period.
 _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))
 
 
 @dataclass(frozen=True)
 class SetTiming:
-    """What sets took on the rig's clock, all times in milliseconds.
+    """Durations of sets on the rig's clock.
 
     Attributes
     ----------
     synchronisation, frame_rate_hz, exposure_ms, clock
-        How they were taken; the clock is ``real`` or ``virtual``.
+        Mode of the rig; the clock is ``real`` or ``virtual``.
     accepted, rejected
-        Sets.
+        Number of sets.
     switch_ms
-        By software from the command to its acknowledge, on the strobe from the end of exposure to
-        the change of the light; the median. None by trigger, where nothing is waited for.
+        Median time of a switch: by software from the command to its acknowledge, with a strobe
+        from the end of exposure to the change of the light; None with a trigger.
     median_ms, worst_ms
-        From asking for a set to having it; None if all were rejected.
+        Duration of `capture_set`; None if all sets were rejected.
     exposures_ms
-        From the beginning of the first exposure to the end of the last, the median.
+        Median time from the start of the first exposure to the end of the last.
     limit_ms
-        One frame period for each image: no camera is faster.
+        One frame period for each image, which no camera undercuts.
     """
 
     synchronisation: Synchronisation
@@ -58,7 +58,7 @@ class SetTiming:
 
 
 def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
-    """Of a simulated rig all modes at 30 and 60 frames per second, of another its own."""
+    """All modes of a simulated rig at 30 and 60 Hz; of a real rig its own mode."""
     if config.is_simulated:
         for clock in ("virtual", "real"):
             for frame_rate_hz, exposure_ms in _SIMULATED_MODES:
@@ -70,20 +70,20 @@ def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
                     )
         return
     if config.lights.synchronisation == "strobe":
-        # A camera that is set to wait for triggers gives no frame to software.
+        # A camera that waits for triggers delivers no frame by software.
         yield config.with_changes(lights={"synchronisation": "software"})
     yield config
 
 
 def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
-    """Take sets until so many are good, or as many again are rejected.
+    """Capture until `sets` sets are accepted, or as many are rejected.
 
     Raises
     ------
     HardwareError
         If the controller or the camera fails.
     """
-    taken: list[CapturedSet] = []
+    accepted: list[CapturedSet] = []
     durations_s: list[float] = []
     rejected = 0
     with open_rig(config) as rig:
@@ -91,15 +91,15 @@ def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
         switch_ms = None
         if synchronisation == "software":
             switch_ms = measure_switch_latency(rig.lights, rig.clock).median_ms
-        while len(taken) < sets and rejected < sets:
+        while len(accepted) < sets and rejected < sets:
             asked_s = rig.clock.now_s()
             try:
-                taken.append(capture_set(rig))
+                accepted.append(capture_set(rig))
                 durations_s.append(rig.clock.now_s() - asked_s)
             except SetRejected:
                 rejected += 1
-        if taken and synchronisation == "strobe":
-            switch_ms = statistics.median(ms for one in taken for ms in _reactions_ms(one))
+        if accepted and synchronisation == "strobe":
+            switch_ms = statistics.median(ms for one in accepted for ms in _reactions_ms(one))
         info = rig.camera.info
         simulated_virtual = config.is_simulated and config.simulation.clock == "virtual"
         return SetTiming(
@@ -107,12 +107,12 @@ def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
             frame_rate_hz=1.0 / info.frame_period_s,
             exposure_ms=1e3 * info.exposure_s,
             clock="virtual" if simulated_virtual else "real",
-            accepted=len(taken),
+            accepted=len(accepted),
             rejected=rejected,
             switch_ms=switch_ms,
-            median_ms=1e3 * statistics.median(durations_s) if taken else None,
-            worst_ms=1e3 * max(durations_s) if taken else None,
-            exposures_ms=1e3 * statistics.median(map(_exposures_s, taken)) if taken else None,
+            median_ms=1e3 * statistics.median(durations_s) if accepted else None,
+            worst_ms=1e3 * max(durations_s) if accepted else None,
+            exposures_ms=1e3 * statistics.median(map(_exposures_s, accepted)) if accepted else None,
             limit_ms=1e3 * (1 + len(rig.lighting)) * info.frame_period_s,
         )
 
@@ -124,7 +124,7 @@ def _exposures_s(captured: CapturedSet) -> float:
 
 
 def _reactions_ms(captured: CapturedSet) -> Iterator[float]:
-    """From the end of each exposure on the strobe line to the change of the light."""
+    """Time from the end of each exposure on the strobe line to the change of the light."""
     *lights, ambient = captured.metadata.images
     for before, after in pairwise((ambient, *lights)):
         if after.controller_time_us is not None:

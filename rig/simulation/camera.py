@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -155,7 +156,8 @@ class SimulatedCamera:
         self._fill_buffers(now_s)
         if self._queue:
             return self._develop(self._queue.popleft())
-        ready_s = self.exposures.ready_s(self._next_sequence, now_s + timeout_s)
+        is_known = self.exposures.await_start(self._next_sequence, now_s + timeout_s)
+        ready_s = self._ready_s(self._next_sequence) if is_known else math.inf
         if ready_s - now_s > timeout_s:
             self._clock.sleep_s(now_s + timeout_s - self._clock.now_s())
             raise CameraError(f"no frame from the camera in {timeout_s:g} s")
@@ -168,7 +170,7 @@ class SimulatedCamera:
 
     def frame_end_s(self, frame: Frame) -> float:
         """When a driver has the whole frame, which is what most drivers stamp."""
-        return self.exposures.start_s(frame.sequence) + self.exposures.shutter.ready_after_s
+        return self._ready_s(frame.sequence)
 
     def close(self) -> None:
         """Stop streaming; a second call does nothing."""
@@ -176,9 +178,12 @@ class SimulatedCamera:
         self.exposures.close()
         self._queue.clear()
 
+    def _ready_s(self, sequence: int) -> float:
+        return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s
+
     def _fill_buffers(self, now_s: float) -> None:
         """Bring the queue to the state of the driver's at `now_s`."""
-        finished = self.exposures.finished(now_s)
+        finished = self.exposures.started(now_s - self.exposures.shutter.ready_after_s)
         while self._next_sequence < finished and len(self._queue) < self._buffers:
             start_s = self.exposures.start_s(self._next_sequence)
             self._queue.append(_FilledBuffer(self._next_sequence, start_s, self.scene))

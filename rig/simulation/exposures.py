@@ -12,9 +12,9 @@ from firmware_sim import Clock
 
 __all__ = ["TRANSFER_S", "Exposures", "FreeRunning", "Shutter", "Triggered"]
 
-# From the end of the last row's exposure to the frame in the driver's queue: about what
-# 1280 x 1024 px of 8 bit take over USB 3.
 TRANSFER_S = 0.004
+"""From the end of the last row's exposure to the frame in the driver's queue: about what
+1280 x 1024 px of 8 bit take over USB 3."""
 # How often a program that waits for a frame checks whether one was triggered.
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be short of it by its rounding.
@@ -29,16 +29,9 @@ def _no_strobe(_exposing: bool, _at_s: float) -> None:
 
 @dataclass(frozen=True)
 class Shutter:
-    """Timing of an exposure.
+    """Frame period, exposure of each row, and readout from the first row to the last.
 
-    Attributes
-    ----------
-    period_s
-        Least time from one exposure to the next.
-    exposure_s
-        Exposure of each row.
-    readout_s
-        From the exposure of the first row to that of the last; 0 is a global shutter.
+    A readout of 0 is a global shutter.
     """
 
     period_s: float
@@ -59,14 +52,7 @@ class Shutter:
 class Exposures(ABC):
     """The exposures of a camera, numbered from 0.
 
-    Parameters
-    ----------
-    clock
-        The rig's.
-    shutter
-        Timing of each exposure.
-    strobe
-        The wire that tells whether any row is exposed, with the time of the change.
+    `strobe` is the wire that tells whether any row is exposed, with the time of the change.
     """
 
     def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = _no_strobe) -> None:
@@ -74,19 +60,20 @@ class Exposures(ABC):
         self._clock = clock
         self._strobe = strobe
         self._open = True
-        self._running = 0  # with a rolling shutter exposures may overlap
+        self._running = 0  # exposures; with a rolling shutter they may overlap
 
     @abstractmethod
     def start_s(self, number: int) -> float:
         """Start of an exposure."""
 
     @abstractmethod
-    def finished(self, now_s: float) -> int:
-        """How many exposures have their frame in the queue at `now_s`."""
+    def started(self, by_s: float) -> int:
+        """How many exposures start until `by_s`."""
 
-    @abstractmethod
-    def ready_s(self, number: int, deadline_s: float) -> float:
-        """When the frame of an exposure is in the queue; infinite if not known by the deadline."""
+    def await_start(self, number: int, deadline_s: float) -> bool:
+        """Whether the start of an exposure is known, if need be at the deadline."""
+        del number, deadline_s
+        return True
 
     def close(self) -> None:
         """Start no further exposure."""
@@ -117,15 +104,10 @@ class FreeRunning(Exposures):
         """Start of an exposure."""
         return self._started_s + number * self.shutter.period_s
 
-    def finished(self, now_s: float) -> int:
-        """How many exposures have their frame in the queue at `now_s`."""
-        since_s = now_s - self._started_s - self.shutter.ready_after_s + _ROUNDING_S
-        return max(0, math.floor(since_s / self.shutter.period_s) + 1)
-
-    def ready_s(self, number: int, deadline_s: float) -> float:
-        """When the frame of an exposure is in the queue."""
-        del deadline_s
-        return self.start_s(number) + self.shutter.ready_after_s
+    def started(self, by_s: float) -> int:
+        """How many exposures start until `by_s`."""
+        periods = (by_s - self._started_s + _ROUNDING_S) / self.shutter.period_s
+        return max(0, math.floor(periods) + 1)
 
     def _run(self, number: int) -> None:
         if self._open:
@@ -152,15 +134,12 @@ class Triggered(Exposures):
         """Start of an exposure."""
         return self._starts_s[number]
 
-    def finished(self, now_s: float) -> int:
-        """How many exposures have their frame in the queue at `now_s`."""
-        latest_s = now_s + _ROUNDING_S - self.shutter.ready_after_s
-        return bisect_right(self._starts_s, latest_s)
+    def started(self, by_s: float) -> int:
+        """How many exposures start until `by_s`."""
+        return bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
-    def ready_s(self, number: int, deadline_s: float) -> float:
-        """When the frame of an exposure is in the queue; waits for its trigger."""
-        while len(self._starts_s) <= number:
-            if self._clock.now_s() >= deadline_s:
-                return math.inf
+    def await_start(self, number: int, deadline_s: float) -> bool:
+        """Whether an exposure is triggered by the deadline."""
+        while len(self._starts_s) <= number and self._clock.now_s() < deadline_s:
             self._clock.sleep_s(_TRIGGER_POLL_S)
-        return self._starts_s[number] + self.shutter.ready_after_s
+        return len(self._starts_s) > number
