@@ -1,5 +1,5 @@
-"""Video for Linux: cameras as drivers give them, and loopback devices to write into.
+"""Video for Linux: cameras, and loopback devices to write into.
 
-`abi` and `ioctl` are the kernel's words, `device` and `controls` what can be asked of any video
-device, `camera` is one that is set for measurement, `output` the other side of a loopback device.
+`abi` holds the kernel's structures, `node` and `device` the calls, `controls` the controls.
+`camera` is a camera in measurement mode, `output` a loopback device.
 """

@@ -1,4 +1,4 @@
-"""What we use of ``linux/videodev2.h``: request numbers, constants and structures.
+"""The part of ``linux/videodev2.h`` used here: request numbers, constants and structures.
 
 The layout is that of 64-bit little-endian Linux (x86-64, arm64). Names are the kernel's, without
 the prefix ``V4L2_``.
@@ -183,7 +183,7 @@ class TimeVal(ctypes.Structure):
 
 
 class TimeCode(ctypes.Structure):
-    """``struct v4l2_timecode``, which we never read."""
+    """``struct v4l2_timecode``, which is never read."""
 
     _fields_ = (("opaque", c_uint32 * 4),)
 
@@ -233,7 +233,7 @@ class QueryExtCtrl(ctypes.Structure):
 
 
 class QueryCtrl(ctypes.Structure):
-    """``struct v4l2_queryctrl``, which drivers had before `QueryExtCtrl`."""
+    """``struct v4l2_queryctrl``, for drivers older than `QueryExtCtrl`."""
 
     _fields_ = (
         ("id", c_uint32),
@@ -306,7 +306,7 @@ _READ = 2
 
 
 def _request(direction: int, number: int, payload: type[ctypes._CData]) -> int:
-    """The kernel's ``_IOC``: direction, size of the payload, the letter V, number."""
+    """The kernel's ``_IOC`` macro: direction, size of the payload, the letter V, number."""
     return direction << 30 | ctypes.sizeof(payload) << 16 | ord("V") << 8 | number
 
 
@@ -338,11 +338,11 @@ def fourcc(text: str) -> int:
 
 
 def fourcc_text(number: int) -> str:
-    """The four characters of a code, those that cannot be printed as dots."""
+    """The four characters of a code, with dots for unprintable ones."""
     characters = number.to_bytes(4, "little").decode("latin-1")
     return "".join(c if " " <= c <= "~" else "." for c in characters)
 
 
 def text(field: Array[c_char] | bytes) -> str:
-    """A C string as the driver wrote it."""
+    """The text of a C string."""
     return bytes(field).split(b"\0")[0].decode("utf-8", "replace")

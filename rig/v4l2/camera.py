@@ -1,4 +1,4 @@
-"""A V4L2 camera set for measurement: nothing automatic, everything read back."""
+"""A V4L2 camera in measurement mode: nothing automatic, every control read back."""
 
 from __future__ import annotations
 
@@ -22,29 +22,24 @@ from .written_frames import WrittenFrames
 
 __all__ = ["V4l2Camera"]
 
-# Few, so that few are stale after a switch; with fewer than 3 drivers lose frames.
+# Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
 _BUFFERS = 4
 _LUMA = ("YUYV", "UYVY")
-# By the standard 235, and drivers that round down stop one before.
+# White in the limited range is 235 (BT.601); drivers that round down stop at 234.
 _LIMITED_WHITE = 234
 
 
 class V4l2Camera:
     """An open, streaming V4L2 camera in measurement mode.
 
-    The driver's buffers are claimed before a control is touched, so a second program that opens
-    the camera is turned away without having changed anything.
-
-    Parameters
-    ----------
-    config
-        With ``kind = "v4l2"``.
+    The driver's buffers are claimed before a control is changed, so that a second program fails to
+    open the camera without having changed anything.
 
     Raises
     ------
     CameraError
-        If the camera is missing or in use, does not have the format, size or rate, or does not
-        hold a control; the message names it.
+        If the camera is missing or in use, lacks the format, size or rate, or does not keep the
+        value of a control; the message names it.
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
@@ -64,7 +59,7 @@ class V4l2Camera:
                 self._written = WrittenFrames(time.monotonic(), self._period_s)
             mode = set_measurement_mode(device, config)
             device.start()
-            # Some cameras load their own settings when they begin to stream.
+            # Some cameras load their own settings when they start to stream.
             check_measurement_mode(device, mode)
             self._exposure_s = mode.exposure_s
             self._controls = _record(device, self._format, config)
@@ -74,7 +69,7 @@ class V4l2Camera:
 
     @property
     def info(self) -> CameraInfo:
-        """What holds for every frame."""
+        """Properties of every frame."""
         readout_ms = self._config.readout_ms
         return CameraInfo(
             kind="v4l2",
@@ -91,9 +86,9 @@ class V4l2Camera:
         )
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one to come.
+        """The oldest frame in the queue, or the next one to arrive.
 
-        A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and no picture.
+        A frame that the driver flags as faulty has `FrameFlag.CORRUPT` and zeros for pixels.
         """
         capture = self._next_capture(timeout_s)
         start_s = exposure_start_s(
@@ -127,8 +122,8 @@ class V4l2Camera:
         if not capture.is_monotonic:
             raise CameraError(
                 f"{self._device.path}: the time stamps of driver {self._device.driver} are not on "
-                "the monotonic clock, so a frame cannot be told from one before the light; use "
-                "another camera, or for a loopback device set camera.timestamp_marks = 'writer'"
+                "the monotonic clock, so that stale frames cannot be recognised; use another "
+                "camera, or for a loopback device set camera.timestamp_marks = 'writer'"
             )
         return capture
 
@@ -145,7 +140,7 @@ class V4l2Camera:
         except CameraError as error:
             raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
         if self._pixel_format.name in _LUMA and form.quantization != "full range":
-            # White ends there, and a saturated pixel must look like one.
+            # White ends there; without this a saturated pixel would look valid.
             pixels[pixels >= _LIMITED_WHITE] = 255
         return pixels
 
@@ -157,7 +152,7 @@ class V4l2Camera:
 
 
 def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> dict[str, Any]:
-    """What a set keeps of the camera's state: every control, and how pixels and times came."""
+    """The camera's state for a set's metadata: every control, pixel format and time stamps."""
     record: dict[str, Any] = {
         control.slug: read_control(device, control)
         for control in list_controls(device)

@@ -1,4 +1,4 @@
-"""Which cameras are plugged in, and what each can do; nothing is changed and none is claimed."""
+"""List the cameras that are plugged in and what each can do, without claiming any."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class ListedCamera:
     Attributes
     ----------
     node
-        As the kernel numbered it, which changes when cameras are plugged in another order.
+        The kernel's name, which depends on the order in which cameras are plugged in.
     by_id
-        Its names in ``/dev/v4l/by-id``, which do not change.
+        Permanent names in ``/dev/v4l/by-id``.
     name, driver, bus
-        The camera's own account; empty where it could not be opened.
+        As the driver reports them; empty if the camera could not be opened.
     formats
-        All it offers, those that nobody decodes included.
+        All offered formats, also those that cannot be decoded here.
     controls
-        With the values that they have; None where a control has none that is one whole number.
+        Controls with their values; None for a control without an integer value.
     problem
-        Why it could not be asked, None where it could.
+        Why the camera could not be queried, or None.
     """
 
     node: Path
@@ -46,22 +46,22 @@ class ListedCamera:
 
     @property
     def device(self) -> str:
-        """What to put into ``camera.device``: a name that stays, if there is one."""
+        """The value for ``camera.device``: a permanent name, if there is one."""
         return str(self.by_id[0] if self.by_id else self.node)
 
 
 def device_path(device: str, dev: Path = _DEV) -> str:
-    """The path that ``camera.device`` means: a path, a name in ``/dev/v4l/by-id``, or a number."""
+    """The path of ``camera.device``: a path, a name in ``/dev/v4l/by-id``, or a number."""
     if "/" in device:
         return device
     return str(dev / f"video{device}" if device.isdecimal() else dev / "v4l" / "by-id" / device)
 
 
 def list_cameras(dev: Path = _DEV) -> list[ListedCamera]:
-    """Every capture node in the order of its number; one that cannot be asked says why.
+    """List every capture node in the order of its number.
 
-    Nodes that do not capture, such as a USB camera's second one for metadata, are left out.
-    A camera that another program streams from is listed as well, and not disturbed.
+    A node that cannot be queried has a `problem`. Nodes that do not capture, such as a USB camera's
+    second one for metadata, are left out. A camera in use by another program is listed too.
     """
     nodes = [path for path in dev.glob("video*") if path.name[len("video") :].isdecimal()]
     names = sorted((dev / "v4l" / "by-id").glob("*"))
@@ -69,7 +69,7 @@ def list_cameras(dev: Path = _DEV) -> list[ListedCamera]:
     for node in sorted(nodes, key=lambda path: int(path.name[len("video") :])):
         by_id = tuple(name for name in names if name.resolve() == node.resolve())
         try:
-            cameras.append(_asked(node, by_id))
+            cameras.append(_listed(node, by_id))
         except NoCaptureDeviceError:
             continue
         except CameraError as error:
@@ -77,7 +77,7 @@ def list_cameras(dev: Path = _DEV) -> list[ListedCamera]:
     return cameras
 
 
-def _asked(node: Path, by_id: tuple[Path, ...]) -> ListedCamera:
+def _listed(node: Path, by_id: tuple[Path, ...]) -> ListedCamera:
     device = V4l2Device(str(node))
     try:
         controls = tuple(

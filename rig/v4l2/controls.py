@@ -1,4 +1,4 @@
-"""The controls of a V4L2 device, by numeric id: names change with the kernel, ids do not."""
+"""The controls of a V4L2 device, by numeric id; names change with the kernel, ids do not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 _MENUS = (abi.CTRL_TYPE_MENU, abi.CTRL_TYPE_INTEGER_MENU)
-# What one whole number can hold; buttons, texts and arrays are nothing to read back.
+# Controls with one integer value; buttons, texts and arrays cannot be read back.
 _READABLE = (
     abi.CTRL_TYPE_INTEGER,
     abi.CTRL_TYPE_BOOLEAN,
@@ -31,18 +31,19 @@ _READABLE = (
     abi.CTRL_TYPE_BITMASK,
     *_MENUS,
 )
-# Of these errors a control is not the cause.
-_OF_THE_WHOLE_DEVICE = (errno.ENODEV, errno.ENXIO, errno.EBUSY)
-_OTHER = "use another camera, as images of this one cannot be measured"
+# Errors of the whole device, not of a control.
+_DEVICE_ERRORS = (errno.ENODEV, errno.ENXIO, errno.EBUSY)
+_OTHER = "use another camera, because images of this one cannot be measured"
+# Bounds the lists of a faulty driver; real ones have fewer than 100 entries.
 _MAX_CONTROLS = 1024
 _MAX_MENU = 256
 
 
 @dataclass(frozen=True)
 class Control:
-    """What a driver says of one control.
+    """One control as the driver describes it.
 
-    `menu` maps the values of a menu to their names; values in between may be missing.
+    `menu` maps the values of a menu to their names; a menu may have gaps.
     """
 
     id: int
@@ -55,28 +56,28 @@ class Control:
 
     @property
     def slug(self) -> str:
-        """The name in lower case with underscores, as tools print it."""
+        """The name in lower case with underscores, as v4l2-ctl prints it."""
         return re.sub(r"[^a-z0-9]+", "_", self.name.lower()).strip("_")
 
     @property
     def is_readable(self) -> bool:
-        """Whether it has a value that is one whole number."""
+        """Whether it has an integer value."""
         return self.kind in _READABLE and not self.flags & abi.CTRL_FLAG_WRITE_ONLY
 
     @property
     def is_inactive(self) -> bool:
-        """Whether another control, mostly an automatic one, keeps it without effect."""
+        """Whether another control, mostly an automatic one, overrides it."""
         return bool(self.flags & abi.CTRL_FLAG_INACTIVE)
 
     def allowed(self) -> str:
-        """What it may be set to, as text."""
+        """The allowed values as text."""
         if self.menu:
             return ", ".join(f"{value} ({name})" for value, name in self.menu.items())
         return f"{self.minimum} to {self.maximum}"
 
 
 def find_control(device: V4l2Device, control_id: int) -> Control | None:
-    """One control, None if the device does not have it or has it switched off."""
+    """One control, None if the device lacks it or has disabled it."""
     query = _query(device, control_id)
     if query is None or query.flags & abi.CTRL_FLAG_DISABLED:
         return None
@@ -92,7 +93,7 @@ def find_control(device: V4l2Device, control_id: int) -> Control | None:
 
 
 def list_controls(device: V4l2Device) -> Iterator[Control]:
-    """All controls, buttons included, in the order of their ids."""
+    """All controls in the order of their ids, including buttons."""
     after = 0
     for _ in range(_MAX_CONTROLS):
         query = _query(device, after | abi.CTRL_FLAG_NEXT_CTRL)
@@ -123,18 +124,18 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
     Raises
     ------
     ControlError
-        With the control's name, if it cannot be set to this value or does not keep it.
+        If the control cannot be set to this value or does not keep it; names the control.
     CameraError
         If the camera is gone or in use.
     """
-    # The kernel would clamp in silence.
+    # The kernel would clamp the value without an error.
     allowed = value in control.menu if control.menu else control.minimum <= value <= control.maximum
     if not allowed:
         raise _error(
             device,
             control,
             f"= {value} is not possible; it takes {control.allowed()}",
-            "ask for a value that it takes, or use another camera",
+            "set one of these values, or use another camera",
         )
     if control.flags & abi.CTRL_FLAG_READ_ONLY:
         held = _held(device, control)
@@ -148,7 +149,7 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
         if not _is_known(device, abi.VIDIOC_S_EXT_CTRLS, _single(item)):
             device.try_call(abi.VIDIOC_S_CTRL, abi.SimpleControl(id=control.id, value=value))
     except OSError as error:
-        if error.errno in _OF_THE_WHOLE_DEVICE:
+        if error.errno in _DEVICE_ERRORS:
             device.fail(f"control {control.slug} refuses {value}", error)
         held = _held(device, control)
         seen = f"refuses {value} ({error.strerror}){held}"
@@ -158,7 +159,7 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
 
 
 def check_control(device: V4l2Device, control: Control, value: int) -> None:
-    """Raise a `ControlError` with the control's name if it does not hold `value`."""
+    """Raise a `ControlError` that names the control if its value is not `value`."""
     held = read_control(device, control)
     if held != value:
         seen = f"was set to {value} and reads {held}"
@@ -176,13 +177,13 @@ def _held(device: V4l2Device, control: Control) -> str:
 
 def _by_hand(device: V4l2Device) -> str:
     return (
-        "the camera does not obey: close what else uses it; if v4l2-ctl -d "
-        f"{device.path} does not bring it to that either, {_OTHER}"
+        "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
+        f"{device.path} cannot set it either, {_OTHER}"
     )
 
 
 def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:
-    """What the driver says of a control, or of the next one; None if there is none."""
+    """The driver's description of a control, or of the next one; None if there is none."""
     for request, query in (
         (abi.VIDIOC_QUERY_EXT_CTRL, abi.QueryExtCtrl(id=control_id)),
         (abi.VIDIOC_QUERYCTRL, abi.QueryCtrl(id=control_id)),
@@ -198,7 +199,7 @@ def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryC
 
 
 def _is_known(device: V4l2Device, request: int, argument: ctypes.Structure) -> bool:
-    """Do an ioctl that old drivers lack; False if this one does. May raise OSError."""
+    """Do an ioctl that old drivers lack; return whether this one has it. May raise OSError."""
     try:
         device.try_call(request, argument)
     except OSError as error:
@@ -218,7 +219,7 @@ def _menu(device: V4l2Device, query: abi.QueryExtCtrl | abi.QueryCtrl) -> Iterat
         try:
             device.try_call(abi.VIDIOC_QUERYMENU, entry)
         except OSError as error:
-            # Menus have holes.
+            # Menus have gaps.
             if error.errno == errno.EINVAL:
                 continue
             device.fail(f"cannot list the menu of control {query.id:#x}", error)

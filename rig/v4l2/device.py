@@ -1,7 +1,7 @@
 """A V4L2 capture device: formats, frame rate and a stream of buffers, over ``ioctl`` and ``mmap``.
 
-Nothing here waits without an end: the device is opened non-blocking and a buffer is awaited by
-``poll`` up to a deadline. Controls are in `v4l2_controls`, pixels in `pixel_formats`.
+No call blocks for ever: the device is opened non-blocking, and ``poll`` waits for a buffer up to a
+deadline. `controls` has the controls, `pixel_formats` the pixels.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import errno
 import mmap
-import os
 import select
 import time
 from collections.abc import Iterator
@@ -20,24 +19,23 @@ from typing import NoReturn
 from rig.errors import CameraError
 
 from . import abi
-from .buffers import buffer_of, claim_buffers
-from .ioctl import ask, explained, open_node
+from .node import VideoNode
 
 __all__ = ["Capture", "NoCaptureDeviceError", "OfferedFormat", "V4l2Device", "VideoFormat"]
 
-# Drivers round 1/30 s to their own units; 25 instead of 30 Hz is another rate.
+# Relative: drivers round 1/30 s to their own units, while the next common rate is 25 Hz.
 _RATE_TOLERANCE = 0.01
-# A driver that never ends a list would keep us here.
+# Bounds the lists of a faulty driver; real ones have fewer than 100 entries.
 _MAX_LISTED = 512
 
 
 class NoCaptureDeviceError(CameraError):
-    """A video device that is there, but gives no pictures."""
+    """A video device that delivers no frames."""
 
 
 @dataclass(frozen=True)
 class OfferedFormat:
-    """A pixel format in the driver's list, and its frame sizes as text."""
+    """A pixel format that the driver lists, with its frame sizes as text."""
 
     fourcc: str
     description: str
@@ -46,10 +44,10 @@ class OfferedFormat:
 
 @dataclass(frozen=True)
 class VideoFormat:
-    """The format that is set.
+    """The format of a device.
 
-    `bytes_per_line` counts the padding at the end of a row; `quantization` says whether luma
-    fills the whole range.
+    `bytes_per_line` includes the padding of a row; `quantization` tells whether luma fills the
+    whole range.
     """
 
     fourcc: str
@@ -66,17 +64,15 @@ class Capture:
     Attributes
     ----------
     data
-        The bytes that the driver says it filled.
+        The filled bytes.
     is_corrupt
-        The driver flagged an error; `data` may be short or torn.
-    timestamp_s
-        On the monotonic clock, if the driver says so.
-    is_monotonic
-        Whether it does.
+        Whether the driver flagged an error; `data` may then be short or torn.
+    timestamp_s, is_monotonic
+        The driver's time stamp, and whether it is on the monotonic clock.
     marks_exposure_start
-        Whether the driver calls `timestamp_s` the start of exposure; else it is the frame's end.
+        Whether the driver declares the stamp as the start of exposure, else as the frame's end.
     sequence
-        The driver's count. A gap is a frame that was lost.
+        The driver's count. A gap is a lost frame.
     """
 
     data: bytearray
@@ -87,32 +83,31 @@ class Capture:
     sequence: int
 
 
-class V4l2Device:
+class V4l2Device(VideoNode):
     """An open capture device.
 
     Parameters
     ----------
     path
-        The device, best by a name that stays: ``/dev/v4l/by-id/...``.
+        The device, best by its permanent name in ``/dev/v4l/by-id/``.
 
     Raises
     ------
     CameraError
-        If it is missing, not permitted, or no device that captures and streams.
+        If it is missing, not permitted, or cannot capture and stream.
     """
 
     def __init__(self, path: str) -> None:
-        self.path = path
+        super().__init__(path, abi.BUF_TYPE_VIDEO_CAPTURE)
         self._buffers: list[mmap.mmap] = []
         self._streaming = False
-        self._fd = open_node(path)
         try:
             capability = abi.Capability()
             self.call("is no video device", abi.VIDIOC_QUERYCAP, capability)
             self.driver = abi.text(capability.driver)
             self.card = abi.text(capability.card)
             self.bus = abi.text(capability.bus_info)
-            # A driver has several nodes; device_caps is what this one can do.
+            # A driver may have several nodes; device_caps are those of this one.
             separate = capability.capabilities & abi.CAP_DEVICE_CAPS
             able = capability.device_caps if separate else capability.capabilities
             for flag, word in ((abi.CAP_VIDEO_CAPTURE, "capture"), (abi.CAP_STREAMING, "stream")):
@@ -122,28 +117,11 @@ class V4l2Device:
                         "(a camera often has a second one for metadata)"
                     )
         except BaseException:
-            os.close(self._fd)
+            super().close()
             raise
 
-    def call(self, purpose: str, request: int, argument: ctypes._CData) -> None:
-        """One ioctl; what fails is a `CameraError` that names the device and the purpose."""
-        try:
-            self.try_call(request, argument)
-        except OSError as error:
-            self.fail(purpose, error)
-
-    def try_call(self, request: int, argument: ctypes._CData) -> None:
-        """One ioctl, again if a signal came in between; may raise OSError."""
-        if self._fd < 0:
-            raise CameraError(f"{self.path}: the camera is closed")
-        ask(self._fd, request, argument)
-
-    def fail(self, purpose: str, error: OSError) -> NoReturn:
-        """Raise the `CameraError` that an OSError of this device means."""
-        raise explained(self.path, purpose, error) from error
-
     def formats(self) -> list[OfferedFormat]:
-        """What the driver lists, whether we can decode it or not."""
+        """All formats that the driver lists, also those that cannot be decoded here."""
         offered = []
         for index in range(_MAX_LISTED):
             entry = abi.FmtDesc(index=index, type=abi.BUF_TYPE_VIDEO_CAPTURE)
@@ -173,7 +151,7 @@ class V4l2Device:
         try:
             self.try_call(request, entry)
         except OSError as error:
-            # EINVAL ends a list, ENOTTY is a driver that has none.
+            # EINVAL ends a list, ENOTTY is a driver without one.
             if error.errno in (errno.EINVAL, errno.ENOTTY):
                 return False
             self.fail(purpose, error)
@@ -185,7 +163,7 @@ class V4l2Device:
         Raises
         ------
         CameraError
-            If the driver gave another one than asked for, or another program streams.
+            If the driver chose others, or another program streams.
         """
         form = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
         pix = form.fmt.pix
@@ -196,7 +174,7 @@ class V4l2Device:
         try:
             self.try_call(abi.VIDIOC_S_FMT, form)
         except OSError as error:
-            # Most drivers put their own format in place of one they lack, some say EINVAL.
+            # Most drivers replace a format that they lack by their own, some return EINVAL.
             if error.errno != errno.EINVAL:
                 self.fail(f"cannot set {asked}", error)
             refused = "refuses it"
@@ -225,7 +203,7 @@ class V4l2Device:
         return "; ".join(entries) or "(an empty list)"
 
     def set_frame_rate(self, rate_hz: float) -> float:
-        """Set the frame rate and return the frame period in s as the driver gives it back."""
+        """Set the frame rate, and return the frame period in s as read back from the driver."""
         parm = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
         self.call("does not say its frame rate", abi.VIDIOC_G_PARM, parm)
         capture = parm.parm.capture
@@ -243,29 +221,28 @@ class V4l2Device:
         return 1.0 / given_hz
 
     def claim(self, buffers: int) -> int:
-        """Reserve the driver's buffers, so that no other program can stream; return how many."""
-        # Keeps other programs from changing controls; drivers without priorities say ENOTTY.
+        """Reserve buffers, so that no other program can stream; return their number."""
+        # Keeps other programs from changing controls; drivers without priorities return ENOTTY.
         with suppress(OSError):
             self.try_call(abi.VIDIOC_S_PRIORITY, ctypes.c_uint32(abi.PRIORITY_RECORD))
-        mapped = claim_buffers(self._fd, self.path, abi.BUF_TYPE_VIDEO_CAPTURE, buffers)
-        self._buffers = list(mapped.values())
+        self._buffers = list(self.map_buffers(buffers).values())
         return len(self._buffers)
 
     def start(self) -> None:
-        """Begin to stream into the buffers of `claim`."""
+        """Start to stream into the buffers of `claim`."""
         for index in range(len(self._buffers)):
-            self.call("takes no buffer", abi.VIDIOC_QBUF, self._buffer(index))
+            self.call("takes no buffer", abi.VIDIOC_QBUF, self.buffer(index))
         kind = ctypes.c_int32(abi.BUF_TYPE_VIDEO_CAPTURE)
         self.call("cannot start to stream", abi.VIDIOC_STREAMON, kind)
         self._streaming = True
 
     def next_capture(self, timeout_s: float) -> Capture:
-        """The oldest filled buffer, or the next to be filled.
+        """The oldest filled buffer, or the next one.
 
         Raises
         ------
         CameraError
-            If none comes in time, or the device is gone.
+            If none is filled in time, or the device is gone.
         """
         if not self._streaming:
             raise CameraError(f"{self.path}: the camera is closed")
@@ -273,27 +250,27 @@ class V4l2Device:
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         while True:
-            # Also when poll saw nothing: a driver that died may wake nobody, but it says ENODEV.
+            # Also if poll reported nothing: a driver that died may not wake it, but returns ENODEV.
             buffer = self._filled_buffer()
             if buffer is not None:
-                return self._taken(buffer)
+                return self._copied(buffer)
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 raise CameraError(f"{self.path}: no frame in {timeout_s:g} s")
-            # Rounded up, else the last part of a millisecond would be spent in a busy loop.
+            # Rounded up, or the last part of a millisecond would be a busy loop.
             events = poll.poll(int(left_s * 1e3) + 1)
             if events and not events[0][1] & select.POLLIN:
                 self._explain_hang_up()
 
     def _explain_hang_up(self) -> NoReturn:
-        # A device that is gone says so itself, if it can.
+        # A device that is gone returns ENODEV here.
         self.call("is gone", abi.VIDIOC_QUERYCAP, abi.Capability())
         raise CameraError(
             f"{self.path}: the driver stopped the stream (hang-up or error); open it again"
         )
 
     def _filled_buffer(self) -> abi.Buffer | None:
-        buffer = self._buffer(0)
+        buffer = self.buffer(0)
         try:
             self.try_call(abi.VIDIOC_DQBUF, buffer)
         except BlockingIOError:
@@ -302,8 +279,8 @@ class V4l2Device:
             self.fail("gives no frame", error)
         return buffer
 
-    def _taken(self, buffer: abi.Buffer) -> Capture:
-        """Copy a buffer out and give it back to the driver."""
+    def _copied(self, buffer: abi.Buffer) -> Capture:
+        """Copy a buffer, and return it to the driver."""
         with memoryview(self._buffers[buffer.index]) as view:
             data = bytearray(view[: buffer.bytesused])
         flags = buffer.flags
@@ -318,22 +295,18 @@ class V4l2Device:
             ),
             sequence=buffer.sequence,
         )
-        self.call("takes no buffer back", abi.VIDIOC_QBUF, self._buffer(buffer.index))
+        self.call("takes no buffer back", abi.VIDIOC_QBUF, self.buffer(buffer.index))
         return capture
-
-    def _buffer(self, index: int) -> abi.Buffer:
-        return buffer_of(abi.BUF_TYPE_VIDEO_CAPTURE, index)
 
     def close(self) -> None:
         """Stop the stream and release the device; a second call does nothing."""
         if self._fd < 0:
             return
         self._streaming = False
-        # A device that is gone cannot be stopped, and need not be.
+        # A device that is gone cannot be stopped.
         with suppress(OSError):
             self.try_call(abi.VIDIOC_STREAMOFF, ctypes.c_int32(abi.BUF_TYPE_VIDEO_CAPTURE))
         for buffer in self._buffers:
             buffer.close()
         self._buffers.clear()
-        os.close(self._fd)
-        self._fd = -1
+        super().close()

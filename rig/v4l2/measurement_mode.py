@@ -1,4 +1,4 @@
-"""Measurement mode of a V4L2 camera: nothing automatic, and every control read back."""
+"""Measurement mode of a V4L2 camera: nothing automatic, every control read back."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .device import V4l2Device
 
 __all__ = ["MeasurementMode", "Setting", "check_measurement_mode", "set_measurement_mode"]
 
-# ``EXPOSURE_ABSOLUTE`` counts 100 us.
 EXPOSURE_UNITS_PER_MS = 10
-# Off is 0, or the minimum where 0 is not allowed.
+"""``EXPOSURE_ABSOLUTE`` counts units of 100 us."""
+# Set to 0, or to the minimum if 0 is not allowed.
 _AUTOMATIC = (
     abi.CID_AUTOGAIN,
     abi.CID_AUTO_WHITE_BALANCE,
@@ -44,19 +44,19 @@ class Setting:
 
 @dataclass(frozen=True)
 class MeasurementMode:
-    """What was set, and the exposure time that came of it."""
+    """The settings, and the exposure time that follows."""
 
     settings: tuple[Setting, ...]
     exposure_s: float
 
 
 def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> MeasurementMode:
-    """Set exposure, switch off what is automatic, set gain and gamma; read all of it back.
+    """Set exposure, gain and gamma, turn off everything automatic, and read all of it back.
 
     Raises
     ------
     ControlError
-        With the names of all controls that are missing, cannot be set or do not hold.
+        If controls are missing, cannot be set or do not keep their value; names all of them.
     CameraError
         If the camera is gone or in use.
     """
@@ -70,17 +70,17 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
     exposures = (s.value for s in settings if s.control.id == abi.CID_EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
     mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
-    # One control may move another that was set before it.
-    _refuse([*faults, *_moved(device, mode)], device)
+    # A control may change another one that was set before.
+    _refuse([*faults, *_changed(device, mode)], device)
     return mode
 
 
 def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
-    """Read every control again; raise `ControlError` with the names of all that do not hold."""
-    _refuse(_moved(device, mode), device)
+    """Read every control again; raise a `ControlError` that names all that changed."""
+    _refuse(_changed(device, mode), device)
 
 
-def _moved(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
+def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
     faults: list[ControlFault] = []
     for setting in mode.settings:
         try:
@@ -96,14 +96,14 @@ def _refuse(faults: Sequence[ControlFault], device: V4l2Device) -> None:
 
 
 def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
-    """What is to be set, in this order, whether or not the step before succeeded."""
+    """Settings in their order; a failed step does not stop the next ones."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)
         if control is not None and control.is_readable:
             off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
             yield partial(_set, device, control, off)
-    # After the automatic ones, which own them while they are on.
+    # After the automatic controls, which override them.
     for name, control_id, value in (
         ("gain", abi.CID_GAIN, config.gain),
         ("gamma", abi.CID_GAMMA, config.gamma),
@@ -115,13 +115,13 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
 def _exposure_steps(
     device: V4l2Device, config: V4l2CameraConfig
 ) -> Iterator[Callable[[], Setting]]:
-    """Manual first: while exposure is automatic, what its time is set to is not defined."""
+    """Manual mode first: while exposure is automatic, setting its time has no defined effect."""
     if config.fixed_exposure:
         control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
         if control is not None:
             raise CameraError(
                 f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
-                "fixed; take camera.fixed_exposure away"
+                "fixed; remove camera.fixed_exposure"
             )
         return
     mode = find_control(device, abi.CID_EXPOSURE_AUTO)
@@ -136,8 +136,8 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
         raise _missing(
             device,
             "exposure time",
-            "if that is always the same, set camera.exposure_ms to it and camera.fixed_exposure = "
-            "true",
+            "if its exposure never changes, set camera.exposure_ms to it and "
+            "camera.fixed_exposure = true",
         )
     units = max(1, round(exposure_ms * EXPOSURE_UNITS_PER_MS))
     if not control.minimum <= units <= control.maximum:
@@ -146,7 +146,7 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
             f"camera.exposure_ms = {exposure_ms:g} is not possible; {control.slug} takes "
             f"{control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
             f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms",
-            "set camera.exposure_ms within that",
+            "set camera.exposure_ms to one of these",
         )
         raise ControlError(device.path, fault)
     return _set_active(device, control, units)
@@ -155,7 +155,7 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
 def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) -> Setting:
     control = find_control(device, control_id)
     if control is None:
-        raise _missing(device, name, f"take camera.{name} away")
+        raise _missing(device, name, f"remove camera.{name}")
     return _set_active(device, control, value)
 
 
@@ -165,21 +165,21 @@ def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
 
 
 def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
-    """Set a control that must have effect."""
+    """Set a control, and check that no other one overrides it."""
     setting = _set(device, control, value)
     after = find_control(device, control.id)
     if after is None or after.is_inactive:
         fault = ControlFault(
             control.slug,
-            f"control {control.slug} has no effect, because another control rules it",
-            "find out which, and whether the camera can be set by hand at all",
+            f"control {control.slug} has no effect, because another control overrides it",
+            "turn that one off; v4l2-ctl -l lists the camera's controls",
         )
         raise ControlError(device.path, fault)
     return setting
 
 
 def _set(device: V4l2Device, control: Control, value: int) -> Setting:
-    # A read-only control that has the value already is as good as one that took it.
+    # A read-only control may have the value already.
     if not control.is_readable or read_control(device, control) != value:
         write_control(device, control, value)
     return Setting(control, value)

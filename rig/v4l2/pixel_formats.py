@@ -1,14 +1,13 @@
-"""From a driver's bytes to an image (H, W) of known depth, for every pixel format we take.
+"""Decode a driver's bytes into an image (H, W) of known depth.
 
-What a pixel value is, by kind of format:
+Pixel values by kind of format:
 
-- grey (GREY, Y10, Y12, Y16): the sensor's value as it is;
-- YUYV, UYVY: the luma byte, the chroma dropped;
-- Bayer: the raw mosaic, one value per pixel, NOT demosaiced: each is what the sensor saw there,
-  while an interpolation would invent neighbours that slopes are computed from. The filters of
-  neighbours differ by a factor, which is in the albedo and not in the slopes;
+- grey (GREY, Y10, Y12, Y16): the sensor's value;
+- YUYV, UYVY: the luma byte, without the chroma;
+- Bayer: the raw mosaic, one value per pixel, NOT demosaiced. An interpolation would invent values
+  from which slopes are computed, while the filters' different gains only affect the albedo;
 - RGB24, BGR24: luma of BT.601, 0.299 R + 0.587 G + 0.114 B, rounded;
-- MJPG: the luma that JPEG stores, decoded. Lossy, so it must be allowed in so many words.
+- MJPG: the luma that JPEG stores, decoded; lossy, so it needs `allow_compressed`.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ _Bytes = npt.NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """How one FourCC is laid out in memory.
+    """Memory layout of one FourCC.
 
     Attributes
     ----------
@@ -39,11 +38,11 @@ class PixelFormat:
     fourcc
         The kernel's four characters.
     bit_depth
-        True depth: a good pixel is below 2^bit_depth.
+        True depth: valid values are below 2^bit_depth.
     bytes_per_px
         In memory; 0 for a compressed format.
     to_pixels
-        From rows (H, W * bytes_per_px) without padding to the image. It may share their memory.
+        Maps rows (H, W * bytes_per_px) without padding to the image, which may share their memory.
     """
 
     name: str
@@ -54,7 +53,7 @@ class PixelFormat:
 
     @property
     def is_compressed(self) -> bool:
-        """Whether pixels went through a lossy code."""
+        """Whether the format is compressed with loss."""
         return self.bytes_per_px == 0
 
 
@@ -65,7 +64,7 @@ def decode(
     height_px: int,
     bytes_per_line: int,
 ) -> Pixels:
-    """The image in a buffer.
+    """Decode the image in a buffer.
 
     Parameters
     ----------
@@ -74,13 +73,13 @@ def decode(
     data
         The filled part of the buffer. The image may share its memory.
     width_px, height_px, bytes_per_line
-        As the driver gave them. Rows may be padded; 0 says that they are not.
+        As the driver reports them. 0 bytes per line means rows without padding.
 
     Raises
     ------
     CameraError
-        If the buffer has not the size of such an image, holds values beyond the true depth, or
-        cannot be decompressed.
+        If the buffer has another size, holds values beyond the true depth, or cannot be
+        decompressed.
     """
     if pixel_format.is_compressed:
         return _from_jpeg(data, width_px, height_px)
@@ -88,17 +87,17 @@ def decode(
     stride = bytes_per_line or row_bytes
     if stride < row_bytes:
         raise CameraError(
-            f"the driver says {stride} bytes per line, {pixel_format.name} of {width_px} px needs "
-            f"{row_bytes}"
+            f"the driver reports {stride} bytes per line, {pixel_format.name} of {width_px} px "
+            f"needs {row_bytes}; use another pixel format"
         )
-    # Some drivers do not count the padding of the last row.
+    # Some drivers omit the padding of the last row.
     shortest, longest = stride * (height_px - 1) + row_bytes, stride * height_px
     if not shortest <= len(data) <= longest:
         raise CameraError(
-            f"a {pixel_format.name} frame of {width_px} x {height_px} px came with {len(data)} "
+            f"a {pixel_format.name} frame of {width_px} x {height_px} px has {len(data)} "
             f"bytes instead of {longest}"
         )
-    # A view, so that the missing padding of the last row is never touched.
+    # A view, which never reads the padding of the last row.
     rows: _Bytes = np.lib.stride_tricks.as_strided(
         np.frombuffer(data, np.uint8), (height_px, row_bytes), (stride, 1)
     )
@@ -107,7 +106,7 @@ def decode(
     if pixels.dtype == np.uint16 and limit <= int(pixels.max()):
         raise CameraError(
             f"the camera sends values up to {int(pixels.max())} as {pixel_format.name}, which ends "
-            f"at {limit - 1}; if they fill the 16 bits, it means Y16"
+            f"at {limit - 1}; if they fill 16 bits, set camera.pixel_format = 'Y16'"
         )
     return pixels
 
@@ -146,7 +145,7 @@ def _from_jpeg(data: bytearray | bytes, width_px: int, height_px: int) -> Pixels
     if image.shape != (height_px, width_px):
         rows, columns = image.shape
         raise CameraError(
-            f"an MJPG frame is {columns} x {rows} px, the driver had said {width_px} x {height_px}"
+            f"an MJPG frame is {columns} x {rows} px instead of {width_px} x {height_px} px"
         )
     return image.astype(np.uint8, copy=False)
 

@@ -1,6 +1,6 @@
-"""From pixels to the bytes that a camera of a pixel format would send: `pixel_formats` backwards.
+"""Encode pixels as the bytes that a camera would send: the inverse of `pixel_formats`.
 
-Without OpenCV, which a program that only writes frames need not load.
+It needs no OpenCV, so that a program that only writes frames does not load it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _NO_COLOUR = 128
 
 @dataclass(frozen=True)
 class Packing:
-    """How frames of one pixel format are written, row after row without padding.
+    """Encoding of one pixel format, row after row without padding.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Packing:
     bytes_per_px
         In memory.
     to_bytes
-        Of an image (H, W) of the format's depth.
+        Encodes an image (H, W) of the format's depth.
     """
 
     fourcc: str

@@ -1,11 +1,11 @@
-"""Request numbers and sizes against those a C compiler takes from ``linux/videodev2.h``."""
+"""Request numbers and offsets equal those that a C compiler takes from ``linux/videodev2.h``."""
 
 import ctypes
 import struct
 
 import pytest
 
-from rig.v4l2 import abi as abi
+from rig.v4l2 import abi
 
 
 @pytest.mark.parametrize(
@@ -30,11 +30,11 @@ from rig.v4l2 import abi as abi
         ("QUERY_EXT_CTRL", 0xC0E8_5667),
     ],
 )
-def test_a_request_number_holds_direction_size_and_number(name: str, number: int) -> None:
+def test_request_numbers_are_those_of_the_kernel(name: str, number: int) -> None:
     assert getattr(abi, f"VIDIOC_{name}") == number
 
 
-def test_fields_lie_where_the_kernel_has_them() -> None:
+def test_field_offsets_are_those_of_the_kernel() -> None:
     assert abi.Format.fmt.offset == 8
     assert abi.Buffer.timestamp.offset == 24
     assert abi.Buffer.sequence.offset == 56
@@ -45,7 +45,7 @@ def test_fields_lie_where_the_kernel_has_them() -> None:
     assert abi.ExtControls.controls.offset == 24
 
 
-def test_a_buffer_is_read_from_the_kernels_bytes() -> None:
+def test_a_buffer_is_decoded_from_the_kernels_bytes() -> None:
     fixed = struct.pack("<5I4xqq", 2, 1, 640, 0x2000, 1, 12, 500_000)
     rest = struct.pack("<16xIIQIIi4x", 77, 1, 4096, 8192, 0, 0)
     buffer = abi.Buffer.from_buffer_copy(fixed + rest)
@@ -54,7 +54,7 @@ def test_a_buffer_is_read_from_the_kernels_bytes() -> None:
     assert (buffer.m.offset, buffer.length) == (4096, 8192)
 
 
-def test_codes_are_four_characters_whatever_the_driver_says() -> None:
+def test_a_code_is_four_printable_characters() -> None:
     assert abi.fourcc("Y10 ") == 0x2030_3159
     assert abi.fourcc_text(0x2030_3159) == "Y10 "
     assert abi.fourcc_text(0xB036_3159) == "Y16."

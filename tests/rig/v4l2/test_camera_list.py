@@ -1,4 +1,4 @@
-"""Cameras are listed without being disturbed; vivid is listed in tests/hil."""
+"""Cameras are listed by node; tests/hil lists the kernel's test driver."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def test_a_device_is_a_path_a_number_or_a_name(device: str | int, path: str) -> 
     assert device_path(config.device) == path
 
 
-def test_nodes_come_in_their_order_and_one_that_cannot_be_asked_says_why(tmp_path: Path) -> None:
+def test_nodes_are_in_order_and_an_unusable_one_has_its_problem(tmp_path: Path) -> None:
     for name in ("video10", "video2", "videodev", "vbi0"):
         (tmp_path / name).touch()
     by_id = tmp_path / "v4l" / "by-id"
@@ -42,5 +42,5 @@ def test_nodes_come_in_their_order_and_one_that_cannot_be_asked_says_why(tmp_pat
         assert camera.formats == camera.controls == ()
 
 
-def test_no_camera_is_an_empty_list(tmp_path: Path) -> None:
+def test_without_cameras_the_list_is_empty(tmp_path: Path) -> None:
     assert list_cameras(tmp_path) == []

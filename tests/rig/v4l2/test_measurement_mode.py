@@ -1,6 +1,6 @@
 """Measurement mode on cameras with exposure controls, which the kernel's test driver lacks.
 
-The camera is played at the level of ioctls, with the habits of UVC cameras.
+A fake camera answers the ioctls as UVC cameras do.
 """
 
 import errno
@@ -13,7 +13,7 @@ from rig import CameraError
 from rig.config.camera import V4l2CameraConfig
 from rig.doctor.cameras import check_controls
 from rig.errors import ControlError
-from rig.v4l2 import abi as abi
+from rig.v4l2 import abi
 from rig.v4l2.controls import list_controls
 from rig.v4l2.device import V4l2Device
 from rig.v4l2.measurement_mode import check_measurement_mode, set_measurement_mode
@@ -34,7 +34,7 @@ class Knob:
     maximum: int = 1
     menu: dict[int, str] = field(default_factory=dict)
     flags: int = 0
-    # Takes every value and keeps its own.
+    # Accepts every value without an error, and keeps its own.
     stubborn: bool = False
 
 
@@ -53,11 +53,11 @@ def usual_knobs() -> dict[int, Knob]:
     }
 
 
-class PlayedCamera(V4l2Device):
-    """Answers the control ioctls as a driver does; exposure time is ruled by the automatic."""
+class FakeCamera(V4l2Device):
+    """Answers the control ioctls as a driver does; automatic exposure overrides exposure time."""
 
     def __init__(self, knobs: dict[int, Knob]) -> None:
-        self.path, self.card, self.knobs = "/dev/video9", "Played Camera", knobs
+        self.path, self.card, self.knobs = "/dev/video9", "Fake Camera", knobs
         self.written: list[int] = []
 
     def try_call(self, request: int, argument: Any) -> None:
@@ -102,8 +102,8 @@ class PlayedCamera(V4l2Device):
             knob.value = value
 
 
-class OldCamera(PlayedCamera):
-    """A driver that has none of the extended control ioctls, only those before them."""
+class OldCamera(FakeCamera):
+    """A driver with the old control ioctls only."""
 
     def try_call(self, request: int, argument: Any) -> None:
         if request == abi.VIDIOC_QUERYCTRL:
@@ -126,8 +126,8 @@ def config(**changes: object) -> V4l2CameraConfig:
     return V4l2CameraConfig.model_validate(values | changes)
 
 
-def test_everything_is_set_and_manual_exposure_comes_first() -> None:
-    camera = PlayedCamera(usual_knobs())
+def test_all_controls_are_set_and_manual_exposure_is_first() -> None:
+    camera = FakeCamera(usual_knobs())
     mode = set_measurement_mode(camera, config(exposure_ms=12.34, gain=0, gamma=100))
     values = {control_id: knob.value for control_id, knob in camera.knobs.items()}
     assert camera.written[:2] == [AUTO, TIME]
@@ -138,7 +138,7 @@ def test_everything_is_set_and_manual_exposure_comes_first() -> None:
         abi.CID_AUTO_WHITE_BALANCE: 0,
         abi.CID_FOCUS_AUTO: 0,
         abi.CID_BACKLIGHT_COMPENSATION: 0,
-        # Its least: this camera has no zero.
+        # The minimum: this control has no zero.
         abi.CID_SHARPNESS: 1,
         abi.CID_GAIN: 0,
         abi.CID_GAMMA: 100,
@@ -147,15 +147,15 @@ def test_everything_is_set_and_manual_exposure_comes_first() -> None:
     assert len(mode.settings) == len(values)
 
 
-def test_gain_and_gamma_that_are_not_configured_are_left_alone() -> None:
-    camera = PlayedCamera(usual_knobs())
+def test_unconfigured_gain_and_gamma_are_unchanged() -> None:
+    camera = FakeCamera(usual_knobs())
     set_measurement_mode(camera, config())
     assert camera.knobs[abi.CID_GAIN].value == 64
     assert abi.CID_GAIN not in camera.written
 
 
-def test_what_holds_already_is_not_written() -> None:
-    camera = PlayedCamera(usual_knobs())
+def test_a_control_with_the_right_value_is_not_written() -> None:
+    camera = FakeCamera(usual_knobs())
     set_measurement_mode(camera, config())
     camera.written.clear()
     set_measurement_mode(camera, config())
@@ -163,28 +163,28 @@ def test_what_holds_already_is_not_written() -> None:
 
 
 @pytest.mark.parametrize("control_id", usual_knobs())
-def test_a_control_that_does_not_hold_is_named(control_id: int) -> None:
+def test_a_control_that_keeps_its_value_is_named(control_id: int) -> None:
     knobs = usual_knobs()
     knobs[control_id].stubborn = True
     if control_id == abi.CID_GAMMA:
         knobs[control_id].value = 72
     slug = knobs[control_id].name.lower().replace(",", "").replace(" ", "_")
     with pytest.raises(CameraError, match=f"/dev/video9: control {slug} was set to .* and reads"):
-        set_measurement_mode(PlayedCamera(knobs), config(gain=0, gamma=100))
+        set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=100))
 
 
-def test_a_control_that_moves_later_is_named() -> None:
-    camera = PlayedCamera(usual_knobs())
+def test_a_control_that_changes_later_is_named() -> None:
+    camera = FakeCamera(usual_knobs())
     mode = set_measurement_mode(camera, config())
     camera.knobs[abi.CID_AUTO_WHITE_BALANCE].value = 1
     with pytest.raises(CameraError, match="white_balance_automatic was set to 0 and reads 1"):
         check_measurement_mode(camera, mode)
 
 
-def test_an_exposure_beyond_the_camera_is_refused_in_ms() -> None:
+def test_an_exposure_out_of_range_is_refused_in_ms() -> None:
     with pytest.raises(CameraError, match=r"exposure_ms = 300 .* takes 0\.3 to 204\.7 ms"):
         set_measurement_mode(
-            PlayedCamera(usual_knobs()), config(exposure_ms=300.0, frame_rate_hz=1.0)
+            FakeCamera(usual_knobs()), config(exposure_ms=300.0, frame_rate_hz=1.0)
         )
 
 
@@ -192,32 +192,32 @@ def test_a_camera_without_manual_exposure_is_refused() -> None:
     knobs = usual_knobs()
     del knobs[AUTO].menu[abi.EXPOSURE_MANUAL]
     with pytest.raises(CameraError, match=r"auto_exposure = 1 .* takes 3 \(Aperture Priority"):
-        set_measurement_mode(PlayedCamera(knobs), config())
+        set_measurement_mode(FakeCamera(knobs), config())
 
 
-def test_an_exposure_that_is_ruled_by_another_control_is_refused() -> None:
+def test_an_exposure_overridden_by_another_control_is_refused() -> None:
     knobs = usual_knobs()
     del knobs[AUTO]
     knobs[TIME].flags = abi.CTRL_FLAG_INACTIVE
     with pytest.raises(CameraError, match="exposure_time_absolute has no effect"):
-        set_measurement_mode(PlayedCamera(knobs), config())
+        set_measurement_mode(FakeCamera(knobs), config())
 
 
-def test_a_camera_with_an_exposure_control_has_no_fixed_exposure() -> None:
-    with pytest.raises(CameraError, match=r"take camera\.fixed_exposure away"):
-        set_measurement_mode(PlayedCamera(usual_knobs()), config(fixed_exposure=True))
+def test_fixed_exposure_is_refused_with_an_exposure_control() -> None:
+    with pytest.raises(CameraError, match=r"remove camera\.fixed_exposure"):
+        set_measurement_mode(FakeCamera(usual_knobs()), config(fixed_exposure=True))
 
 
-def test_a_read_only_control_counts_only_if_it_is_off() -> None:
+def test_a_read_only_control_must_be_off() -> None:
     knobs = usual_knobs()
     knobs[PRIORITY] = Knob("Exposure, Dynamic Framerate", 0, flags=abi.CTRL_FLAG_READ_ONLY)
-    set_measurement_mode(PlayedCamera(knobs), config())
+    set_measurement_mode(FakeCamera(knobs), config())
     knobs[PRIORITY].value = 1
     with pytest.raises(CameraError, match="exposure_dynamic_framerate is read-only"):
-        set_measurement_mode(PlayedCamera(knobs), config())
+        set_measurement_mode(FakeCamera(knobs), config())
 
 
-def test_a_driver_without_extended_controls_is_set_and_listed_as_well() -> None:
+def test_a_driver_without_extended_controls_is_set_and_listed() -> None:
     camera = OldCamera(usual_knobs())
     mode = set_measurement_mode(camera, config(exposure_ms=12.34, gain=7, gamma=100))
     assert camera.written[:2] == [AUTO, TIME]
@@ -229,14 +229,14 @@ def test_a_driver_without_extended_controls_is_set_and_listed_as_well() -> None:
     assert auto.menu == {1: "Manual Mode", APERTURE_PRIORITY: "Aperture Priority Mode"}
 
 
-def test_a_driver_without_extended_controls_that_does_not_obey_is_named() -> None:
+def test_a_stubborn_control_of_an_old_driver_is_named() -> None:
     knobs = usual_knobs()
     knobs[abi.CID_AUTO_WHITE_BALANCE].stubborn = True
     with pytest.raises(CameraError, match="white_balance_automatic was set to 0 and reads 1"):
         set_measurement_mode(OldCamera(knobs), config())
 
 
-def test_a_control_that_an_old_driver_refuses_is_named() -> None:
+def test_a_control_refused_by_an_old_driver_is_named() -> None:
     class Refusing(OldCamera):
         def _write(self, *_: object) -> None:
             raise OSError(errno.EBUSY, "Device or resource busy")
@@ -245,49 +245,49 @@ def test_a_control_that_an_old_driver_refuses_is_named() -> None:
         set_measurement_mode(Refusing(usual_knobs()), config())
 
 
-ALL_OF_THEM = (
+STUBBORN = (
     (abi.CID_FOCUS_AUTO, "focus_automatic_continuous was set to 0 and reads 1"),
     (abi.CID_SHARPNESS, "sharpness was set to 1 and reads 5"),
     (abi.CID_GAIN, "gain was set to 0 and reads 64"),
 )
 
 
-def test_all_controls_that_do_not_hold_are_named_with_one_way_out() -> None:
+def test_all_stubborn_controls_are_named_with_one_remedy() -> None:
     knobs = usual_knobs()
-    for control_id, _ in ALL_OF_THEM:
+    for control_id, _ in STUBBORN:
         knobs[control_id].stubborn = True
     with pytest.raises(ControlError) as raised:
-        set_measurement_mode(PlayedCamera(knobs), config(gain=0, gamma=1))
-    told = [f"control {seen}" for _, seen in ALL_OF_THEM]
+        set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=1))
+    told = [f"control {seen}" for _, seen in STUBBORN]
     told.append("control gamma = 1 is not possible; it takes 72 to 500")
     assert [fault.seen for fault in raised.value.faults] == told
     assert str(raised.value).startswith("/dev/video9: " + "; ".join(told))
     assert str(raised.value).count("v4l2-ctl -d /dev/video9") == 1
-    # Those that do obey are set all the same.
+    # The other controls are set.
     assert knobs[abi.CID_AUTO_WHITE_BALANCE].value == 0
 
 
-def test_all_controls_that_move_later_are_named() -> None:
-    camera = PlayedCamera(usual_knobs())
+def test_all_controls_that_change_later_are_named() -> None:
+    camera = FakeCamera(usual_knobs())
     mode = set_measurement_mode(camera, config(gain=0))
-    for control_id, seen in ALL_OF_THEM:
+    for control_id, seen in STUBBORN:
         camera.knobs[control_id].value = int(seen.split()[-1])
     with pytest.raises(ControlError) as raised:
         check_measurement_mode(camera, mode)
     assert [fault.seen for fault in raised.value.faults] == [
-        f"control {seen}" for _, seen in ALL_OF_THEM
+        f"control {seen}" for _, seen in STUBBORN
     ]
 
 
-def test_the_doctor_has_a_line_for_each_control_that_does_not_hold() -> None:
+def test_the_doctor_has_a_line_for_each_stubborn_control() -> None:
     knobs = usual_knobs()
-    for control_id, _ in ALL_OF_THEM:
+    for control_id, _ in STUBBORN:
         knobs[control_id].stubborn = True
     with pytest.raises(ControlError) as raised:
-        set_measurement_mode(PlayedCamera(knobs), config(gain=0))
+        set_measurement_mode(FakeCamera(knobs), config(gain=0))
     checks = list(check_controls(raised.value))
     assert [(check.status, check.seen) for check in checks] == [
-        ("fault", f"control {seen}") for _, seen in ALL_OF_THEM
+        ("fault", f"control {seen}") for _, seen in STUBBORN
     ]
     assert [check.name for check in checks][-1] == "control gain"
     assert all("use another camera" in check.advice for check in checks)

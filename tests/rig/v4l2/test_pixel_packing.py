@@ -1,4 +1,4 @@
-"""What is packed comes back when it is decoded."""
+"""Decoding a packed image gives the image."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from rig.v4l2.pixel_packing import PACKINGS
 
 @pytest.mark.parametrize("name", ["GREY", "Y10", "Y12", "Y16"])
 @given(height=st.integers(1, 9), width=st.integers(1, 9), seed=st.integers(0, 2**32 - 1))
-def test_grey_is_kept_to_the_bit(name: str, height: int, width: int, seed: int) -> None:
+def test_grey_is_restored_exactly(name: str, height: int, width: int, seed: int) -> None:
     entry, packing = PIXEL_FORMATS[name], PACKINGS[name]
     image = np.random.default_rng(seed).integers(0, 2**entry.bit_depth, (height, width))
     pixels = image.astype(np.uint8 if entry.bit_depth == 8 else np.uint16)

@@ -1,4 +1,4 @@
-"""Numbers of frames by their stamps."""
+"""Frames are numbered by their time stamps."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,8 +13,8 @@ OPENED_S = 1000.0
     rate_hz=st.floats(0.5, 1000.0),
     first_s=st.floats(1e-5, 10.0),
 )
-def test_each_period_is_a_number(steps: list[int], rate_hz: float, first_s: float) -> None:
-    # As a driver tells the period, which is rounded to its units, and as stamps are.
+def test_each_period_has_the_next_number(steps: list[int], rate_hz: float, first_s: float) -> None:
+    # Period and stamps are rounded as in a driver.
     frames = WrittenFrames(OPENED_S, round(1e9 / rate_hz) / 1e9)
     number, numbers, seen = 0, [], []
     for step in (0, *steps):
@@ -24,13 +24,13 @@ def test_each_period_is_a_number(steps: list[int], rate_hz: float, first_s: floa
     assert seen == numbers
 
 
-def test_a_frame_that_comes_twice_has_one_number() -> None:
+def test_a_repeated_frame_keeps_its_number() -> None:
     frames = WrittenFrames(OPENED_S, 0.1)
     assert [frames.number_of(stamp_s) for stamp_s in (1000.5, 1000.6, 1000.6)] == [0, 1, 1]
 
 
 @given(part=st.floats(0.02, 0.98))
-def test_a_stamp_of_the_opening_or_between_two_frames_is_not_believed(part: float) -> None:
+def test_a_stamp_from_the_opening_or_between_two_frames_has_no_number(part: float) -> None:
     frames = WrittenFrames(OPENED_S, 0.1)
     stamps = (OPENED_S - 0.1 * part, OPENED_S, 1000.1, 1000.2 + 0.1 * part, 1000.4)
     assert [frames.number_of(stamp_s) for stamp_s in stamps] == [None, None, 0, None, 3]

@@ -1,0 +1,125 @@
+"""An open video device node: ioctls, and their errors in words."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import mmap
+import os
+from typing import NoReturn
+
+from rig.errors import CameraError
+
+from . import abi
+
+__all__ = ["VideoNode"]
+
+
+class VideoNode:
+    """An open video device, on which no call blocks for ever.
+
+    Parameters
+    ----------
+    path
+        The device.
+    stream
+        The ``BUF_TYPE`` of its frames.
+
+    Raises
+    ------
+    CameraError
+        If it is missing or not permitted.
+    """
+
+    def __init__(self, path: str, stream: int) -> None:
+        self.path = path
+        self._stream = stream
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise CameraError(f"{path}: {_open_cause(error)}") from error
+
+    def call(self, purpose: str, request: int, argument: ctypes._CData) -> None:
+        """Do one ioctl; an error becomes a `CameraError` that names the device and the purpose."""
+        try:
+            self.try_call(request, argument)
+        except OSError as error:
+            self.fail(purpose, error)
+
+    def try_call(self, request: int, argument: ctypes._CData) -> None:
+        """Do one ioctl, again if a signal interrupts it; may raise OSError."""
+        if self._fd < 0:
+            raise CameraError(f"{self.path}: the camera is closed")
+        while True:
+            try:
+                fcntl.ioctl(self._fd, request, argument, True)
+            except InterruptedError:
+                continue
+            return
+
+    def fail(self, purpose: str, error: OSError) -> NoReturn:
+        """Raise the `CameraError` for an OSError of this device."""
+        if error.errno in (errno.ENODEV, errno.ENXIO):
+            cause = "the camera is gone (unplugged, or its driver was removed)"
+        elif error.errno == errno.EBUSY:
+            cause = f"{purpose}: in use by another program; close it and try again"
+        elif error.errno == errno.ENOSPC:
+            cause = (
+                f"{purpose}: no USB bandwidth left; lower the frame rate or the size, or give the "
+                "camera a USB controller of its own"
+            )
+        else:
+            cause = f"{purpose}: {error.strerror}"
+        raise CameraError(f"{self.path}: {cause}") from error
+
+    def buffer(self, index: int) -> abi.Buffer:
+        """The argument of an ioctl about one buffer."""
+        return abi.Buffer(index=index, type=self._stream, memory=abi.MEMORY_MMAP)
+
+    def map_buffers(self, count: int) -> dict[int, mmap.mmap]:
+        """Reserve `count` buffers, or as many as the driver has, and map them.
+
+        No other program can stream from the device then.
+
+        Returns
+        -------
+        The memory of each buffer by its offset, in the order of their indices.
+
+        Raises
+        ------
+        CameraError
+            If the driver has none, or they cannot be mapped.
+        """
+        request = abi.RequestBuffers(count=count, type=self._stream, memory=abi.MEMORY_MMAP)
+        self.call("has no buffers for us", abi.VIDIOC_REQBUFS, request)
+        mapped: dict[int, mmap.mmap] = {}
+        try:
+            for index in range(request.count):
+                buffer = self.buffer(index)
+                self.try_call(abi.VIDIOC_QUERYBUF, buffer)
+                offset = buffer.m.offset
+                mapped[offset] = mmap.mmap(self._fd, buffer.length, offset=offset)
+        except OSError as error:
+            for memory in mapped.values():
+                memory.close()
+            self.fail("its buffers cannot be mapped", error)
+        if not mapped:
+            raise CameraError(f"{self.path}: the driver has no buffers for us")
+        return mapped
+
+    def close(self) -> None:
+        """Close the device; a second call does nothing."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+
+def _open_cause(error: OSError) -> str:
+    if error.errno in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return "no such camera; ls /dev/v4l/by-id shows those that are plugged in"
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return "no permission; add the user to the group video and log in again"
+    if error.errno == errno.EBUSY:
+        return "in use by another program; close it and try again"
+    return f"cannot be opened: {error.strerror}"
