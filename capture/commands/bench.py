@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.console import JsonOption, out, print_json, reported
+from capture.console import JsonOption, reported
 
 __all__ = ["bench"]
 
@@ -19,18 +19,7 @@ def bench(
     json: JsonOption = False,
 ) -> None:
     """Measure this machine: ratios to a floor measured in the same run, with times beside them."""
-    from capture.studies.benchmark.figures import as_json, print_chapter
-    from capture.studies.benchmark.run import chapters, machine
+    from capture.studies.benchmark.run import print_benchmark
+    from capture.studies.benchmark.settings import FULL, QUICK
 
-    about = machine()
-    if json:
-        measured = [as_json(chapter) for chapter in chapters(quick)]
-        print_json({"machine": about, "quick": quick, "chapters": measured})
-        return
-    out.print(
-        f"{about['processor']}, {about['cores']} cores; ps4rig {about['ps4rig']}, "
-        f"Python {about['python']}, numpy {about['numpy']}, numba {about['numba']}",
-        soft_wrap=True,
-    )
-    for chapter in chapters(quick):
-        print_chapter(chapter)
+    print_benchmark(QUICK if quick else FULL, json)

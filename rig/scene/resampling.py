@@ -10,14 +10,19 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.compiling import kernel
+from classify.threads import run_on_rows
+
 __all__ = ["sample_rotated", "spline_coefficients"]
 
 FloatArray = npt.NDArray[np.float32]
+
+# Pixels of one strip of rows: some milliseconds of work, against 10 us for a call of the kernel.
+_STRIP_PX = 1 << 14
 
 
 def spline_coefficients(channels: FloatArray) -> FloatArray:
@@ -92,21 +97,21 @@ def sample_rotated(
     -------
     (C, side_px, side_px) float32.
     """
-    fine_rows, fine_cols, _ = coefficients.shape
+    fine_rows, fine_cols, count = coefficients.shape
     angle = math.radians(rotate_deg)
-    return np.asarray(
-        _sample(
-            coefficients,
-            math.fmod(2.0 * centre_row, fine_rows),
-            math.fmod(2.0 * centre_col, fine_cols),
-            2.0 * math.cos(angle),
-            2.0 * math.sin(angle),
-            side_px,
-        )
+    row = math.fmod(2.0 * centre_row, fine_rows)
+    col = math.fmod(2.0 * centre_col, fine_cols)
+    cos, sin = 2.0 * math.cos(angle), 2.0 * math.sin(angle)
+    out = np.empty((count, side_px, side_px), np.float32)
+    run_on_rows(
+        lambda first, last: _sample(coefficients, row, col, cos, sin, first, last, out),
+        (side_px, side_px),
+        _STRIP_PX,
     )
+    return out
 
 
-@numba.njit(inline="always")
+@kernel
 def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Weights of the cubic B-spline at the distances 1 + t, t, 1 - t and 2 - t, for 0 <= t < 1."""
     s = 1.0 - t
@@ -116,18 +121,25 @@ def _cubic_weights(t: float) -> tuple[np.float32, np.float32, np.float32, np.flo
     return np.float32(first), np.float32(second), np.float32(third), np.float32(t * t * t / 6.0)
 
 
-@numba.njit(parallel=True, cache=True, fastmath={"contract", "arcp", "nsz"})
+@kernel
 def _sample(
-    coefficients: FloatArray, row0: float, col0: float, cos: float, sin: float, side: int
-) -> FloatArray:
-    """`sample_rotated` on the fine grid: `row0`, `col0`, `cos` and `sin` in fine pixels."""
+    coefficients: FloatArray,
+    row0: float,
+    col0: float,
+    cos: float,
+    sin: float,
+    first: int,
+    last: int,
+    out: FloatArray,
+) -> None:
+    """Rows `first` to `last` of `sample_rotated`; position and rotation in pixels of the spline."""
     fine_rows, fine_cols, count = coefficients.shape
-    out = np.empty((count, side, side), np.float32)
+    side = out.shape[1]
     half = 0.5 * (side - 1)
-    for r in numba.prange(side):
+    cols = np.empty(4, np.int64)
+    sums = np.empty(count, np.float32)
+    for r in range(first, last):
         y = half - r
-        cols = np.empty(4, np.int64)
-        sums = np.empty(count, np.float32)
         for c in range(side):
             x = c - half
             row = row0 + sin * x - cos * y  # rows run down: minus y
@@ -147,4 +159,3 @@ def _sample(
                         sums[k] += weight * line[cols[j], k]
             for k in range(count):
                 out[k, r, c] = sums[k]
-    return out

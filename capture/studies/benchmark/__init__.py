@@ -1,1 +1,1 @@
-"""What this machine makes of the engine: ratios to a floor measured in the same run, and times."""
+"""``ps4rig bench``: times and memory of this machine, as ratios to floors of the same run."""

@@ -1,4 +1,4 @@
-"""Peak memory of steps, each in a process of its own: beyond the program and its input."""
+"""Peak memory of single steps, each in its own process."""
 
 from __future__ import annotations
 
@@ -14,79 +14,74 @@ from pathlib import Path
 from capture.console import progress
 from classify import Method, TextureLibrary
 from classify.surface.estimate import FloatMap
+from rig.simulation.simulated_set import SimulatedSet
 
-from .figures import Chapter, Figure
-from .scenes import Shot
+from .measurements import Measurement, Section
 from .solvers import drop_darkest, normal_least_squares
 
-__all__ = ["Step", "classify_step", "match_step", "memory_chapter", "numpy_step", "solve_step"]
+__all__ = ["Step", "classify_step", "match_step", "memory_section", "numpy_step", "solve_step"]
 
 Step = Callable[[], Callable[[], object]]
-"""Reads its input, calls everything once on little of it, and returns what is to be measured."""
+"""Prepares a step with a call on little data, and returns the call to measure."""
 
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-_RESET_PEAK = "5"
-_WARM_PX = 256
+_RESET_PEAK = "5"  # proc(5)
+_WARM_UP_PX = 256
 
 
-def memory_chapter(steps: Mapping[str, Step]) -> Chapter:
-    """Run each step in a fresh process."""
-    figures = []
-    if _CLEAR.exists():
-        for name, step in progress(steps.items(), len(steps), "memory"):
-            context = get_context("spawn")
-            with ProcessPoolExecutor(1, mp_context=context) as process:
-                before, peak = process.submit(_peak_mb, step).result()
-            figures += [Figure(name, peak - before, f"MB beyond {before:.0f} MB")]
-    return Chapter(
-        "Peak memory",
-        figures,
-        (
-            "Beyond what the process had with the program loaded and the input read; pages of a "
-            "mapped file count, although the system can take them back."
-            if figures
-            else "Not measured: this system has no /proc.",
-        ),
+def memory_section(steps: Mapping[str, Step]) -> Section:
+    """Measure each step in a new process."""
+    if not _CLEAR.exists():
+        return Section("Peak memory", (), ("Not measured: this system has no /proc.",))
+    found = []
+    for name, step in progress(steps.items(), len(steps), "memory"):
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+            before, peak = process.submit(_peak_mb, step).result()
+        found.append(Measurement(name, peak - before, f"MB beyond {before:.0f} MB"))
+    note = (
+        "Beyond the memory of the process with the program loaded and the input read. Pages of a "
+        "mapped file count, although the system can take them back."
     )
+    return Section("Peak memory", found, (note,))
 
 
-def solve_step(shot: Shot, method: Method) -> Callable[[], object]:
-    """The solver on a shot."""
-    _corner(shot).solve(method)
-    return partial(shot.solve, method)
+def solve_step(image_set: SimulatedSet, method: Method) -> Callable[[], object]:
+    """Step that solves a set."""
+    _corner(image_set).solve(method)
+    return partial(image_set.solve, method)
 
 
-def numpy_step(shot: Shot, which: str) -> Callable[[], object]:
-    """What one would write in numpy instead."""
-    function: Callable[..., object] = {"lstsq": normal_least_squares, "drop": drop_darkest}[which]
-    function(_corner(shot).images, shot.lighting)
-    return partial(function, shot.images, shot.lighting)
+def numpy_step(image_set: SimulatedSet, name: str) -> Callable[[], object]:
+    """Step that solves a set in plain numpy: "lstsq" or "drop"."""
+    function: Callable[..., object] = {"lstsq": normal_least_squares, "drop": drop_darkest}[name]
+    function(_corner(image_set).images, image_set.lighting)
+    return partial(function, image_set.images, image_set.lighting)
 
 
-def classify_step(library: Path, shot: Shot) -> Callable[[], object]:
-    """From images to a match."""
+def classify_step(library: Path, image_set: SimulatedSet) -> Callable[[], object]:
+    """Step from images to a match."""
     trained = TextureLibrary.load(library)
-    trained.classify(_corner(shot).solve())
-    return lambda: trained.classify(shot.solve())
+    trained.classify(_corner(image_set).solve())
+    return lambda: trained.classify(image_set.solve())
 
 
-def match_step(library: Path, little: Path, query: FloatMap) -> Callable[[], object]:
-    """Open a library and look for one signature."""
-    TextureLibrary.load(little).match(query)
+def match_step(library: Path, small: Path, query: FloatMap) -> Callable[[], object]:
+    """Step that opens a library and matches one signature; `small` is another library."""
+    TextureLibrary.load(small).match(query)
     return lambda: TextureLibrary.load(library).match(query)
 
 
-def _corner(shot: Shot) -> Shot:
-    corner = (..., slice(_WARM_PX), slice(_WARM_PX))
-    ambient = None if shot.ambient is None else shot.ambient[corner]
-    return replace(shot, images=shot.images[corner], ambient=ambient)
+def _corner(image_set: SimulatedSet) -> SimulatedSet:
+    corner = (..., slice(_WARM_UP_PX), slice(_WARM_UP_PX))
+    ambient = None if image_set.ambient is None else image_set.ambient[corner]
+    return replace(image_set, images=image_set.images[corner], ambient=ambient)
 
 
 def _peak_mb(step: Step) -> tuple[float, float]:
-    """Resident memory before a step, and the most during it."""
+    """Resident memory before a step, and the maximum during it."""
     measured = step()
     gc.collect()
-    # What was freed and kept would be used again unseen.
+    # Freed memory that the allocator keeps would be used again without being counted.
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
@@ -98,9 +93,9 @@ def _peak_mb(step: Step) -> tuple[float, float]:
     return before, peak
 
 
-def _resident_mb(what: str) -> float:
+def _resident_mb(field: str) -> float:
     for line in _STATUS.read_text(encoding="ascii").splitlines():
         name, value = line.split(":")
-        if name == what:
+        if name == field:
             return int(value.split()[0]) / 1000.0
     return 0.0

@@ -1,4 +1,4 @@
-"""From four images to a match: every stage, and the whole."""
+"""Time of a classification from four images to a match, and of each stage."""
 
 from __future__ import annotations
 
@@ -6,35 +6,36 @@ from functools import partial
 
 import numpy as np
 
+from capture.studies.stopwatch import Work, shortest_ms
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
+from classify.solvers.memory_floor import read_four_write_three
 from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
 from classify.texture.statistics import levels_for, local_statistics
+from rig.simulation.simulated_set import SimulatedSet
 
-from .figures import Chapter, Figure
-from .scenes import Shot, turned_patch
-from .solvers import read_four_write_three
-from .stopwatch import Work, least_ms
+from .measurements import Measurement, Section
+from .scenes import rotated_patch
 
-__all__ = ["pipeline_chapter"]
+__all__ = ["pipeline_section"]
 
+# Targets by side of the frame, for two cores.
 _TARGETS_MS = {512: 15.0, 1024: 60.0}
-_TEXTURE, _SEED, _TURN_DEG = "sand", 1000, 33.0
+_TEXTURE, _SEED, _ROTATE_DEG = "sand", 1000, 33.0
 
 
-def pipeline_chapter(library: TextureLibrary, size_px: int, quick: bool) -> Chapter:
-    """A set of that size against a library of thirty classes."""
-    shot = turned_patch(_TEXTURE, _SEED, size_px, _TURN_DEG)
-    megapixels = size_px**2 / 1e6
-    surface = shot.solve()
+def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Section:
+    """Classify a set of this size with a library of the joint classifier."""
+    image_set = rotated_patch(_TEXTURE, _SEED, size_px, _ROTATE_DEG)
+    surface = image_set.solve()
     fields = texture_fields(surface)
     joint = classifier_named(library.classifier)
     observation = joint.observe(surface, library.segment_px)
     signature = joint.signature(observation, library.parameters)
-    three = np.empty((3, size_px, size_px), np.float32)
+    maps = np.empty((3, size_px, size_px), np.float32)
     stages: dict[str, Work] = {
-        "solve, ps4_robust": shot.solve,
+        "solve, ps4_robust": image_set.solve,
         "fields": partial(texture_fields, surface),
         "spectra": partial(field_spectra, fields, library.segment_px),
         "statistics": partial(local_statistics, fields, levels_for(library.segment_px)),
@@ -42,32 +43,31 @@ def pipeline_chapter(library: TextureLibrary, size_px: int, quick: bool) -> Chap
         "match": partial(library.match, signature),
     }
     whole: dict[str, Work] = {
-        "floor": partial(read_four_write_three, shot.images, *three),
-        "whole": partial(_classified, library, shot),
+        "floor": partial(read_four_write_three, image_set.images, maps),
+        "whole": partial(_classify, library, image_set),
     }
-    rounds = 20 if quick else 60
-    times = least_ms(whole | stages, rounds)
-    match = library.classify(surface)
-    whole_ms = times["whole"]
-    figures = [
-        Figure("whole, images to match", whole_ms, "ms", target=_TARGETS_MS.get(size_px)),
-        Figure("whole, images to match", whole_ms / times["floor"], "x floor", whole_ms),
+    times = shortest_ms(whole | stages, rounds)
+    floor, total = times["floor"], times["whole"]
+    step = "whole, images to match"
+    found = [
+        Measurement(step, total, "ms", target=_TARGETS_MS.get(size_px)),
+        Measurement(step, total / floor, "x floor", total),
     ]
     for stage in stages:
         ms = times[stage]
-        figures += [
-            Figure(stage, ms / times["floor"], "x floor", ms),
-            Figure(stage, ms / megapixels, "ms per megapixel"),
+        found += [
+            Measurement(stage, ms / floor, "x floor", ms),
+            Measurement(stage, ms / (size_px**2 / 1e6), "ms per megapixel"),
         ]
-    return Chapter(
+    return Section(
         f"Classification, 16 bit, {size_px} x {size_px}, {len(library.classes)} classes",
-        figures,
+        found,
         (
-            f"The shortest of {rounds} calls, taken in turn, warm; with an ambient frame.",
-            f"{_TEXTURE} turned by {_TURN_DEG:g} degrees: {match.reason}.",
+            f"The shortest of {rounds} calls after a first one; with an ambient image.",
+            f"{_TEXTURE} at {_ROTATE_DEG:g} degrees: {library.classify(surface).reason}.",
         ),
     )
 
 
-def _classified(library: TextureLibrary, shot: Shot) -> None:
-    library.classify(shot.solve())
+def _classify(library: TextureLibrary, image_set: SimulatedSet) -> None:
+    library.classify(image_set.solve())

@@ -1,4 +1,4 @@
-"""The whole benchmark, one chapter after the other."""
+"""The benchmark, section by section."""
 
 from __future__ import annotations
 
@@ -11,99 +11,116 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-import numba
 import numpy as np
 
-from . import search, solvers
-from .figures import Chapter
-from .memory import (
-    Step,
-    classify_step,
-    match_step,
-    memory_chapter,
-    numpy_step,
-    solve_step,
-)
-from .pipeline import pipeline_chapter
-from .references import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
-from .scenes import mosaic, turned_patch
-from .search import needed_room, save_large_library, search_chapter
-from .solvers import solver_chapters
+from capture.console import out, print_json
+from classify.threads import thread_count
 
-__all__ = ["chapters", "machine"]
+from .measurements import Section, as_json, print_section
+from .memory import Step, classify_step, match_step, memory_section, numpy_step, solve_step
+from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
+from .pipeline import pipeline_section
+from .scenes import mosaic, rotated_patch
+from .search import required_space, search_section
+from .settings import FULL, Settings
+from .solvers import solver_sections
 
-FRAMES_PX = (512, 1024)
+__all__ = ["print_benchmark"]
 
 
-def machine() -> dict[str, str | int]:
-    """What was measured on."""
-    return {
-        "ps4rig": version("ps4rig"),
-        "processor": _processor(),
-        "cores": os.cpu_count() or 1,
-        "threads": numba.get_num_threads(),
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "numba": numba.__version__,
-    }
+def print_benchmark(settings: Settings, json: bool, free_memory: int | None = None) -> None:
+    """Measure, and print tables as they are ready or all as JSON.
+
+    `free_memory` in bytes decides on the largest library; it is measured if not given.
+    """
+    about = _machine()
+    measured = _sections(settings, free_memory)
+    if json:
+        quick = settings.largest_library is None
+        print_json({"machine": about, "quick": quick, "chapters": [*map(as_json, measured)]})
+        return
+    out.print(
+        f"{about['processor']}, {about['cores']} cores; ps4rig {about['ps4rig']}, "
+        f"Python {about['python']}, numpy {about['numpy']}, numba {about['numba']}",
+        soft_wrap=True,
+    )
+    for section in measured:
+        print_section(section)
 
 
-def chapters(quick: bool) -> Iterator[Chapter]:
-    """Measure and say, one chapter at a time. Files lie in a folder that is removed at the end."""
-    yield from solver_chapters(quick)
-    textures = observed_textures()
-    for size_px in FRAMES_PX:
-        yield pipeline_chapter(textures.library, size_px, quick)
+def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
+    yield from solver_sections(settings)
+    textures = observed_textures(settings.textures, settings.texture_frame_px)
+    for size_px in settings.frames_px:
+        yield pipeline_section(textures.library, size_px, settings.pipeline_rounds)
     with tempfile.TemporaryDirectory(prefix="ps4rig-bench-") as name:
         folder = Path(name)
-        large, classes = None, search.SMALLER[-1] // SETS_OF_A_CLASS
-        room = needed_room(textures, folder)
-        if quick:
-            print(f"ps4rig: left out by --quick: {search.LARGE:,} references", file=sys.stderr)
-        elif not room.enough:
-            print(f"ps4rig: left out: {room}", file=sys.stderr)
+        largest, references = None, settings.library_sizes[-1]
+        if settings.largest_library is None:
+            _say(f"left out by --quick: {FULL.largest_library:,} references")
         else:
-            print(f"ps4rig: {room}, in {folder}", file=sys.stderr)
-            large, classes = folder / "large.ps4lib", search.LARGE // SETS_OF_A_CLASS
-        mixtures = Mixtures(textures, classes)
-        if large is not None:
-            save_large_library(mixtures, large)
-        yield search_chapter(mixtures, large, quick)
-        yield memory_chapter(_steps(textures, mixtures, folder, large, quick))
+            space = required_space(settings.largest_library, textures, folder, free_memory)
+            _say(f"{space}, in {folder}" if space.is_enough else f"left out: {space}")
+            if space.is_enough:
+                largest, references = folder / "largest.ps4lib", settings.largest_library
+        mixtures = Mixtures(textures, references // SETS_OF_A_CLASS)
+        if largest is not None:
+            mixtures.library(references).save(largest)
+        yield search_section(mixtures, largest, settings)
+        yield memory_section(_memory_steps(textures, mixtures, folder, largest, settings))
 
 
-def _steps(
-    textures: Textures, mixtures: Mixtures, folder: Path, large: Path | None, quick: bool
+def _memory_steps(
+    textures: Textures, mixtures: Mixtures, folder: Path, largest: Path | None, settings: Settings
 ) -> dict[str, Step]:
-    thirty = folder / "thirty.ps4lib"
-    textures.library.save(thirty)
-    query = mixtures.sets(np.array([0]))[0]
-    frame = f"{solvers.FRAME_PX[1]} x {solvers.FRAME_PX[0]}"
-    sixteen = mosaic(solvers.FRAME_PX, 16)
+    shape = settings.solver_frame_px
+    frame = f"{shape[1]} x {shape[0]}"
+    sixteen = mosaic(shape, 16)
     steps: dict[str, Step] = {
         f"ps4_robust, {frame}, 16 bit": partial(solve_step, sixteen, "ps4_robust"),
     }
-    if not quick:
-        eight = mosaic(solvers.FRAME_PX, 8)
+    if settings.all_memory_steps:
+        eight = mosaic(shape, 8)
         steps |= {
             f"ps4_robust, {frame}, 8 bit": partial(solve_step, eight, "ps4_robust"),
             f"ps4, {frame}, 16 bit": partial(solve_step, sixteen, "ps4"),
             f"numpy lstsq, {frame}, 16 bit": partial(numpy_step, sixteen, "lstsq"),
             f"numpy drop-darkest, {frame}, 16 bit": partial(numpy_step, sixteen, "drop"),
         }
-    for size_px in FRAMES_PX:
-        shot = turned_patch("sand", 1, size_px, 33.0)
-        steps[f"classification, {size_px} x {size_px}"] = partial(classify_step, thirty, shot)
+    small = folder / "small.ps4lib"
+    textures.library.save(small)
+    for size_px in settings.frames_px:
+        image_set = rotated_patch("sand", 1, size_px, 33.0)
+        steps[f"classification, {size_px} x {size_px}"] = partial(classify_step, small, image_set)
     middle = folder / "middle.ps4lib"
-    mixtures.library(search.SMALLER[-1]).save(middle)
-    libraries = {search.SMALLER[-1]: middle} | ({} if large is None else {search.LARGE: large})
+    mixtures.library(settings.library_sizes[-1]).save(middle)
+    libraries = {settings.library_sizes[-1]: middle}
+    if largest is not None and settings.largest_library is not None:
+        libraries[settings.largest_library] = largest
+    query = mixtures.sets(np.array([0]))[0]
     for size, path in libraries.items():
-        steps[f"opening and match, {size:,} references"] = partial(match_step, path, thirty, query)
+        steps[f"opening and match, {size:,} references"] = partial(match_step, path, small, query)
     return steps
 
 
+def _say(message: str) -> None:
+    print(f"ps4rig: {message}", file=sys.stderr)
+
+
+def _machine() -> dict[str, str | int]:
+    """Hardware and versions of this machine."""
+    return {
+        "ps4rig": version("ps4rig"),
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+        "threads": thread_count(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "numba": version("numba"),
+    }
+
+
 def _processor() -> str:
-    """Its name, as the system knows it."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

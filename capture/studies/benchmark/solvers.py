@@ -1,4 +1,4 @@
-"""Solvers against the memory bus and against what one would write in numpy."""
+"""Solvers compared with the memory floor and with numpy."""
 
 from __future__ import annotations
 
@@ -7,86 +7,69 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
+from capture.studies.stopwatch import Work, shortest_ms
 from classify import Lighting, Method
+from classify.solvers.memory_floor import read_four_write_three
+from rig.simulation.simulated_set import SimulatedSet
 
-from .figures import Chapter, Figure
-from .scenes import Shot, mosaic
-from .stopwatch import Work, least_ms
+from .measurements import Measurement, Section
+from .scenes import mosaic
+from .settings import Settings
 
-__all__ = [
-    "drop_darkest",
-    "normal_least_squares",
-    "read_four_write_three",
-    "solver_chapters",
-]
-
-FRAME_PX = (1944, 2592)
-"""Rows and columns of a common sensor of five megapixels."""
+__all__ = ["drop_darkest", "normal_least_squares", "solver_sections"]
 
 METHODS: tuple[Method, ...] = ("ps4", "ps4_robust", "least_squares")
-_MOST_OF_FLOOR = 2.0
-_LEAST_OF_LSTSQ = 100.0
+# Targets: ps4 within twice the memory floor, and 100 times as fast as numpy's least squares.
+_MAX_OF_FLOOR, _MIN_OF_LSTSQ = 2.0, 100.0
 
 Array = npt.NDArray[Any]
 
 
-def solver_chapters(quick: bool) -> list[Chapter]:
-    """Both pixel depths, at five megapixels."""
-    return [_chapter(bits, quick) for bits in (8, 16)]
+def solver_sections(settings: Settings) -> list[Section]:
+    """One section for each pixel depth."""
+    return [_section(bits, settings) for bits in (8, 16)]
 
 
-def _chapter(bits: int, quick: bool) -> Chapter:
-    shot = mosaic(FRAME_PX, bits)
-    maps = np.empty((3, *FRAME_PX), np.float32)
-    floors: dict[str, Work] = {"floor": partial(read_four_write_three, shot.images, *maps)}
-    solvers: dict[str, Work] = {method: partial(shot.solve, method) for method in METHODS}
-    solvers["ps4 and every other map"] = partial(_every_map, shot)
+def _section(bits: int, settings: Settings) -> Section:
+    image_set = mosaic(settings.solver_frame_px, bits)
+    maps = np.empty((3, *settings.solver_frame_px), np.float32)
+    solvers: dict[str, Work] = {method: partial(image_set.solve, method) for method in METHODS}
+    solvers["ps4 and every other map"] = partial(_compute_every_map, image_set)
     plain: dict[str, Work] = {
-        "numpy lstsq": partial(normal_least_squares, shot.images, shot.lighting),
-        "numpy drop-darkest": partial(drop_darkest, shot.images, shot.lighting),
+        "numpy lstsq": partial(normal_least_squares, image_set.images, image_set.lighting),
+        "numpy drop-darkest": partial(drop_darkest, image_set.images, image_set.lighting),
     }
-    rounds, plain_rounds = (15, 2) if quick else (40, 4)
-    times = least_ms(floors | solvers, rounds) | least_ms(plain, plain_rounds)
+    floor_work: dict[str, Work] = {
+        "floor": partial(read_four_write_three, image_set.images, maps),
+    }
+    times = shortest_ms(floor_work | solvers, settings.solver_rounds)
+    times |= shortest_ms(plain, settings.numpy_rounds)
     floor = times["floor"]
-    figures = [Figure("floor: read 4 planes, write 3 float32", 1.0, "x floor", floor)]
+    found = [Measurement("floor: read 4 planes, write 3 float32", 1.0, "x floor", floor)]
     for name in solvers:
-        target = _MOST_OF_FLOOR if name == "ps4" else None
-        figures.append(Figure(name, times[name] / floor, "x floor", times[name], target))
+        target = _MAX_OF_FLOOR if name == "ps4" else None
+        found.append(Measurement(name, times[name] / floor, "x floor", times[name], target))
     for name in plain:
-        figures.append(Figure(name, times[name] / floor, "x floor", times[name]))
+        found.append(Measurement(name, times[name] / floor, "x floor", times[name]))
         for method in METHODS:
-            target = _LEAST_OF_LSTSQ if (name, method) == ("numpy lstsq", "ps4") else None
-            faster = times[name] / times[method]
-            figures.append(Figure(name, faster, f"x {method}", None, target, "at least"))
-    return Chapter(
-        f"Solvers, {bits} bit, {shot.images[0].size / 1e6:.2f} megapixels",
-        figures,
+            target = _MIN_OF_LSTSQ if (name, method) == ("numpy lstsq", "ps4") else None
+            ratio = times[name] / times[method]
+            found.append(Measurement(name, ratio, f"x {method}", None, target, "at least"))
+    return Section(
+        f"Solvers, {bits} bit, {maps[0].size / 1e6:.2f} megapixels",
+        found,
         (
-            f"The shortest of {rounds} calls (numpy: {plain_rounds}), taken in turn.",
+            f"The shortest of {settings.solver_rounds} calls (numpy: {settings.numpy_rounds}).",
             "The floor writes into the same maps each time, a solver into new ones.",
             "lstsq: one np.linalg.lstsq of the lights, all pixels as right-hand sides; no slopes.",
         ),
     )
 
 
-def _every_map(shot: Shot) -> None:
-    surface = shot.solve("ps4")
+def _compute_every_map(image_set: SimulatedSet) -> None:
+    surface = image_set.solve("ps4")
     surface.dropped, surface.residual, surface.shadow_count, surface.saturated  # noqa: B018
-
-
-@njit(parallel=True, fastmath=True, cache=True, error_model="numpy")
-def read_four_write_three(images: Array, one: Array, two: Array, three: Array) -> None:
-    """The least that a solver of p, q and albedo has to move, with next to no arithmetic."""
-    rows, columns = one.shape
-    for r in prange(rows):
-        for c in range(columns):
-            v0, v1 = np.float32(images[0, r, c]), np.float32(images[1, r, c])
-            v2, v3 = np.float32(images[2, r, c]), np.float32(images[3, r, c])
-            one[r, c] = v0 - v2
-            two[r, c] = v1 - v3
-            three[r, c] = v0 + v1 + v2 + v3
 
 
 def normal_least_squares(images: Array, lighting: Lighting) -> Array:
@@ -97,7 +80,7 @@ def normal_least_squares(images: Array, lighting: Lighting) -> Array:
 
 
 def drop_darkest(images: Array, lighting: Lighting) -> tuple[Array, Array, Array]:
-    """p, q and albedo as one would write PS4 in numpy: an inverse for each light left out."""
+    """Solve PS4 in plain numpy for p, q and albedo: one inverse for each dropped light."""
     values = images.reshape(len(images), -1).astype(np.float32)
     darkest = values.argmin(axis=0)
     normals = np.empty((3, values.shape[1]), np.float32)

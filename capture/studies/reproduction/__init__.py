@@ -1,9 +1,9 @@
-"""Chapter 9 of the thesis again, on simulated surfaces: every figure and table, and more.
+"""Every figure and table of chapter 9 of the thesis, measured on simulated surfaces, and more.
 
-    plan -> pictures of one surface, shadow counts        (`gallery`, `shadow_counts`)
-         -> libraries -> answers to turned patches        (`training`, `exams`)
-         -> exhibits: what is said, its numbers, its drawing (`exhibits`)
-         -> CSV, PNG, JSON, one page                      (`output`, `page`)
+    plan, experiments -> training, testing    libraries, and matches of test patches (`patches`)
+                      -> sand                 shadow counts, spectra and maps of sand
+                      -> chapter_*, comparison, rejection    exhibits: text, numbers, drawing
+                      -> output, page         CSV, PNG, JSON, one HTML page
 
-Scene and sensor are those of the simulated rig; the timing of LEDs and frames is left out.
+Scene and sensor are those of the simulated rig, without the timing of LEDs and frames.
 """

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.library.evaluation import unknown_share
 
 from . import plots
 from .exhibit import Cell, Exhibit, Row, exhibit
-from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS, Exam
-from .reference import NOTES_MATERIALS, NOTES_SYNTHETIC, NOTES_TWINS
-from .results import CLASSIFIER_TITLES, SOLVER_TITLES, Results
-from .tally import DIRECTIONAL_SHARPNESS, percent, quantile
+from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS
+from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
+from .testing import System
 
 __all__ = ["comparison_exhibits"]
 
 _ORDER = {title: place for place, title in enumerate(CLASSIFIER_TITLES.values())}
+_SOLVER_COLUMNS = tuple(f"{SOLVER_TITLES[solver]}, %" for solver in SOLVERS)
 
 
 def comparison_exhibits(results: Results) -> Iterator[Exhibit]:
@@ -28,150 +33,123 @@ def comparison_exhibits(results: Results) -> Iterator[Exhibit]:
 
 def _synthetic(results: Results) -> Exhibit:
     experiment = results.plan.synthetic
-    whole = [exam for exam in experiment.exams if exam.lesson.rejecting]
-    classifiers = whole[0].lesson.classifiers
+    tests = [test for test in experiment.tests if test.training.tests_unknown]
+    classifiers = tests[0].training.classifiers
     rows: list[Row] = []
     panels = []
-    for exam in whole:
-        slant_deg = round(exam.conditions.slant_deg)
-        by_solver = {
+    for test in tests:
+        values = {
             solver: [
-                results.tally.accuracy("synthetic", exam.name, solver, name) for name in classifiers
+                results.accuracy_pct("synthetic", test.name, solver, name) for name in classifiers
             ]
             for solver in SOLVERS
         }
-        for index, name in enumerate(classifiers):
-            noted = NOTES_SYNTHETIC.get(name)
-            cells: list[Cell] = []
-            for place, values in enumerate(by_solver.values()):
-                cells += [values[index], None if noted is None else noted[1][slant_deg][place]]
+        slant_deg = round(test.conditions.slant_deg)
+        for name, *cells in zip(classifiers, *values.values(), strict=True):
             rows.append((CLASSIFIER_TITLES[name], slant_deg, *cells))
-        groups = [
-            (SOLVER_TITLES[solver], plots.COLOURS[solver], values)
-            for solver, values in by_solver.items()
-        ]
+        groups = [(SOLVER_TITLES[s], plots.COLOURS[s], values[s]) for s in SOLVERS]
         panels.append((f"slant {slant_deg}", groups))
     rows.sort(key=lambda row: _ORDER[str(row[0])])
     names = [CLASSIFIER_TITLES[name] for name in classifiers]
     return exhibit(
         "classifiers_synthetic",
-        ("classifier", "slant, degrees", *_with_notes(f"{SOLVER_TITLES[s]}, %" for s in SOLVERS)),
+        ("classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
         draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
         size_in=(11.0, 4.6),
-        classes=len(whole[0].lesson.textures),
-        size=whole[0].conditions.size_px,
-        tests=len(experiment.turns_deg),
-        notes="; ".join(
-            f"{CLASSIFIER_TITLES[name]}: {noted[0]}"
-            for name, noted in NOTES_SYNTHETIC.items()
-            if name in classifiers
-        ),
+        classes=len(tests[0].training.textures),
+        size=tests[0].conditions.size_px,
+        tests=len(experiment.orientations_deg),
     )
-
-
-def _with_notes(columns: Iterable[str]) -> list[str]:
-    return [text for column in columns for text in (column, "notes, %")]
 
 
 def _twins_and_small(results: Results) -> Exhibit:
     rows: list[Row] = []
-    for exam in results.plan.synthetic.exams:
-        if exam.lesson.rejecting:
+    for test in results.plan.synthetic.tests:
+        if test.training.tests_unknown:
             continue
-        side, slant_deg = exam.conditions.size_px, round(exam.conditions.slant_deg)
-        twins = exam.name.endswith("twins")
-        for name in exam.lesson.classifiers:
-            numbers = [results.tally.accuracy("synthetic", exam.name, s, name) for s in SOLVERS]
-            small = NOTES_SYNTHETIC[f"{OURS}, small"][1][slant_deg][-1]
-            noted = (NOTES_TWINS if twins else small) if name == OURS else None
-            rows.append(
-                (
-                    f"{side} px, with twins" if twins else f"{side} px",
-                    len(exam.lesson.textures),
-                    CLASSIFIER_TITLES[name],
-                    slant_deg,
-                    *numbers,
-                    noted,
-                )
+        patches = f"{test.conditions.size_px} px"
+        if test.name.endswith("twins"):
+            patches += ", with twins"
+        rows += [
+            (
+                patches,
+                len(test.training.textures),
+                CLASSIFIER_TITLES[name],
+                round(test.conditions.slant_deg),
+                *(results.accuracy_pct("synthetic", test.name, s, name) for s in SOLVERS),
             )
+            for name in test.training.classifiers
+        ]
     rows.sort(key=lambda row: (-len(str(row[0])), _ORDER[str(row[2])]))
-    solvers = [f"{SOLVER_TITLES[solver]}, %" for solver in SOLVERS]
     return exhibit(
         "classifiers_twins_and_small",
-        ("patches", "classes", "classifier", "slant, degrees", *solvers, "notes, %"),
+        ("patches", "classes", "classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
     )
 
 
 def _materials(results: Results) -> Exhibit:
     experiment = results.plan.materials
+    training = experiment.training[0]
     rows: list[Row] = []
-    for protocol in ("disjoint", "turned"):
-        for name in experiment.exams[0].lesson.classifiers:
-            noted = NOTES_MATERIALS.get((name, protocol), {})
-            for solver in experiment.exams[0].lesson.solvers:
-                cells: list[Cell] = []
-                for exam in experiment.exams:
-                    value = results.tally.accuracy("materials", exam.name, solver, name, protocol)
-                    cells += [value, noted.get(exam.conditions.size_px)]
-                rows.append((protocol, CLASSIFIER_TITLES[name], SOLVER_TITLES[solver], *cells))
-    sizes = [f"{exam.conditions.size_px} px, %" for exam in experiment.exams]
+    for protocol in reversed(experiment.protocols):
+        for name in training.classifiers:
+            for solver in training.solvers:
+                accuracies = (
+                    results.accuracy_pct("materials", test.name, solver, name, protocol)
+                    for test in experiment.tests
+                )
+                rows.append((protocol, CLASSIFIER_TITLES[name], SOLVER_TITLES[solver], *accuracies))
+    sizes = [f"{test.conditions.size_px} px, %" for test in experiment.tests]
     return exhibit(
         "materials",
-        ("patches", "classifier", "solver", *_with_notes(sizes)),
+        ("patches", "classifier", "solver", *sizes),
         rows,
         classes=len(experiment.textures),
-        tests=len(experiment.turns_deg),
+        tests=len(experiment.orientations_deg),
         materials=", ".join(texture.name for texture in experiment.textures),
     )
 
 
 def _orientation(results: Results) -> Exhibit:
     plan = results.plan
-    asked: list[tuple[str, str, Exam, str]] = [
-        (f"synthetic, {exam.name}", "synthetic", exam, "disjoint")
-        for exam in plan.synthetic.exams
-        if exam.lesson.rejecting
+    systems = [
+        (f"synthetic, {test.name}", System("synthetic", test.name, BEST_SOLVER, OURS))
+        for test in plan.synthetic.tests
+        if test.training.tests_unknown
     ]
-    asked += [
-        (f"chapter's textures, {exam.name}", "thirty", exam, "disjoint")
-        for exam in plan.thirty.exams
-        if OURS in exam.lesson.classifiers
+    systems += [
+        (f"chapter's textures, {test.name}", System("thirty", test.name, BEST_SOLVER, OURS))
+        for test in plan.thirty.tests
+        if OURS in test.training.classifiers
     ]
-    asked += [
-        (f"materials, {exam.name}, {protocol}", "materials", exam, protocol)
-        for protocol in ("disjoint", "turned")
-        for exam in plan.materials.exams
+    systems += [
+        (
+            f"materials, {test.name}, {protocol}",
+            System("materials", test.name, BEST_SOLVER, OURS, protocol),
+        )
+        for protocol in reversed(plan.materials.protocols)
+        for test in plan.materials.tests
     ]
     rows: list[Row] = []
-    for title, experiment, exam, protocol in asked:
+    for title, ours in systems:
         for name in (OURS, THESIS):
-            errors = results.tally.orientation_errors_deg(
-                experiment, exam.name, BEST_SOLVER, name, protocol
-            )
+            errors = results.orientation_errors_deg(ours._replace(classifier=name))
+            beyond = ((errors > 10.0).mean(), (errors > 80.0).mean()) if errors.size else ()
             rows.append(
                 (
                     title,
                     CLASSIFIER_TITLES[name],
                     len(errors),
-                    quantile(errors, 0.5),
-                    quantile(errors, 0.95),
-                    percent(error > 10.0 for error in errors),
-                    percent(error > 80.0 for error in errors),
+                    *_median_and_p95(errors),
+                    *((100.0 * float(share) for share in beyond) if beyond else (None, None)),
                 )
             )
+    columns = ("textures", "classifier", "tests")
     return exhibit(
         "orientation",
-        (
-            "textures",
-            "classifier",
-            "tests",
-            "median, °",
-            "95 %, °",
-            "beyond 10°, %",
-            "beyond 80°, %",
-        ),
+        (*columns, "median, °", "95 %, °", "beyond 10°, %", "beyond 80°, %"),
         rows,
         digits=2,
         sharpness=f"{DIRECTIONAL_SHARPNESS:g}",
@@ -180,35 +158,32 @@ def _orientation(results: Results) -> Exhibit:
 
 
 def _robustness(results: Results) -> Exhibit:
-    experiment, tally = results.plan.robustness, results.tally
+    experiment = results.plan.robustness
     rows: list[Row] = []
-    for exam in experiment.exams:
-        errors = tally.orientation_errors_deg("robustness", exam.name, BEST_SOLVER, OURS)
+    for test in experiment.tests:
+        ours = System("robustness", test.name, BEST_SOLVER, OURS)
         rows.append(
             (
-                exam.name,
-                tally.accuracy("robustness", exam.name, BEST_SOLVER, OURS),
-                tally.rejected("robustness", exam.name, BEST_SOLVER, "disjoint"),
-                quantile(errors, 0.5),
-                quantile(errors, 0.95),
-                tally.accuracy("robustness", exam.name, BEST_SOLVER, THESIS),
+                test.name,
+                results.accuracy_pct(*ours),
+                percent(unknown_share(results.trials(ours))),
+                *_median_and_p95(results.orientation_errors_deg(ours)),
+                results.accuracy_pct(*ours._replace(classifier=THESIS)),
             )
         )
-    learned = experiment.exams[0].lesson
+    columns = ("joint (ours), %", "called unknown, %", "orientation: median, °", "95 %, °")
+    training = experiment.training[0]
     return exhibit(
         "robustness",
-        (
-            "test",
-            "joint (ours), %",
-            "called unknown, %",
-            "orientation: median, °",
-            "95 %, °",
-            "2D spectra, magnitude, %",
-        ),
+        ("test", *columns, "2D spectra, magnitude, %"),
         rows,
         digits=2,
-        classes=len(learned.textures),
-        size=learned.conditions.size_px,
-        tests=len(experiment.turns_deg),
+        classes=len(training.textures),
+        size=training.conditions.size_px,
+        tests=len(experiment.orientations_deg),
         best=BEST_SOLVER,
     )
+
+
+def _median_and_p95(errors: npt.NDArray[np.float64]) -> list[Cell]:
+    return np.percentile(errors, (50, 95)).tolist() if errors.size else [None, None]

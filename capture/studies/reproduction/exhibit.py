@@ -1,4 +1,4 @@
-"""One figure or table: what it shows, its numbers, how it is drawn."""
+"""One figure or table of the page: its text, its numbers, its drawing."""
 
 from __future__ import annotations
 
@@ -19,23 +19,21 @@ Cell = str | int | float | None
 Row = tuple[Cell, ...]
 Draw = Callable[["Figure"], None]
 
-_NOTES = Path(__file__).with_name("notes.toml")
-
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """A figure of the page with its numbers, or a table.
+    """A figure with its numbers, or a table.
 
     Attributes
     ----------
     key
         Stem of its files.
     section
-        Heading below which it stands.
+        Heading above it.
     notes
         Paragraphs: what is shown, what the thesis has, where they differ and why.
     columns, rows
-        The numbers, as the CSV file holds them. A unit stands in the name of a column.
+        The numbers, as in the CSV file. The name of a column includes its unit.
     draw
         Draws a figure; None for a table.
     size_in
@@ -65,23 +63,17 @@ def exhibit(
     digits: int = 1,
     **values: object,
 ) -> Exhibit:
-    """An exhibit with its words from ``notes.toml``, in which `values` are put."""
-    words = _all_notes()[key]
+    """Make an exhibit with its text from ``notes.toml``, where `values` replace the $names."""
+    text = _all_notes()[key]
+    notes = (" ".join(Template(note).substitute(values).split()) for note in text["notes"])
     return Exhibit(
-        key=key,
-        section=words["section"],
-        title=words["title"],
-        notes=tuple(" ".join(Template(note).substitute(values).split()) for note in words["notes"]),
-        columns=tuple(columns),
-        rows=rows,
-        draw=draw,
-        size_in=size_in,
-        digits=digits,
-    )
+        key, text["section"], text["title"], tuple(notes), tuple(columns), rows, draw, size_in,
+        digits,
+    )  # fmt: skip
 
 
 def as_text(cell: Cell, digits: int) -> str:
-    """A cell as people read it; what is not known is a dash."""
+    """Text of a cell; a dash for None."""
     if cell is None:
         return "-"
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
@@ -89,4 +81,4 @@ def as_text(cell: Cell, digits: int) -> str:
 
 @lru_cache(maxsize=1)
 def _all_notes() -> dict[str, Any]:
-    return tomllib.loads(_NOTES.read_text(encoding="utf-8"))
+    return tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))

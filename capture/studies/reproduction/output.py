@@ -1,4 +1,4 @@
-"""The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON, one page."""
+"""The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _DPI = 130
 
 
 def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
-    """Write KEY.csv and KEY.png; returns the picture."""
+    """Write KEY.csv and KEY.png; returns the PNG."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(exhibit.columns)
     writer.writerows(exhibit.rows)
     write_text(folder / f"{exhibit.key}.csv", text.getvalue())
-    picture = _drawn(exhibit)
+    png = _drawn(exhibit)
     with durable_file(folder / f"{exhibit.key}.png") as temporary:
-        temporary.write_bytes(picture)
-    return picture
+        temporary.write_bytes(png)
+    return png
 
 
 def write_numbers(exhibits: Sequence[Exhibit], about: dict[str, Any], path: Path) -> None:
-    """All exhibits in one JSON file."""
+    """Write the numbers of all exhibits into one JSON file."""
     contents = about | {
         "exhibits": {
             each.key: {"title": each.title, "columns": each.columns, "rows": each.rows}
@@ -44,27 +44,24 @@ def write_numbers(exhibits: Sequence[Exhibit], about: dict[str, Any], path: Path
 
 
 def write_text(path: Path, text: str) -> None:
-    """A text file, whole or not at all."""
+    """Write a text file as a whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def _drawn(exhibit: Exhibit) -> bytes:
-    # Figures without pyplot: no window system is asked, and nothing is kept.
+    # Without pyplot: it would look for a window system and keep every figure in memory.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    draw, size_in = exhibit.draw, exhibit.size_in
-    if draw is None:
-        table = (exhibit.columns, exhibit.rows, exhibit.digits)
-        size_in = plots.table_size_in(*table)
-        figure = Figure(figsize=size_in)
-        plots.draw_table(figure, *table)
+    if exhibit.draw is None:
+        figure = Figure()
+        plots.draw_table(figure, exhibit.columns, exhibit.rows, exhibit.digits)
     else:
-        figure = Figure(figsize=size_in, layout="constrained")
-        draw(figure)
+        figure = Figure(figsize=exhibit.size_in, layout="constrained")
+        exhibit.draw(figure)
     FigureCanvasAgg(figure)
-    picture = io.BytesIO()
-    # Without the version of matplotlib in it, the same numbers make the same file.
-    figure.savefig(picture, format="png", dpi=_DPI, metadata={"Software": None})
-    return picture.getvalue()
+    png = io.BytesIO()
+    # Without the version of matplotlib in it, equal numbers give equal files.
+    figure.savefig(png, format="png", dpi=_DPI, metadata={"Software": None})
+    return png.getvalue()

@@ -1,4 +1,4 @@
-"""The page of a reproduction: one HTML file that needs nothing beside it."""
+"""The page of a reproduction: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from .exhibit import Exhibit, as_text
 __all__ = ["page"]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
-# Longer lists of numbers are in the CSV file only.
+# Longer lists of numbers are in the CSV files only.
 _SHOWN_ROWS = 60
 _QUICK = (
     " <b>Quick version:</b> fewer textures and orientations, smaller frames than "
-    "<code>ps4rig reproduce</code> without <code>--quick</code>; a percent is one or two tests."
+    "<code>ps4rig reproduce</code> without <code>--quick</code>; one percent is one or two tests."
 )
 
 
 def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], quick: bool) -> str:
-    """The page as HTML, from each exhibit and its picture, in their order."""
+    """HTML of the page from each exhibit and its PNG, in this order."""
     sections: dict[str, list[str]] = {}
-    for exhibit, picture in exhibits:
-        sections.setdefault(exhibit.section, []).append(_exhibit(exhibit, picture))
+    for exhibit, png in exhibits:
+        sections.setdefault(exhibit.section, []).append(_exhibit(exhibit, png))
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         quick=_QUICK if quick else "",
         facts="".join(
@@ -44,12 +44,12 @@ def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], qu
     )
 
 
-def _exhibit(exhibit: Exhibit, picture: bytes) -> str:
+def _exhibit(exhibit: Exhibit, png: bytes) -> str:
     notes = "".join(f"<p>{escape(note)}</p>" for note in exhibit.notes)
     files = f'<p class="files">{exhibit.key}.csv, {exhibit.key}.png</p>'
     title, body = escape(exhibit.title), _table(exhibit)
     if exhibit.draw is not None:
-        data = base64.b64encode(picture).decode("ascii")
+        data = base64.b64encode(png).decode("ascii")
         image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
         numbers = f"<details><summary>numbers</summary>{body}</details>" if body else ""
         body = f"<figure>{image}</figure>{numbers}"
@@ -75,7 +75,7 @@ def _row(exhibit: Exhibit, row: Iterable[object]) -> str:
     cells = []
     for name, cell in zip(exhibit.columns, row, strict=True):
         kind = ""
-        if name.startswith(("notes", "thesis")):
+        if name.startswith("thesis"):
             kind = ' class="given"'
         elif isinstance(cell, int | float):
             kind = ' class="number"'

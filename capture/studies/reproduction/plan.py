@@ -1,15 +1,14 @@
-"""What is measured, as data: lessons, exams on what was learned, experiments, the plan."""
+"""What a reproduction measures, as data: training runs, test runs, experiments, the plan."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from classify.classifiers import classifier_named
-from classify.methods import METHODS, Method
+from classify.methods import Method
 from classify.texture.spectra import segment_for
-
-from .scenes import Conditions, Place, Texture
 
 __all__ = [
     "BEST_SOLVER",
@@ -21,42 +20,96 @@ __all__ = [
     "SOLVERS",
     "TEXTONS",
     "THESIS",
-    "Exam",
+    "Conditions",
     "Experiment",
-    "Lesson",
+    "PatchPosition",
     "Plan",
     "Protocol",
+    "TestRun",
+    "Texture",
+    "TrainingRun",
 ]
 
-Protocol = Literal["disjoint", "turned"]
-"""Tests on patches that were not learned, or on the learned patch, turned under the lights."""
+Protocol = Literal["disjoint", "rotated"]
+"""Tests on patches that share no pixel with training, or on the training patch, rotated."""
 
 OURS, TEXTONS = "joint", "varma_zisserman"
 THESIS, ONE_D = "spectra_2d", "polar_radial"
 OF_SPECTRA = ("polar", ONE_D, "spectra_2d_power", THESIS)
 """The classifiers of the thesis that compare spectra of surfaces."""
 
-SOLVERS: tuple[Method, ...] = tuple(
-    method for method in METHODS if method in ("ps3a", "ps4", "ps4_robust")
-)
+SOLVERS: tuple[Method, ...] = ("ps3a", "ps4", "ps4_robust")
 BEST_SOLVER: Method = SOLVERS[-1]
 
 ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
-"""What the names of some exams end in."""
+"""Suffixes of the names of runs."""
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """What is learned: one set of images of each texture, or several, under some conditions.
+class Texture:
+    """A synthetic texture by its name, or a scanned material in its folder."""
+
+    name: str
+    folder: Path | None = None
+
+
+@dataclass(frozen=True)
+class PatchPosition:
+    """Position and orientation of a patch on a texture.
 
     Attributes
     ----------
-    turns_deg
-        Orientations of the learned patch, one set each.
+    seed
+        Realisation of a synthetic texture.
+    half_tile_away
+        Whether the patch of a material, which is one tile, is shifted by half a tile.
+    rotate_deg
+        Rotation of the surface, anticlockwise.
+    """
+
+    texture: Texture
+    seed: int
+    half_tile_away: bool
+    rotate_deg: float
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Lighting and exposure of a set.
+
+    Attributes
+    ----------
+    size_px
+        Side of the frame; smaller frames are the middle of larger ones.
+    shadows
+        False renders light that passes through the relief, negative where the surface faces
+        away, and does not clip it. No camera can take such images.
+    exposure
+        Relative to the 20 ms that fill 85 % of the well for white.
+    weak_led
+        Level of the second LED, unknown to the solver.
+    """
+
+    slant_deg: float
+    size_px: int
+    bits: int = 12
+    shadows: bool = True
+    exposure: float = 1.0
+    weak_led: float = 1.0
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """Libraries trained on one or more sets of each texture under the same conditions.
+
+    Attributes
+    ----------
+    orientations_deg
+        Orientations of the training patch, one set each.
     one_segment
-        Whether a spectrum is one periodogram of the whole frame and not an average over segments.
-    rejecting
-        Whether the quarters of the sets are kept too, for the scores that tell the unknown.
+        Whether a spectrum is one periodogram of the whole frame, not an average over segments.
+    tests_unknown
+        Whether each test is also matched without its own class in the library.
     """
 
     name: str
@@ -64,19 +117,19 @@ class Lesson:
     conditions: Conditions
     classifiers: tuple[str, ...]
     solvers: tuple[Method, ...]
-    turns_deg: tuple[float, ...] = (0.0,)
+    orientations_deg: tuple[float, ...] = (0.0,)
     one_segment: bool = False
-    rejecting: bool = False
+    tests_unknown: bool = False
 
     @property
     def segment_px(self) -> int:
-        """Side of the segments of its spectra."""
+        """Side of the segments of the spectra."""
         side = self.conditions.size_px
         return side if self.one_segment else segment_for((side, side))
 
     @property
     def systems(self) -> list[tuple[Method, str]]:
-        """Solver and classifier of each library. What looks at images needs but one solver."""
+        """Solver and classifier of each library; one solver for classifiers of images."""
         return [
             (solver, classifier)
             for classifier in self.classifiers
@@ -86,58 +139,65 @@ class Lesson:
 
 
 @dataclass(frozen=True)
-class Exam:
-    """Tests under some conditions of what was learned in a lesson."""
+class TestRun:
+    """Tests of the libraries of a training run under some conditions."""
+
+    __test__ = False  # for pytest
 
     name: str
-    lesson: Lesson
+    training: TrainingRun
     conditions: Conditions
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Exams on the same patches. Each scene is rendered once for all of them."""
+    """Test runs on the same patches, so that each scene is rendered once for all of them."""
 
     name: str
-    exams: tuple[Exam, ...]
-    turns_deg: tuple[float, ...]
+    tests: tuple[TestRun, ...]
+    orientations_deg: tuple[float, ...]
     protocols: tuple[Protocol, ...] = ("disjoint",)
 
     @property
-    def lessons(self) -> list[Lesson]:
-        """Each once."""
-        return list(dict.fromkeys(exam.lesson for exam in self.exams))
+    def training(self) -> list[TrainingRun]:
+        """The training runs, each once."""
+        return list(dict.fromkeys(test.training for test in self.tests))
 
     @property
     def textures(self) -> list[Texture]:
-        """Of all lessons, each once."""
-        return list(dict.fromkeys(t for lesson in self.lessons for t in lesson.textures))
+        """The textures of all training runs, each once."""
+        return list(dict.fromkeys(t for run in self.training for t in run.textures))
 
     @property
     def frame_px(self) -> int:
         """Side of the largest frame."""
-        sizes = [exam.conditions.size_px for exam in self.exams]
-        return max(sizes + [lesson.conditions.size_px for lesson in self.lessons])
+        conditions = [run.conditions for run in self.tests]
+        conditions += [run.conditions for run in self.training]
+        return max(each.size_px for each in conditions)
 
-    def learned_place(self, texture: Texture, turn_deg: float) -> Place:
-        """Where the training sets are taken."""
-        return Place(texture, seed=0, elsewhere=False, rotate_deg=turn_deg)
+    @property
+    def patches(self) -> int:
+        """Number of test patches."""
+        return len(self.textures) * len(self.protocols) * len(self.orientations_deg)
 
-    def test_place(self, texture: Texture, test: int, protocol: Protocol) -> Place:
-        """Where test number `test` is taken."""
+    def training_position(self, texture: Texture, rotate_deg: float) -> PatchPosition:
+        """Position of the training patch."""
+        return PatchPosition(texture, 0, False, rotate_deg)
+
+    def test_position(self, texture: Texture, number: int, protocol: Protocol) -> PatchPosition:
+        """Position of a test patch: another realisation or another place if disjoint."""
         disjoint = protocol == "disjoint"
-        return Place(texture, 1000 + test if disjoint else 0, disjoint, self.turns_deg[test])
+        seed = 1000 + number if disjoint else 0
+        return PatchPosition(texture, seed, disjoint, self.orientations_deg[number])
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a reproduction measures."""
+    """All experiments of a reproduction."""
 
     quick: bool
     frame_px: int
     chapter_slants_deg: tuple[float, ...]
-    material_sizes_px: tuple[int, ...]
-    rejection_size_px: int
     slants: Experiment
     thirty: Experiment
     synthetic: Experiment

@@ -1,4 +1,4 @@
-"""How exhibits are drawn, on a matplotlib figure that is given."""
+"""Drawing of exhibits on a matplotlib figure."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ __all__ = [
     "Panel",
     "draw_bars",
     "draw_lines",
-    "draw_pictures",
+    "draw_maps",
     "draw_polar",
     "draw_table",
-    "table_size_in",
 ]
 
 COLOURS = {
@@ -36,15 +35,16 @@ COLOURS = {
 """One colour for each solver, in every figure."""
 
 OUR_COLOUR = "#f4c542"
-"""Of our classifier, where others have the colours of their solvers."""
+"""Colour of our classifier, where others have the colours of their solvers."""
 
 _CYCLE = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
-_ROW_IN = 0.24
+# Height of a row and width of a character of a table at 8 points, with some space.
+_ROW_IN, _CHARACTER_IN = 0.24, 0.072
 
 
 @dataclass(frozen=True)
 class Line:
-    """A curve with a name; `style` and `colour` as matplotlib has them."""
+    """A curve with a name; `style` and `colour` as in matplotlib."""
 
     label: str
     x: Sequence[float]
@@ -68,10 +68,9 @@ def draw_lines(
     y_label: str,
     *,
     levels: Sequence[tuple[float, str]] = (),
-    y_range: tuple[float, float] | None = None,
     log_x: bool = False,
 ) -> None:
-    """Curves side by side; `levels` are values of others, drawn across."""
+    """Draw curves; `levels` are (value, name) of horizontal lines for comparison."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for ax, panel in zip(axes, panels, strict=True):
         for value, name in levels:
@@ -91,8 +90,6 @@ def draw_lines(
         ax.grid(visible=True, color="#eeeeee")
         if log_x:
             ax.set_xscale("symlog", linthresh=1.0)
-        if y_range:
-            ax.set_ylim(*y_range)
     axes[0].set_ylabel(y_label)
     _legend(figure, axes[-1])
 
@@ -103,20 +100,20 @@ def draw_bars(
     panels: Sequence[tuple[str, Sequence[tuple[str, str, Sequence[float | None]]]]],
     x_label: str,
 ) -> None:
-    """For each name a group of bars: (label, colour, values) in each titled panel."""
+    """Draw for each name a group of bars: (label, colour, values) in each titled panel."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    places = np.arange(len(names))
+    positions = np.arange(len(names))
     for ax, (title, groups) in zip(axes, panels, strict=True):
         height = 0.8 / len(groups)
         for number, (label, colour, values) in enumerate(groups):
             widths = [0.0 if value is None else value for value in values]
             offset = (number - (len(groups) - 1) / 2.0) * height
-            ax.barh(places + offset, widths, height, label=label, color=colour)
+            ax.barh(positions + offset, widths, height, label=label, color=colour)
         ax.set_title(title, fontsize=10)
         ax.set_xlabel(x_label)
         ax.grid(visible=True, axis="x", color="#eeeeee")
         ax.set_axisbelow(True)
-    axes[0].set_yticks(places, names, fontsize=8)
+    axes[0].set_yticks(positions, names, fontsize=8)
     axes[0].invert_yaxis()
     _legend(figure, axes[-1])
 
@@ -125,7 +122,7 @@ def draw_polar(
     figure: Figure,
     panels: Sequence[tuple[str, Sequence[tuple[str, Sequence[float]]]]],
 ) -> None:
-    """Polar spectra over half a turn, drawn around, all on one scale."""
+    """Draw polar spectra over 180 degrees twice around the circle, all on one scale."""
     top = max(max(values) for _, curves in panels for _, values in curves)
     for number, (title, curves) in enumerate(panels):
         ax: Any = figure.add_subplot(1, len(panels), number + 1, projection="polar")
@@ -140,18 +137,18 @@ def draw_polar(
     _legend(figure, figure.axes[-1])
 
 
-def draw_pictures(
+def draw_maps(
     figure: Figure,
-    pictures: Sequence[tuple[str, npt.NDArray[Any]]],
+    maps: Sequence[tuple[str, npt.NDArray[Any]]],
     *,
     value_range: tuple[float, float],
     colours: str,
     label: str,
 ) -> None:
-    """Maps side by side on one scale of colours."""
-    axes = figure.subplots(1, len(pictures), squeeze=False)[0]
+    """Draw maps side by side on one scale of colours."""
+    axes = figure.subplots(1, len(maps), squeeze=False)[0]
     low, high = value_range
-    for ax, (title, values) in zip(axes, pictures, strict=True):
+    for ax, (title, values) in zip(axes, maps, strict=True):
         shown = ax.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
         ax.set_title(title, fontsize=9)
         ax.set_axis_off()
@@ -159,14 +156,14 @@ def draw_pictures(
 
 
 def _legend(figure: Figure, ax: Any) -> None:
-    """Below all axes, where it hides nothing."""
+    """Put the legend below all axes, where it hides nothing."""
     handles, labels = ax.get_legend_handles_labels()
     columns = min(len(labels), max(1, int(figure.get_figwidth() / 2.4)))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
 
 
 def draw_table(figure: Figure, columns: Sequence[str], rows: Sequence[Row], digits: int) -> None:
-    """A table of text."""
+    """Draw a table as text; the figure gets the size of the table."""
     from matplotlib.transforms import Bbox
 
     cells = [[as_text(cell, digits) for cell in row] for row in rows]
@@ -174,6 +171,7 @@ def draw_table(figure: Figure, columns: Sequence[str], rows: Sequence[Row], digi
         max(len(str(column)), *(len(row[index]) for row in cells)) + 2
         for index, column in enumerate(columns)
     ]
+    figure.set_size_inches(max(4.0, _CHARACTER_IN * sum(widths)), _ROW_IN * (len(rows) + 1) + 0.05)
     ax = figure.add_axes((0.01, 0.01, 0.98, 0.98))
     ax.set_axis_off()
     table = ax.table(
@@ -190,12 +188,3 @@ def draw_table(figure: Figure, columns: Sequence[str], rows: Sequence[Row], digi
         if row == 0:
             cell.set_text_props(weight="bold")
             cell.set_facecolor("#f2f2f2")
-
-
-def table_size_in(columns: Sequence[str], rows: Sequence[Row], digits: int) -> tuple[float, float]:
-    """Width and height that hold a table."""
-    widths = [
-        max(len(str(column)), *(len(as_text(row[index], digits)) for row in rows)) + 2
-        for index, column in enumerate(columns)
-    ]
-    return max(4.0, 0.072 * sum(widths)), _ROW_IN * (len(rows) + 1) + 0.05

@@ -1,174 +1,145 @@
-"""Scores that tell a known texture from an unknown one, to be compared with each other.
-
-Each is a number that is to be low for a texture that was learned and high for any other. All but
-the last come from the joint classifier.
-"""
+"""Exhibits of textures that were not trained: how often they are accepted as a known class."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from classify import SurfaceEstimate, TextureLibrary
-from classify.classifiers import classifier_named
-from classify.classifiers.joint import STATISTICS
-from classify.surface.estimate import FloatMap
+from classify import Match
 
-__all__ = ["SCORES", "References", "ScorePair", "distance_pair", "quartered", "without"]
+from . import plots
+from .exhibit import Exhibit, Row, exhibit
+from .plan import BEST_SOLVER, OURS, THESIS
+from .results import Results
+from .testing import Outcome
 
-SCORES: Mapping[str, str] = {
-    "scatter": "joint distance, over the scatter of each class",
-    "plain": "joint distance, one limit for all classes",
-    "extreme": "quarters, extreme-value fit of each class",
-    "votes": "votes of four quarters",
-    "local": "local statistics alone",
-    "spectra": "polar spectra alone",
-    "thesis": "2D spectra of the thesis",
+__all__ = ["ScorePair", "accepted_pct", "rejection_curve", "rejection_exhibits"]
+
+_TITLES = {
+    OURS: "joint distance over the limit of the class",
+    THESIS: "2D spectra of the thesis",
 }
+_REJECTED = 0.01
+# The CSV of the curves ends here: nobody can use a rig that rejects more of what it knows.
+_LISTED_PCT = 20.0
 
-_EULER = 0.5772156649015329
-_LEAST_SCALE = 1e-3
-
-Distances = npt.NDArray[np.float64]
+Groups = Mapping[str, Mapping[str, Sequence[Outcome]]]
 
 
 class ScorePair(NamedTuple):
-    """Of one test: its score, and what it would be had its texture not been learned.
+    """Score of a test with and without its class in the library; higher is less known.
 
-    For that the references of its class are left out. What was learned from all classes
-    together, floors and whitening, stays as it is.
+    The score is the distance to the nearest class over the limit of that class, or the distance
+    where the classifier has no limits.
     """
 
     known: float
     unknown: float
 
 
-def quartered(surface: SurfaceEstimate) -> list[SurfaceEstimate]:
-    """The four quarters of a surface as surfaces of their own."""
-    rows, columns = (side // 2 for side in surface.shape)
-    corners = [(row, column) for row in (0, rows) for column in (0, columns)]
-    maps = {
-        each.name: values
-        for each in fields(surface)
-        if isinstance(values := getattr(surface, each.name), np.ndarray)
-    }
-    quarters = []
-    for row, column in corners:
-        cut = np.s_[..., row : row + rows, column : column + columns]
-        parts: dict[str, Any] = {
-            name: np.ascontiguousarray(values[cut]) for name, values in maps.items()
-        }
-        quarters.append(replace(surface, **parts))
-    return quarters
+def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
+    """The table at 1 % false rejection, and the curves of both scores."""
+    groups = _groups(results)
+    if groups:
+        yield _table(groups)
+        yield _curves(groups)
 
 
-def without(library: TextureLibrary, label: str) -> TextureLibrary:
-    """The library as if it had never seen a class, but for what it learned from all together."""
-    kept = [index for index, other in enumerate(library.labels) if other != label]
-    return replace(
-        library,
-        labels=tuple(library.labels[index] for index in kept),
-        orientations_deg=library.orientations_deg[kept],
-        signatures=library.signatures[kept],
+def accepted_pct(pairs: Sequence[ScorePair], rejected: float) -> float:
+    """Percent of unknown accepted by a limit that rejects at most the share `rejected` of known."""
+    known = np.sort([pair.known for pair in pairs])
+    kept = math.ceil((1.0 - rejected) * len(known) - 1e-9)
+    limit = known[max(kept, 1) - 1]
+    return 100.0 * float(np.mean([pair.unknown <= limit for pair in pairs]))
+
+
+def rejection_curve(pairs: Sequence[ScorePair]) -> tuple[list[float], list[float]]:
+    """Known rejected and unknown accepted, in percent, for every limit."""
+    known = np.sort([pair.known for pair in pairs])[::-1]
+    unknown = np.sort([pair.unknown for pair in pairs])
+    accepted = np.searchsorted(unknown, known, side="right") / len(unknown)
+    rejected = np.arange(len(known)) / len(known)
+    return (100.0 * rejected).tolist(), (100.0 * accepted).tolist()
+
+
+def _groups(results: Results) -> Groups:
+    """Outcomes on disjoint patches by test run and classifier."""
+    groups: dict[str, dict[str, list[Outcome]]] = {}
+    for system, outcomes in results.outcomes.items():
+        asked = [each for each in outcomes if each.match_without_class is not None]
+        if asked and system.protocol == "disjoint":
+            name = "materials" if system.experiment == "materials" else system.test
+            groups.setdefault(name, {})[system.classifier] = asked
+    return groups
+
+
+def _pairs(outcomes: Sequence[Outcome]) -> list[ScorePair]:
+    return [
+        ScorePair(_score(each.trial.match), _score(each.match_without_class))
+        for each in outcomes
+        if each.match_without_class is not None
+    ]
+
+
+def _score(match: Match) -> float:
+    return match.distance / (match.limit or 1.0)
+
+
+def _with_trained_limits(outcomes: Sequence[Outcome]) -> tuple[float, float]:
+    """Known rejected and unknown accepted, in percent, by the limits in the library."""
+    rejected = [each.trial.match.label is None for each in outcomes]
+    accepted = [
+        each.match_without_class is not None and each.match_without_class.label is not None
+        for each in outcomes
+    ]
+    return 100.0 * float(np.mean(rejected)), 100.0 * float(np.mean(accepted))
+
+
+def _table(groups: Groups) -> Exhibit:
+    rows: list[Row] = [
+        (title, *(accepted_pct(_pairs(tests[name]), _REJECTED) for tests in groups.values()))
+        for name, title in _TITLES.items()
+    ]
+    trained = [_with_trained_limits(tests[OURS]) for tests in groups.values()]
+    rows.append(("limits from training: known rejected", *(known for known, _ in trained)))
+    rows.append(("limits from training: unknown accepted", *(unknown for _, unknown in trained)))
+    return exhibit(
+        "unknown",
+        ("score", *(f"{name}, %" for name in groups)),
+        rows,
+        best=BEST_SOLVER,
+        counts=", ".join(f"{name} {len(tests[OURS])}" for name, tests in groups.items()),
     )
 
 
-def distance_pair(signature: FloatMap, label: str, library: TextureLibrary) -> ScorePair:
-    """The distance to the nearest class as a score, of any classifier."""
-    return _pair(_by_class(_distances(signature, library), library), library, label)
-
-
-@dataclass(frozen=True, eq=False)
-class References:
-    """A joint library, and another that has learned the quarters of the same sets."""
-
-    whole: TextureLibrary
-    quarters: TextureLibrary
-
-    def score_pairs(
-        self, surface: SurfaceEstimate, signature: FloatMap, label: str
-    ) -> dict[str, ScorePair]:
-        """Scores of a test, a surface and its signature, whose true class is `label`."""
-        library = self.whole
-        plain = _distances(signature, library) * signature[-1]
-        local = np.square(library.signatures[:, STATISTICS] - signature[STATISTICS]).sum(axis=1)
-        by_score = {"plain": plain, "local": local, "spectra": plain - local}
-        pairs = {
-            name: _pair(_by_class(values, library), library, label)
-            for name, values in by_score.items()
-        }
-        rooms = np.array([library.signatures[own[0], -1] for own in _members(library)])
-        pairs["scatter"] = _pair(_by_class(plain, library), library, label, rooms)
-        signatures = [self.quarters.observe(quarter) for quarter in quartered(surface)]
-        distances = np.stack([_distances(each, self.quarters) for each in signatures])
-        location, scale = self._extremes
-        means = np.array([distances[:, own].mean() for own in _members(self.quarters)])
-        pairs["extreme"] = _pair((means - location) / scale, self.quarters, label)
-        nearest = np.stack([_by_class(row, self.quarters) for row in distances])
-        others = np.delete(nearest, self.quarters.classes.index(label), axis=1)
-        pairs["votes"] = ScorePair(_votes(nearest), _votes(others))
-        return pairs
-
-    @cached_property
-    def _extremes(self) -> tuple[Distances, Distances]:
-        """Location and scale of the distances within each class: a Gumbel law, by its moments.
-
-        The law of largest values stands for that of the distance to what is the same texture
-        (after Scheirer et al. 2011, who fit the tail of the scores of matches).
-        """
-        library = self.quarters
-        moments = []
-        for own in _members(library):
-            within = [
-                _distances(library.signatures[index], library)[own[number + 1 :]]
-                for number, index in enumerate(own)
-            ]
-            joined = np.concatenate(within)
-            moments.append((joined.mean(), joined.std()))
-        mean, spread = np.array(moments).T
-        scale = np.maximum(spread * np.sqrt(6.0) / np.pi, _LEAST_SCALE)
-        return mean - _EULER * scale, scale
-
-
-def _distances(signature: FloatMap, library: TextureLibrary) -> Distances:
-    """To each reference."""
-    how = classifier_named(library.classifier)
-    return how.compare(signature, library.signatures, library.parameters).distances
-
-
-def _members(library: TextureLibrary) -> list[npt.NDArray[np.intp]]:
-    """Indices of the references of each class."""
-    labels = np.array(library.labels)
-    return [np.flatnonzero(labels == label) for label in library.classes]
-
-
-def _by_class(distances: Distances, library: TextureLibrary) -> Distances:
-    """(classes,) distance to the nearest reference of each."""
-    return np.array([distances[own].min() for own in _members(library)])
-
-
-def _pair(
-    by_class: Distances, library: TextureLibrary, label: str, rooms: Distances | float = 1.0
-) -> ScorePair:
-    """The distance of the nearest class over the room of that class, with and without `label`."""
-    scores = by_class / rooms
-    others = np.arange(len(by_class)) != library.classes.index(label)
-    return ScorePair(
-        float(scores[by_class.argmin()]), float(scores[others][by_class[others].argmin()])
+def _curves(groups: Groups) -> Exhibit:
+    rows: list[Row] = []
+    panels = []
+    for name, tests in groups.items():
+        lines = []
+        for classifier, title in _TITLES.items():
+            rejected, accepted = rejection_curve(_pairs(tests[classifier]))
+            lines.append(plots.Line(title, rejected, accepted, style="-"))
+            points = zip(rejected, accepted, strict=True)
+            rows += [(name, classifier, x, y) for x, y in points if x <= _LISTED_PCT]
+        x, y = _with_trained_limits(tests[OURS])
+        rows.append((name, "limits from training", x, y))
+        lines.append(plots.Line("limits from training", [x], [y], style="*", colour="#000000"))
+        panels.append(plots.Panel(name, tuple(lines)))
+    return exhibit(
+        "unknown_curves",
+        ("tests", "score", "known_rejected_pct", "unknown_accepted_pct"),
+        rows,
+        draw=partial(
+            plots.draw_lines,
+            panels=panels,
+            x_label="known rejected, %",
+            y_label="unknown accepted, %",
+            log_x=True,
+        ),
+        size_in=(13.0, 4.2),
     )
-
-
-def _votes(distances: Distances) -> float:
-    """Votes that the winner of (quarters, classes) lacks; between equals their mean distance."""
-    voted = distances.argmin(axis=1)
-    outcomes = []
-    for candidate in set(voted.tolist()):
-        voters = voted == candidate
-        mean = float(distances[voters, candidate].mean())
-        outcomes.append(len(distances) - int(voters.sum()) + mean / (1.0 + mean))
-    return min(outcomes)

@@ -1,16 +1,24 @@
-"""All that was measured, before any of it is shown."""
+"""All that was measured, before any of it is drawn."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .exams import Rejection
-from .gallery import Polar, SandMaps
-from .plan import Plan
-from .tally import Tally
+import numpy as np
+import numpy.typing as npt
+
+from classify import Trial
+from classify.library.evaluation import nearest_accuracy, nearest_orientation_errors_deg
+
+from .plan import OURS, Plan, Protocol
+from .sand import Polar, SandMaps
+from .testing import Outcome, System
 from .timing import Cost
 
-__all__ = ["CLASSIFIER_TITLES", "SOLVER_TITLES", "Results"]
+__all__ = ["CLASSIFIER_TITLES", "DIRECTIONAL_SHARPNESS", "SOLVER_TITLES", "Results", "percent"]
+
+DIRECTIONAL_SHARPNESS = 0.5
+"""A joint match above it has a clear orientation; below, it may be off by a right angle."""
 
 SOLVER_TITLES = {
     "ps3a": "PS3a",
@@ -21,8 +29,6 @@ SOLVER_TITLES = {
     "ps4_robust": "robust PS4",
     "truth": "truth",
 }
-"""As figures call the solvers."""
-
 CLASSIFIER_TITLES = {
     "joint": "joint (ours)",
     "spectra_2d": "2D spectra, magnitude",
@@ -32,25 +38,58 @@ CLASSIFIER_TITLES = {
     "image_polar": "1D polar of one image",
     "varma_zisserman": "Varma-Zisserman",
 }
-"""As figures call the classifiers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What the exhibits are made of.
+    """Everything the exhibits show.
 
     Attributes
     ----------
     shadow_shares
-        By texture and slant, degrees: share in shadow under a light at each of the tilts.
+        Share of pixels in shadow of a light at each tilt, by texture and slant in degrees.
     polar
-        By orientation, degrees: polar spectra of sand.
+        Polar spectra of sand by orientation in degrees.
     """
 
     plan: Plan
-    tally: Tally
-    rejections: list[Rejection]
+    outcomes: dict[System, list[Outcome]]
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
     polar: dict[float, Polar]
     maps: SandMaps
     costs: list[Cost]
+
+    def trials(self, system: System, texture: str | None = None) -> list[Trial]:
+        """Trials of a system on all textures or on one; empty if it was not tested."""
+        outcomes = self.outcomes.get(system, [])
+        return [each.trial for each in outcomes if texture in (None, each.trial.label)]
+
+    def accuracy_pct(
+        self,
+        experiment: str,
+        test: str,
+        solver: str,
+        classifier: str,
+        protocol: Protocol = "disjoint",
+        texture: str | None = None,
+    ) -> float | None:
+        """Percent of tests whose nearest class is the true one, rejected or not."""
+        system = System(experiment, test, solver, classifier, protocol)
+        return percent(nearest_accuracy(self.trials(system, texture)))
+
+    def orientation_errors_deg(self, system: System) -> npt.NDArray[np.float64]:
+        """Errors of correct matches on patches in which our classifier sees a direction."""
+        ours = self.trials(system._replace(classifier=OURS))
+        return np.array(
+            nearest_orientation_errors_deg(
+                trial
+                for reference, trial in zip(ours, self.trials(system), strict=True)
+                if reference.nearest_is_correct
+                and (reference.match.sharpness or 0.0) > DIRECTIONAL_SHARPNESS
+            )
+        )
+
+
+def percent(share: float | None) -> float | None:
+    """A share in percent; None stays None."""
+    return None if share is None else 100.0 * share

@@ -1,17 +1,16 @@
-"""What one classification costs: milliseconds on this machine, and training images."""
+"""Time of one classification on this machine, and number of training images."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from capture.studies.stopwatch import Work, shortest_ms
 from classify import TextureLibrary
 
+from .patches import CachedPatch, solve
 from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
-from .scenes import Patch, solve
 from .training import library_path
 
 __all__ = ["Cost", "measured_costs"]
@@ -21,10 +20,10 @@ _ROUNDS = 9
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one set: the shortest of some times, from pixel values to a match.
+    """Cost of one classifier: the shortest of `_ROUNDS` times from pixel values to a match.
 
-    `images` is how many images of the set are looked at. One that is looked at by itself need
-    not be solved.
+    `images` is the number of images of a test set that it needs. A classifier of one image needs
+    no solver.
     """
 
     classifier: str
@@ -35,41 +34,31 @@ class Cost:
 
 
 def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
-    """Costs of ours, of the thesis's and of Varma and Zisserman's, on the thirty textures."""
+    """Costs of our classifier, the thesis's and Varma and Zisserman's on the thirty textures."""
     experiment = plan.thirty
-    place = experiment.test_place(experiment.textures[0], 0, "disjoint")
+    position = experiment.test_position(experiment.textures[0], 0, "disjoint")
     costs = []
-    for exam in experiment.exams[: len(experiment.exams) // len(plan.chapter_slants_deg)]:
-        if exam.lesson.one_segment:
+    for test in experiment.tests[: len(experiment.tests) // len(plan.chapter_slants_deg)]:
+        run = test.training
+        if run.one_segment:
             continue
-        shot = Patch(place, experiment.frame_px).shot(exam.conditions)
-        solve_ms = _least_ms(partial(solve, shot, BEST_SOLVER))
-        surface = solve(shot, BEST_SOLVER)
-        for solver, classifier in exam.lesson.systems:
-            if solver != BEST_SOLVER or classifier not in (OURS, THESIS, TEXTONS):
-                continue
-            library = TextureLibrary.load(
-                library_path(folder, experiment.name, exam.lesson.name, solver, classifier)
-            )
+        images = CachedPatch(position, experiment.frame_px).images(test.conditions)
+        surface = solve(images, BEST_SOLVER)
+        work: dict[str, Work] = {"solve": partial(solve, images, BEST_SOLVER)}
+        for classifier in (OURS, THESIS, TEXTONS):
+            if classifier in run.classifiers:
+                path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
+                work[classifier] = partial(TextureLibrary.load(path).classify, surface)
+        times = shortest_ms(work, _ROUNDS)
+        for classifier in list(work)[1:]:
             one_image = classifier == TEXTONS
             costs.append(
                 Cost(
                     classifier,
-                    training_images=4 * len(exam.lesson.turns_deg),
+                    training_images=4 * len(run.orientations_deg),
                     images=1 if one_image else 4,
-                    solve_ms=0.0 if one_image else solve_ms,
-                    match_ms=_least_ms(partial(library.classify, surface)),
+                    solve_ms=0.0 if one_image else times["solve"],
+                    match_ms=times[classifier],
                 )
             )
     return costs
-
-
-def _least_ms(function: Callable[[], object]) -> float:
-    """The shortest of some calls. The first, which compiles and fills caches, is not counted."""
-    function()
-    rounds = []
-    for _ in range(_ROUNDS):
-        started_s = time.perf_counter()
-        function()
-        rounds.append(time.perf_counter() - started_s)
-    return 1e3 * min(rounds)

@@ -1,8 +1,9 @@
-"""`ps4rig bench`: what it compares with, what it compares in, and what it says."""
+"""`ps4rig bench`: its comparisons, its libraries, and its output."""
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,45 +11,47 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.studies.benchmark import references, run, search, solvers
-from capture.studies.benchmark.figures import Chapter, Figure, as_json, print_chapter
-from capture.studies.benchmark.memory import memory_chapter, solve_step
-from capture.studies.benchmark.pipeline import pipeline_chapter
-from capture.studies.benchmark.references import Mixtures, Textures, observed_textures
-from capture.studies.benchmark.scenes import mosaic, patch, turned_patch
-from capture.studies.benchmark.search import Room, needed_room, save_large_library, search_chapter
-from capture.studies.benchmark.solvers import (
-    drop_darkest,
-    normal_least_squares,
-    read_four_write_three,
-)
-from capture.studies.benchmark.stopwatch import least_ms
+from capture.studies.benchmark.measurements import Measurement, Section, as_json, print_section
+from capture.studies.benchmark.memory import memory_section, solve_step
+from capture.studies.benchmark.mixtures import Mixtures, Textures, observed_textures
+from capture.studies.benchmark.pipeline import pipeline_section
+from capture.studies.benchmark.run import print_benchmark
+from capture.studies.benchmark.scenes import mosaic, rotated_patch, texture_tile
+from capture.studies.benchmark.search import Space, required_space, search_section
+from capture.studies.benchmark.settings import Settings
+from capture.studies.benchmark.solvers import drop_darkest, normal_least_squares, solver_sections
+from capture.studies.stopwatch import shortest_ms
 from classify import Lighting, photometric_stereo
+from classify.solvers.memory_floor import read_four_write_three
 
-# Whole benchmarks, if short ones.
+# Whole benchmarks, with small settings.
 pytestmark = pytest.mark.slow
 
-NAMES = ("rock", "sand", "malv", "ogil", "domes", "marble")
-FRAME_PX = 128
-SMALL_FRAME = (48, 70)
+SMALL = Settings(
+    solver_frame_px=(48, 70),
+    frames_px=(128,),
+    textures=("rock", "sand", "malv", "ogil", "domes", "marble"),
+    texture_frame_px=128,
+    library_sizes=(8, 200, 1200),
+    largest_library=1600,
+    solver_rounds=15,
+    numpy_rounds=2,
+    pipeline_rounds=20,
+    match_rounds=1,
+    match_queries=3,
+    recall_queries=10,
+    largest_recall_queries=10,
+    all_memory_steps=False,
+)
 
 
 @pytest.fixture(scope="module")
 def textures() -> Textures:
-    return observed_textures(NAMES, FRAME_PX)
+    return observed_textures(SMALL.textures, SMALL.texture_frame_px)
 
 
-@pytest.fixture
-def small_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(search, "SMALLER", (8, 200, 1200))
-    monkeypatch.setattr(search, "LARGE", 1600)
-    monkeypatch.setattr(search, "_TIMED_QUERIES", 3)
-    monkeypatch.setattr(search, "_RECALL_QUERIES", 20)
-    monkeypatch.setattr(search, "_FEWER_QUERIES", 10)
-
-
-def values(chapter: Chapter) -> dict[str, float]:
-    return {f"{figure.step} {figure.unit}": figure.value for figure in chapter.figures}
+def values(section: Section) -> dict[str, float]:
+    return {f"{each.step} {each.unit}": each.value for each in section.measurements}
 
 
 @pytest.mark.parametrize(
@@ -62,17 +65,17 @@ def values(chapter: Chapter) -> dict[str, float]:
     ],
 )
 def test_a_target_is_met_or_missed(value: float, bound: Any, met: bool) -> None:
-    assert Figure("step", value, "x", target=2.0, bound=bound).met is met
-    assert Figure("step", value, "x", bound=bound).met is None
+    assert Measurement("step", value, "x", target=2.0, bound=bound).met is met
+    assert Measurement("step", value, "x", bound=bound).met is None
 
 
-def test_a_table_says_what_was_missed(capsys: pytest.CaptureFixture[str]) -> None:
-    figures = [
-        Figure("solve", 3.14159, "x floor", 12.3456, 2.0),
-        Figure("recall", 99.95, "%", target=99.9, bound="at least"),
-        Figure("plain", 12345.6, "ms"),
+def test_a_table_marks_missed_targets(capsys: pytest.CaptureFixture[str]) -> None:
+    measurements = [
+        Measurement("solve", 3.14159, "x floor", 12.3456, 2.0),
+        Measurement("recall", 99.95, "%", target=99.9, bound="at least"),
+        Measurement("plain", 12345.6, "ms"),
     ]
-    print_chapter(Chapter("Title", figures, ("A note.",)))
+    print_section(Section("Title", measurements, ("A note.",)))
     shown = capsys.readouterr().out
     rows = [line for line in shown.splitlines() if line.startswith("│")]
     assert "3.14 x floor" in rows[0]
@@ -84,9 +87,9 @@ def test_a_table_says_what_was_missed(capsys: pytest.CaptureFixture[str]) -> Non
     assert "A note." in shown
 
 
-def test_json_is_plain_and_keeps_targets() -> None:
-    chapter = Chapter("Title", [Figure("solve", 1 / 3, "x floor", 2 / 3, 2.0)], ("A note.",))
-    assert json.loads(json.dumps(as_json(chapter))) == {
+def test_json_has_plain_values_and_targets() -> None:
+    section = Section("Title", [Measurement("solve", 1 / 3, "x floor", 2 / 3, 2.0)], ("A note.",))
+    assert json.loads(json.dumps(as_json(section))) == {
         "title": "Title",
         "notes": ["A note."],
         "figures": [
@@ -98,90 +101,86 @@ def test_json_is_plain_and_keeps_targets() -> None:
     }  # fmt: skip
 
 
-def test_functions_take_turns_and_the_first_call_does_not_count() -> None:
+def test_each_round_calls_every_function_and_the_first_call_is_not_timed() -> None:
     calls: list[str] = []
-    clock: Iterator[float] = iter([9.0, 1.0, 3.0, 2.0, 5.0, 4.0])
 
-    def work(name: str) -> None:
-        calls.append(name)
+    def moments() -> Iterator[float]:
+        for ms in (9.0, 1.0, 3.0, 2.0, 5.0, 4.0):
+            yield from (0.0, ms / 1e3)
 
-    with pytest.MonkeyPatch.context() as patched:
-        moments: list[float] = []
-        for ms in clock:
-            moments += [0.0, ms / 1e3]
-        patched.setattr("time.perf_counter", iter(moments).__next__)
-        found = least_ms({"a": partial(work, "a"), "b": partial(work, "b")}, rounds=3)
+    work = {name: partial(calls.append, name) for name in ("a", "b")}
+    found = shortest_ms(work, rounds=3, clock_s=moments().__next__)
     assert calls == ["a", "b"] * 4
     assert found == {"a": pytest.approx(3.0), "b": pytest.approx(1.0)}
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
-def test_the_floor_reads_four_and_writes_three(kind: type) -> None:
+def test_the_floor_reads_four_images_and_writes_three_maps(kind: type) -> None:
     images = np.random.default_rng(0).integers(0, 255, (4, 5, 7)).astype(kind)
-    three = np.full((3, 5, 7), np.nan, np.float32)
-    read_four_write_three(images, *three)
+    maps = np.full((3, 5, 7), np.nan, np.float32)
+    read_four_write_three(images, maps)
     wide = images.astype(np.float32)
-    np.testing.assert_array_equal(three[0], wide[0] - wide[2])
-    np.testing.assert_array_equal(three[1], wide[1] - wide[3])
-    np.testing.assert_array_equal(three[2], wide.sum(axis=0))
+    np.testing.assert_array_equal(maps, [wide[0] - wide[2], wide[1] - wide[3], wide.sum(axis=0)])
 
 
 def test_numpy_finds_the_same_surface() -> None:
-    shot = mosaic((40, 60), 16)
-    p, q, albedo = drop_darkest(shot.images, shot.lighting)
-    ps4 = photometric_stereo(shot.images, shot.lighting, "ps4")
-    three_lit = ps4.valid & (np.sort(shot.images, axis=0)[0] < np.sort(shot.images, axis=0)[1])
-    assert three_lit.mean() > 0.5
+    image_set = mosaic((40, 60), 16)
+    p, q, albedo = drop_darkest(image_set.images, image_set.lighting)
+    ps4 = photometric_stereo(image_set.images, image_set.lighting, "ps4")
+    darkest, second = np.sort(image_set.images, axis=0)[:2]
+    compared = ps4.valid & (darkest < second)
+    assert compared.mean() > 0.5
     for ours, theirs in ((ps4.p, p), (ps4.q, q), (ps4.albedo, albedo)):
         np.testing.assert_allclose(
-            ours[three_lit], theirs.reshape(40, 60)[three_lit], rtol=2e-3, atol=1e-6
+            ours[compared], theirs.reshape(40, 60)[compared], rtol=2e-3, atol=1e-6
         )
-    normals = normal_least_squares(shot.images, shot.lighting).reshape(3, 40, 60)
-    all_lights = photometric_stereo(shot.images, shot.lighting, "least_squares")
+    normals = normal_least_squares(image_set.images, image_set.lighting).reshape(3, 40, 60)
+    all_lights = photometric_stereo(image_set.images, image_set.lighting, "least_squares")
     np.testing.assert_allclose(np.linalg.norm(normals, axis=0), all_lights.albedo, rtol=1e-4)
 
 
 @pytest.mark.parametrize("bits", [8, 16])
-def test_a_mosaic_is_as_large_and_deep_as_asked(bits: int) -> None:
-    shot = mosaic((700, 2100), bits)
-    assert shot.images.shape == (4, 700, 2100)
-    assert shot.images.dtype == (np.uint8 if bits == 8 else np.uint16)
-    assert shot.images.flags.c_contiguous
-    assert shot.ambient is None
-    assert shot.full_scale == 2**bits - 1
-    assert 0.2 < shot.images.mean() / shot.full_scale < 0.7
-    assert shot.solve("ps4").valid.mean() > 0.9
+def test_a_mosaic_has_the_given_size_and_depth(bits: int) -> None:
+    image_set = mosaic((700, 2100), bits)
+    assert image_set.images.shape == (4, 700, 2100)
+    assert image_set.images.dtype == (np.uint8 if bits == 8 else np.uint16)
+    assert image_set.images.flags.c_contiguous
+    assert image_set.ambient is None
+    assert image_set.full_scale == 2**bits - 1
+    assert 0.2 < image_set.images.mean() / image_set.full_scale < 0.7
+    assert image_set.solve("ps4").valid.mean() > 0.9
 
 
-def test_solvers_are_compared_with_floor_and_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solvers, "FRAME_PX", SMALL_FRAME)
-    eight, sixteen = solvers.solver_chapters(quick=True)
+def test_a_rotated_patch_has_an_ambient_image() -> None:
+    image_set = rotated_patch("sand", 3, 64, 33.0)
+    assert image_set.images.shape == (4, 64, 64)
+    assert image_set.ambient is not None
+    assert image_set.lighting == Lighting.ring(50.0)
+
+
+def test_solvers_are_compared_with_floor_and_numpy() -> None:
+    eight, sixteen = solver_sections(SMALL)
     assert "8 bit" in eight.title
     assert "16 bit" in sixteen.title
-    for chapter in (eight, sixteen):
-        found = values(chapter)
+    for section in (eight, sixteen):
+        found = values(section)
         assert found["floor: read 4 planes, write 3 float32 x floor"] == 1.0
         assert all(math.isfinite(value) and value > 0 for value in found.values())
         for method in ("ps4", "ps4_robust", "least_squares"):
             assert f"{method} x floor" in found
             assert f"numpy lstsq x {method}" in found
         assert found["ps4 and every other map x floor"] > found["ps4 x floor"]
-        targets = {
-            f"{figure.step} {figure.unit}": figure.target
-            for figure in chapter.figures
-            if figure.target
-        }
+        targets = {f"{m.step} {m.unit}": m.target for m in section.measurements if m.target}
         assert targets == {"ps4 x floor": 2.0, "numpy lstsq x ps4": 100.0}
 
 
 def test_every_stage_of_a_classification_is_measured(textures: Textures) -> None:
-    chapter = pipeline_chapter(textures.library, FRAME_PX, quick=True)
-    found = values(chapter)
-    whole = found["whole, images to match ms"]
+    section = pipeline_section(textures.library, 128, rounds=20)
+    found = values(section)
     stages = ("solve, ps4_robust", "fields", "spectra", "statistics", "signature", "match")
     per_megapixel = [found[f"{stage} ms per megapixel"] for stage in stages]
-    assert sum(per_megapixel) * FRAME_PX**2 / 1e6 < 2.0 * whole
-    assert "sand" in chapter.notes[-1]
+    assert sum(per_megapixel) * 128**2 / 1e6 < 2.0 * found["whole, images to match ms"]
+    assert "sand" in section.notes[-1]
 
 
 def test_sets_of_a_class_are_found_in_a_library_of_mixtures(textures: Textures) -> None:
@@ -189,99 +188,86 @@ def test_sets_of_a_class_are_found_in_a_library_of_mixtures(textures: Textures) 
     library = mixtures.library(160)
     assert len(library.classes) == 40
     assert library.signatures.shape == (160, textures.signatures.shape[-1])
-    asked = np.arange(40)
-    found = [library.match(signature).nearest for signature in mixtures.sets(asked)]
-    right = [name == f"class {index}" for index, name in zip(asked, found, strict=True)]
-    assert np.mean(right) > 0.7
+    classes = np.arange(40)
+    nearest = [library.match(signature).nearest for signature in mixtures.sets(classes)]
+    correct = [name == f"class {index}" for index, name in zip(classes, nearest, strict=True)]
+    assert np.mean(correct) > 0.7
     assert (library.signatures[:, -1] > 0.1).all()
 
 
-def test_the_same_mixtures_come_again(textures: Textures) -> None:
+def test_equal_seeds_give_equal_mixtures(textures: Textures) -> None:
     one, other = (Mixtures(textures, 9, seed=3).library(30) for _ in range(2))
     np.testing.assert_array_equal(one.signatures, other.signatures)
 
 
-@pytest.mark.usefixtures("small_libraries")
 def test_search_is_measured_at_every_size(textures: Textures, tmp_path: Path) -> None:
     mixtures, path = Mixtures(textures, 400), tmp_path / "large.ps4lib"
-    save_large_library(mixtures, path)
-    chapter = search_chapter(mixtures, path, quick=True)
-    found = values(chapter)
+    mixtures.library(1600).save(path)
+    section = search_section(mixtures, path, SMALL)
+    found = values(section)
     assert found["match, 8 references x that of 8"] == 1.0
-    for size, queries in (("1,200", 10), ("1,600", 10)):
-        assert found[f"sieve, {size} references, recall of {queries} queries %"] >= 99.0
+    for size in ("1,200", "1,600"):
+        assert found[f"sieve, {size} references, recall of 10 queries %"] >= 99.0
         assert 0 < found[f"sieve, {size} references, compared at most references"] <= 1600
-    targets = [figure.target for figure in chapter.figures if figure.target is not None]
+    targets = [each.target for each in section.measurements if each.target is not None]
     assert targets == [1000.0, 50.0, 50.0, 99.9, 99.9]
-    without = values(search_chapter(mixtures, None, quick=True))
+    without = values(search_section(mixtures, None, SMALL))
     assert not any("1,600" in step or "opening" in step for step in without)
 
 
-def test_room_is_known_before_it_is_taken(textures: Textures, tmp_path: Path) -> None:
-    room = needed_room(textures, tmp_path)
-    assert room.disk > 100_000 * textures.signatures.shape[-1] * 4
-    assert room.memory > room.disk
-    assert room.free_memory > 0
-    assert Room(disk=10, memory=10, free_disk=11, free_memory=11).enough
-    assert not Room(disk=10, memory=10, free_disk=9, free_memory=11).enough
-    assert not Room(disk=10, memory=10, free_disk=11, free_memory=9).enough
-    assert "GB of disk" in str(room)
+def test_the_required_space_is_compared_with_the_free_space(
+    textures: Textures, tmp_path: Path
+) -> None:
+    space = required_space(100_000, textures, tmp_path)
+    assert space.disk > 100_000 * textures.signatures.shape[-1] * 4
+    assert space.memory > space.disk
+    assert space.free_memory > 0
+    assert "100,000 references need" in str(space)
+    fits = Space(1, disk=10, memory=10, free_disk=11, free_memory=11)
+    assert fits.is_enough
+    assert not replace(fits, free_disk=9).is_enough
+    assert not replace(fits, free_memory=9).is_enough
 
 
-def test_peak_memory_is_what_a_step_takes() -> None:
-    """A step that fills 80 MB, and a solver whose input does not count."""
+def test_peak_memory_counts_what_a_step_allocates() -> None:
     filled = partial(partial, np.ones, 10_000_000)
-    shot = patch("sand", 0, 512)
-    chapter = memory_chapter({"ones": filled, "solve": partial(solve_step, shot, "ps4")})
-    ones, solve = (figure.value for figure in chapter.figures)
+    image_set = texture_tile("sand", 0, 512)
+    section = memory_section({"ones": filled, "solve": partial(solve_step, image_set, "ps4")})
+    ones, solve = (each.value for each in section.measurements)
     assert ones == pytest.approx(80.0, abs=2.0)
-    # p, q, albedo and validity; a little memory may be used again.
+    # p, q, albedo and validity, but not the images; a little freed memory may be used again.
     maps = 512 * 512 * (3 * 4 + 1) / 1e6
     assert 0.9 * maps < solve < 4 * maps
 
 
-def test_a_turned_patch_is_lit_like_the_rest() -> None:
-    shot = turned_patch("sand", 3, 64, 33.0)
-    assert shot.images.shape == (4, 64, 64)
-    assert shot.ambient is not None
-    assert shot.lighting == Lighting.ring(50.0)
-
-
 @pytest.fixture
-def small_bench(monkeypatch: pytest.MonkeyPatch, textures: Textures, tmp_path: Path) -> Path:
-    """Everything small; returns the folder for temporary files."""
-    monkeypatch.setattr(solvers, "FRAME_PX", SMALL_FRAME)
-    monkeypatch.setattr(run, "FRAMES_PX", (FRAME_PX,))
-    monkeypatch.setattr(run, "observed_textures", lambda: textures)
-    monkeypatch.setattr(run, "memory_chapter", lambda steps: Chapter("Memory", [], tuple(steps)))
+def temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     return tmp_path
 
 
-@pytest.mark.usefixtures("small_libraries")
-def test_the_command_measures_all_and_leaves_nothing_behind(
-    small_bench: Path, ps4rig: Callable[..., Any]
+def test_a_benchmark_has_five_sections_and_removes_its_files(
+    temporary_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = ps4rig("bench", "--json")
-    assert result.exit_code == 0, result.stderr
-    told = json.loads(result.stdout)
+    print_benchmark(SMALL, json=True)
+    shown = capsys.readouterr()
+    told = json.loads(shown.out)
     assert told["machine"]["cores"] >= 1
-    titles = [chapter["title"] for chapter in told["chapters"]]
-    assert len(titles) == 5
-    assert "GB of disk" in result.stderr
-    assert any("1,600" in note for note in told["chapters"][-1]["notes"])
-    assert list(small_bench.iterdir()) == []
+    assert told["machine"]["threads"] >= 1
+    assert told["quick"] is False
+    assert len(told["chapters"]) == 5
+    steps = [each["step"] for each in told["chapters"][-1]["figures"]]
+    assert "opening and match, 1,600 references" in steps
+    assert "GB of disk" in shown.err
+    assert list(temporary_folder.iterdir()) == []
 
 
-@pytest.mark.usefixtures("small_libraries")
-def test_without_room_the_large_library_is_left_out(
-    small_bench: Path, ps4rig: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+def test_without_enough_memory_the_largest_library_is_left_out(
+    temporary_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(search, "_available_bytes", lambda: 1)
-    result = ps4rig("bench")
-    assert result.exit_code == 0, result.stderr
-    assert "left out" in result.stderr
-    assert "1,200 references" in result.stdout
-    assert "1,600 references" not in result.stdout
-    assert list(small_bench.iterdir()) == []
-    assert references.SETS_OF_A_CLASS == 4
+    print_benchmark(SMALL, json=False, free_memory=1)
+    shown = capsys.readouterr()
+    assert "left out: 1,600 references" in shown.err
+    assert "1,200 references" in shown.out
+    assert "1,600 references" not in shown.out
+    assert list(temporary_folder.iterdir()) == []

@@ -1,4 +1,4 @@
-"""`ps4rig reproduce`: plans, scenes and scores, and a small reproduction of the whole."""
+"""`ps4rig reproduce`: plans, patches and counts, and a small reproduction with all files."""
 
 import csv
 import json
@@ -12,33 +12,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.studies.reproduction import scenes
-from capture.studies.reproduction.exams import Answer
 from capture.studies.reproduction.exhibit import exhibit
 from capture.studies.reproduction.experiments import material_textures, plan_of, thirty_textures
 from capture.studies.reproduction.page import page
-from capture.studies.reproduction.plan import Experiment, Plan
-from capture.studies.reproduction.rejection import ScorePair
-from capture.studies.reproduction.rejection_exhibits import accepted_at, rejection_curve
-from capture.studies.reproduction.run import reproduce
-from capture.studies.reproduction.scenes import (
+from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
+from capture.studies.reproduction.plan import (
     Conditions,
-    Patch,
-    Place,
+    Experiment,
+    PatchPosition,
+    Plan,
     Texture,
-    expose,
-    render,
-    solve,
 )
-from capture.studies.reproduction.shadow_counts import SHADOW_TILTS_DEG, ShadowTask, shadow_shares
-from capture.studies.reproduction.tally import Tally
+from capture.studies.reproduction.rejection import ScorePair, accepted_pct, rejection_curve
+from capture.studies.reproduction.results import Results
+from capture.studies.reproduction.run import reproduce
+from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, ShadowTask, shadow_shares
+from capture.studies.reproduction.testing import Outcome, System, without_class
+from classify import Match, TextureLibrary, Trial
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
 from rig.scene.surfaces import PeriodicSurface
 
 Rows = list[dict[str, str]]
 
-SAND = Place(Texture("sand"), seed=3, elsewhere=False, rotate_deg=20.0)
+SAND = PatchPosition(Texture("sand"), seed=3, half_tile_away=False, rotate_deg=20.0)
 FIGURES = ("01", "02", "03", "05", "07", "08", "09", "10", "11", "13")
 TABLES = (
     "summary", "table_9_01", "classifiers_synthetic", "classifiers_twins_and_small", "materials",
@@ -46,149 +43,136 @@ TABLES = (
 )  # fmt: skip
 
 
-# the plan
+# plans
 
 
 @pytest.mark.parametrize("quick", [False, True])
-def test_a_plan_asks_at_many_orientations_and_never_a_quarter_turn(quick: bool) -> None:
-    plan = plan_of(quick, material_textures(None))
-    for experiment in plan.experiments:
-        turns = experiment.turns_deg
-        assert len(set(turns)) == len(turns) >= 12
-        assert all(0.0 < turn < 200.0 for turn in turns)
-        assert min(abs((turn + 45.0) % 90.0 - 45.0) for turn in turns) > 1.0
+def test_a_plan_has_many_orientations_and_no_multiple_of_90(quick: bool) -> None:
+    for experiment in plan_of(quick, material_textures(None)).experiments:
+        orientations_deg = experiment.orientations_deg
+        assert len(set(orientations_deg)) == len(orientations_deg) >= 12
+        assert all(0.0 < deg < 200.0 for deg in orientations_deg)
+        assert min(abs((deg + 45.0) % 90.0 - 45.0) for deg in orientations_deg) > 1.0
 
 
-def test_the_full_plan_has_the_textures_that_are_asked_for() -> None:
+def test_the_full_plan_has_all_textures_and_sizes() -> None:
     plan = plan_of(False, material_textures(None))
     names = [texture.name for texture in thirty_textures(False)]
     assert len(set(names)) == len(names) == 30
     assert set(bundled_materials()) <= set(names)
     assert len(set(names) & set(SYNTHETIC_30)) == 22
     assert {texture.name for texture in plan.slants.textures} == set(SYNTHETIC_TEXTURES[:4])
-    by_exam = {exam.name: exam for exam in plan.synthetic.exams}
-    assert {t.name for t in by_exam["slant 50"].lesson.textures} == set(SYNTHETIC_30)
-    twins = {t.name for t in by_exam["slant 50, twins"].lesson.textures}
+    tests = {test.name: test for test in plan.synthetic.tests}
+    assert {t.name for t in tests["slant 50"].training.textures} == set(SYNTHETIC_30)
+    twins = {t.name for t in tests["slant 50, twins"].training.textures}
     assert twins == set(SYNTHETIC_30) | set(EQUAL_SPECTRUM_TWINS)
-    assert by_exam["slant 50, small"].conditions.size_px == 128
-    sizes = {exam.conditions.size_px for exam in plan.materials.exams}
+    assert tests["slant 50, small"].conditions.size_px == 128
+    sizes = {test.conditions.size_px for test in plan.materials.tests}
     assert sizes == {128, 256, 320}
     assert plan.robustness.frame_px == 512
-    vz = [e.lesson for e in plan.thirty.exams if len(e.lesson.turns_deg) > 1]
-    assert all(4 * len(lesson.turns_deg) == 28 for lesson in vz)
+    many = [run for run in plan.thirty.training if len(run.orientations_deg) > 1]
+    assert many
+    assert all(4 * len(run.orientations_deg) == 28 for run in many)
 
 
 def test_disjoint_tests_are_other_realisations_and_other_places() -> None:
     experiment = plan_of(False, material_textures(None)).thirty
     sand, bark = Texture("sand"), Texture("Bark014", bundled_materials()["Bark014"])
-    seeds = {experiment.test_place(sand, i, "disjoint").seed for i in range(24)}
+    seeds = {experiment.test_position(sand, i, "disjoint").seed for i in range(24)}
+    training_seed = experiment.training_position(sand, 0.0).seed
     assert len(seeds) == 24
-    assert experiment.learned_place(sand, 0.0).seed not in seeds
-    assert experiment.test_place(sand, 5, "turned").seed == experiment.learned_place(sand, 0.0).seed
-    assert experiment.test_place(bark, 5, "disjoint").elsewhere
-    assert not experiment.test_place(bark, 5, "turned").elsewhere
+    assert training_seed not in seeds
+    assert experiment.test_position(sand, 5, "rotated").seed == training_seed
+    assert experiment.test_position(bark, 5, "disjoint").half_tile_away
+    assert not experiment.test_position(bark, 5, "rotated").half_tile_away
+
+
+# patches
 
 
 @pytest.mark.parametrize("rotate_deg", [0.0, 30.0, 45.0])
-def test_a_patch_elsewhere_shares_no_pixel_with_the_learned_one(
-    monkeypatch: pytest.MonkeyPatch, rotate_deg: float
-) -> None:
-    tile = np.zeros((512, 512), np.float32)
-    learned_part = np.full_like(tile, 0.2)
-    learned_part[128:384, 128:384] = 1.0
-    surface = PeriodicSurface(tile, tile, tile, learned_part, "marked")
-    monkeypatch.setattr(scenes, "surface_of", lambda *_: surface)
-    learned = Place(Texture("marked"), 0, elsewhere=False, rotate_deg=0.0)
-    assert render(learned, 45.0, 256).albedo[2:-2, 2:-2].min() > 0.9
-    other = render(replace(learned, elsewhere=True, rotate_deg=rotate_deg), 45.0, 256)
+def test_a_patch_half_a_tile_away_shares_no_pixel_with_training(rotate_deg: float) -> None:
+    flat = np.zeros((512, 512), np.float32)
+    marked = np.full_like(flat, 0.2)
+    marked[128:384, 128:384] = 1.0
+    surface = PeriodicSurface(flat, flat, flat, marked, "marked")
+    training = PatchPosition(Texture("marked"), 0, half_tile_away=False, rotate_deg=0.0)
+    assert render_patch(training, 45.0, 256, surface).albedo[2:-2, 2:-2].min() > 0.9
+    test = replace(training, half_tile_away=True, rotate_deg=rotate_deg)
     # The squares touch at a corner.
-    assert (other.albedo > 0.6).sum() <= 8
+    assert (render_patch(test, 45.0, 256, surface).albedo > 0.6).sum() <= 8
 
 
-# scenes
-
-
-def test_without_shadow_three_lights_see_the_truth() -> None:
-    scene = render(SAND, 70.0, 128)
-    assert scene.shadowed.mean() > 0.1
-    shot = expose(scene, Conditions(70.0, 128, shadows=False), 1)
-    assert float(np.min(shot.images)) < float(np.median(shot.ambient))  # negative light is kept
-    surface = solve(shot, "ps3a")
-    shadowed = solve(expose(scene, Conditions(70.0, 128), 1), "ps3a")
-    error, shadow_error = (np.abs(each.p - scene.p).mean() for each in (surface, shadowed))
-    assert error < 0.03
-    assert shadow_error > 3.0 * error
-
-
-def test_a_patch_makes_the_same_images_whenever_it_is_asked() -> None:
+def test_the_images_of_a_patch_depend_on_position_and_conditions_only() -> None:
     conditions = Conditions(50.0, 64)
-    first, second = (Patch(SAND, 128).shot(conditions).images for _ in range(2))
+    first, second = (CachedPatch(SAND, 128).images(conditions).images for _ in range(2))
     np.testing.assert_array_equal(first, second)
-    other = Patch(replace(SAND, rotate_deg=21.0), 128).shot(conditions).images
+    other = CachedPatch(replace(SAND, rotate_deg=21.0), 128).images(conditions).images
     assert not np.array_equal(first, other)
+    weak = CachedPatch(SAND, 128).images(replace(conditions, weak_led=0.5)).images
+    assert weak[1].mean() < 0.6 * first[1].mean()
+    short = CachedPatch(SAND, 128).images(replace(conditions, exposure=0.5)).images
+    assert short.mean() < 0.6 * first.mean()
 
 
 def test_smaller_frames_are_the_middle_of_larger_ones() -> None:
-    patch = Patch(SAND, 128)
-    large = solve(patch.shot(Conditions(40.0, 128)), "ps4").p[32:96, 32:96]
-    small = solve(patch.shot(Conditions(40.0, 64)), "ps4").p
+    patch = CachedPatch(SAND, 128)
+    large = solve(patch.images(Conditions(40.0, 128)), "ps4").p[32:96, 32:96]
+    small = solve(patch.images(Conditions(40.0, 64)), "ps4").p
     assert np.abs(large - small).mean() < 0.03
 
 
-def test_exposure_and_a_weak_led_show_in_the_images() -> None:
-    patch = Patch(SAND, 64)
-    usual, half, weak = (
-        patch.shot(Conditions(40.0, 64, 16, **changed)).images.astype(float).mean(axis=(1, 2))
-        for changed in ({}, {"exposure": 0.5}, {"weak_led": 0.95})
-    )
-    black = 1024.0
-    np.testing.assert_allclose((half - black) / (usual - black), 0.5, atol=0.01)
-    np.testing.assert_allclose((weak / usual)[[0, 2, 3]], 1.0, atol=0.005)
-    assert 0.94 < weak[1] / usual[1] < 0.97
-
-
-def test_the_shadow_count_of_sand_is_that_of_the_thesis_and_rises_with_slant() -> None:
-    shares = [shadow_shares(ShadowTask(Texture("sand"), s, 512)) for s in (40.0, 60.0, 80.0)]
+def test_sand_has_the_shadow_counts_of_the_thesis() -> None:
+    shares = [shadow_shares(ShadowTask(Texture("sand"), s)) for s in (40.0, 60.0, 80.0)]
     at_0 = [100.0 * share[0] for share in shares]
     np.testing.assert_allclose(at_0, [1.0, 19.0, 61.0], atol=2.0)
     assert SHADOW_TILTS_DEG[-1] == 90.0
     assert all(share[0] > share[-1] for share in shares)
 
 
-# counting
+# counts
 
 
-def _answer(nearest: str, turn_deg: float, found_deg: float, **changed: Any) -> Answer:
-    answer = Answer(
-        "e", "x", "disjoint", "ps4", "joint", "sand", turn_deg, nearest, found_deg, 0.9, False
-    )
-    return answer._replace(**changed)
+def _match(nearest: str, found_deg: float, sharpness: float = 0.9, known: bool = True) -> Match:
+    label = nearest if known else None
+    return Match(label, nearest, found_deg, 1.0, None, None, None, sharpness=sharpness)
 
 
-def test_answers_are_counted_and_angles_compared_modulo_half_a_turn() -> None:
-    tally = Tally(
-        [
-            _answer("sand", 179.0, 1.0),
-            _answer("sand", 20.0, 21.0),
-            _answer("rock", 20.0, 70.0),
-            _answer("sand", 20.0, 60.0, sharpness=0.2),
-            _answer("rock", 5.0, 5.0, texture="rock", rejected=True),
-        ]
-    )
-    assert tally.count == 5
-    assert tally.accuracy("e", "x", "ps4", "joint") == pytest.approx(80.0)
-    assert tally.accuracy("e", "x", "ps4", "joint", texture="rock") == 100.0
-    assert tally.rejected("e", "x", "ps4", "disjoint") == pytest.approx(20.0)
-    errors = tally.orientation_errors_deg("e", "x", "ps4", "joint")
-    assert errors == pytest.approx([2.0, 1.0, 0.0])
-    assert tally.accuracy("e", "x", "ps3a", "joint") is None
+def test_accuracy_counts_the_nearest_class_and_errors_are_modulo_180() -> None:
+    ours = System("e", "x", "ps4", "joint")
+    trials = [
+        Trial("sand", 179.0, _match("sand", 1.0)),
+        Trial("sand", 20.0, _match("sand", 21.0)),
+        Trial("sand", 20.0, _match("rock", 70.0)),
+        Trial("sand", 20.0, _match("sand", 60.0, sharpness=0.2)),
+        Trial("rock", 5.0, _match("rock", 5.0, known=False)),
+    ]
+    plan = plan_of(True, material_textures(None))
+    outcomes = {ours: [Outcome(ours, trial, None) for trial in trials]}
+    results = Results(plan, outcomes, {}, {}, SandMaps({}, {}, {}, {}), [])
+    assert results.accuracy_pct(*ours) == pytest.approx(80.0)
+    assert results.accuracy_pct(*ours, texture="rock") == 100.0
+    assert results.orientation_errors_deg(ours) == pytest.approx([2.0, 1.0, 0.0])
+    assert results.accuracy_pct("e", "x", "ps3a", "joint") is None
+
+
+def test_a_library_without_a_class_matches_another_one() -> None:
+    patches = {
+        name: CachedPatch(replace(SAND, texture=Texture(name)), 64).surface(
+            Conditions(45.0, 64), "ps4"
+        )
+        for name in ("sand", "rock", "malv")
+    }
+    library = TextureLibrary.train(list(patches.items()))
+    assert library.classify(patches["sand"]).nearest == "sand"
+    assert without_class(library, "sand").classify(patches["sand"]).nearest in ("rock", "malv")
 
 
 def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
     pairs = [ScorePair(float(i), 50.0 + i) for i in range(100)]
-    assert accepted_at(pairs, 0.0) == pytest.approx(0.50)
-    assert accepted_at(pairs, 0.01) == pytest.approx(0.49)
-    assert accepted_at(pairs, 0.6) == 0.0
+    assert accepted_pct(pairs, 0.0) == pytest.approx(50.0)
+    assert accepted_pct(pairs, 0.01) == pytest.approx(49.0)
+    assert accepted_pct(pairs, 0.6) == 0.0
     rejected, accepted = rejection_curve(pairs)
     assert rejected[0] == 0.0
     assert accepted[0] == pytest.approx(50.0)
@@ -196,7 +180,7 @@ def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
     assert accepted == sorted(accepted, reverse=True)
 
 
-def test_names_are_text_on_the_page() -> None:
+def test_names_are_escaped_on_the_page() -> None:
     shown = exhibit("orientation", ("textures",), [("<b>",)], sharpness="1", best="ps4")
     html = page([(shown, b"")], {"textures": "a & b"}, quick=True)
     assert "&lt;b&gt;" in html
@@ -207,7 +191,7 @@ def test_names_are_text_on_the_page() -> None:
 # the command
 
 
-def test_what_cannot_be_done_is_one_line(refused: Callable[..., str], tmp_path: Path) -> None:
+def test_bad_input_is_one_line(refused: Callable[..., str], tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "empty").mkdir()
     out = tmp_path / "out"
@@ -219,7 +203,7 @@ def test_what_cannot_be_done_is_one_line(refused: Callable[..., str], tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_is_not_there_leaves_nothing(
+def test_without_an_answering_scheduler_nothing_is_written(
     refused: Callable[..., str], tmp_path: Path
 ) -> None:
     line = refused(
@@ -229,29 +213,30 @@ def test_a_scheduler_that_is_not_there_leaves_nothing(
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_the_folder_for_the_page_must_be_given(ps4rig: Callable[..., Any]) -> None:
+def test_the_output_folder_is_required(ps4rig: Callable[..., Any]) -> None:
     result = ps4rig("reproduce", "--quick")
     assert result.exit_code == 2
     assert "Traceback" not in result.stderr
 
 
-# the whole, small
+# a small reproduction
 
 
 def _cut(experiment: Experiment, names: tuple[str, ...], tests: int) -> Experiment:
-    """Few textures, few tests; all exams."""
-    exams = tuple(
+    """All test runs with few textures and few tests."""
+    runs = tuple(
         replace(
-            exam,
-            lesson=replace(
-                exam.lesson,
-                textures=tuple(t for t in exam.lesson.textures if t.name in names),
+            run,
+            training=replace(
+                run.training,
+                textures=tuple(t for t in run.training.textures if t.name in names),
             ),
         )
-        for exam in experiment.exams
+        for run in experiment.tests
     )
-    turns_deg = experiment.turns_deg[:: len(experiment.turns_deg) // tests][:tests]
-    return replace(experiment, exams=exams, turns_deg=turns_deg)
+    orientations_deg = experiment.orientations_deg
+    kept_deg = orientations_deg[:: len(orientations_deg) // tests][:tests]
+    return replace(experiment, tests=runs, orientations_deg=kept_deg)
 
 
 def _small_plan() -> Plan:
@@ -294,7 +279,7 @@ class _Targets(HTMLParser):
 
 
 @pytest.mark.slow
-def test_every_figure_and_table_is_there(reproduction: Path) -> None:
+def test_every_figure_and_table_is_written(reproduction: Path) -> None:
     keys = [f"figure_9_{number}" for number in FIGURES] + list(TABLES)
     expected = {f"{key}.{ending}" for key in keys for ending in ("csv", "png")}
     files = {path.name for path in reproduction.iterdir()}
@@ -308,7 +293,7 @@ def test_every_figure_and_table_is_there(reproduction: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_needs_nothing_beside_it(reproduction: Path) -> None:
+def test_the_page_is_self_contained(reproduction: Path) -> None:
     html = (reproduction / "reproduction.html").read_text(encoding="utf-8")
     links = _Targets()
     links.feed(html)
@@ -322,7 +307,7 @@ def test_the_page_needs_nothing_beside_it(reproduction: Path) -> None:
 
 
 @pytest.mark.slow
-def test_four_lights_beat_three_in_shadow_and_nothing_falls_without(reproduction: Path) -> None:
+def test_four_lights_are_more_accurate_than_three_in_shadow(reproduction: Path) -> None:
     rows = [r for r in _csv(reproduction, "figure_9_01") if r["classifier"] == "polar_radial"]
     accuracy = {
         (row["shadow"], float(row["slant_deg"]), row["solver"]): float(row["accuracy_pct"])
@@ -336,7 +321,9 @@ def test_four_lights_beat_three_in_shadow_and_nothing_falls_without(reproduction
 
 
 @pytest.mark.slow
-def test_ours_is_no_worse_than_the_2d_spectra_on_disjoint_patches(reproduction: Path) -> None:
+def test_joint_matches_or_beats_2d_spectra_on_disjoint_patches(
+    reproduction: Path,
+) -> None:
     rows = [r for r in _csv(reproduction, "figure_9_13") if r["protocol"] == "disjoint"]
     assert rows
     accuracy = {
@@ -349,7 +336,7 @@ def test_ours_is_no_worse_than_the_2d_spectra_on_disjoint_patches(reproduction: 
 
 
 @pytest.mark.slow
-def test_a_table_has_the_thesis_s_numbers_beside_ours(reproduction: Path) -> None:
+def test_tables_have_the_numbers_of_the_thesis(reproduction: Path) -> None:
     rows = {row["system"]: row["thesis, %"] for row in _csv(reproduction, "summary")}
     assert rows["PS3, 1D"] == "90.56"
     assert rows["PS4, 2D"] == "99.07"

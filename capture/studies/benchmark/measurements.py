@@ -1,0 +1,97 @@
+"""Measured numbers with their targets, as a table or as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from capture.console import new_table, out, print_table
+
+__all__ = ["Measurement", "Section", "as_json", "print_section"]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One measured number.
+
+    Attributes
+    ----------
+    step
+        What was measured.
+    value, unit
+        The number, where possible a ratio.
+    ms
+        The time behind a ratio.
+    target, bound
+        Target value, and whether `value` is to be at most or at least that.
+    """
+
+    step: str
+    value: float
+    unit: str
+    ms: float | None = None
+    target: float | None = None
+    bound: Literal["at most", "at least"] = "at most"
+
+    @property
+    def met(self) -> bool | None:
+        """Whether this machine meets the target; None without one."""
+        if self.target is None:
+            return None
+        return self.value <= self.target if self.bound == "at most" else self.value >= self.target
+
+
+@dataclass(frozen=True)
+class Section:
+    """Measurements of one subject, and notes on how they were made."""
+
+    title: str
+    measurements: Sequence[Measurement]
+    notes: Sequence[str] = ()
+
+
+def as_json(section: Section) -> dict[str, Any]:
+    """A section as plain values."""
+    return {
+        "title": section.title,
+        "notes": list(section.notes),
+        "figures": [
+            {
+                "step": each.step,
+                "value": _rounded(each.value),
+                "unit": each.unit,
+                "ms": None if each.ms is None else _rounded(each.ms),
+                "target": each.target,
+                "bound": None if each.target is None else each.bound,
+                "met": each.met,
+            }
+            for each in section.measurements
+        ],
+    }
+
+
+def print_section(section: Section) -> None:
+    """Print a section as a table with its notes below."""
+    table = new_table("step", "measured", "target", "time", prose="step")
+    table.title = section.title
+    for each in section.measurements:
+        target = ""
+        if each.target is not None:
+            target = f"{each.bound} {each.target:g}" + ("" if each.met else ", missed")
+        # Near 100 %, hundredths of a percent matter.
+        value = f"{each.value:.2f}" if each.unit == "%" else _short(each.value)
+        time = "" if each.ms is None else f"{_short(each.ms)} ms"
+        table.add_row(each.step, f"{value} {each.unit}", target, time)
+    print_table(table)
+    for note in section.notes:
+        out.print(note)
+    out.print()
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")

@@ -1,0 +1,113 @@
+"""Patches of textures, rendered, exposed, solved and observed once under each condition."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Hashable
+from dataclasses import replace
+from functools import lru_cache
+
+from classify import Lighting, Method, SurfaceEstimate
+from classify.classifiers import Observation, classifier_named
+from rig import synthetic_surface
+from rig.scene.material_folder import load_material
+from rig.scene.render import SceneImages, render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.simulation.sensor import SensorModel
+from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
+
+from .plan import Conditions, PatchPosition, Texture
+
+__all__ = ["CachedPatch", "expose", "load_surface", "render_patch", "solve"]
+
+_OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
+
+
+@lru_cache(maxsize=2)
+def load_surface(texture: Texture, seed: int, tile_px: int) -> PeriodicSurface:
+    """The surface that patches are cut from."""
+    if texture.folder is not None:
+        return load_material(texture.folder)
+    return synthetic_surface(texture.name, seed, tile_px)
+
+
+def render_patch(
+    position: PatchPosition,
+    slant_deg: float,
+    size_px: int,
+    surface: PeriodicSurface | None = None,
+) -> SceneImages:
+    """Ideal images of a patch under the ring of four lights."""
+    if surface is None:
+        surface = load_surface(position.texture, position.seed, 2 * size_px)
+    rows, columns = surface.height.shape
+    shift_px = (columns / 2.0, rows / 2.0) if position.half_tile_away else (0.0, 0.0)
+    return render_frame(
+        surface, Lighting.ring(slant_deg), size_px, position.rotate_deg, shift_px=shift_px
+    )
+
+
+def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSet:
+    """Pixel values of a scene under the conditions."""
+    return SimulatedSet.expose(
+        scene,
+        Lighting.ring(conditions.slant_deg),
+        SensorModel(bit_depth=conditions.bits),
+        seed,
+        exposure_ms=EXPOSURE_MS * conditions.exposure,
+        led_levels=(1.0, conditions.weak_led, 1.0, 1.0),
+        shadows=conditions.shadows,
+    )
+
+
+def solve(images: SimulatedSet, method: Method) -> SurfaceEstimate:
+    """Solve a set; PS3 and PS4 as in the thesis, where every pixel is valid unless saturated.
+
+    `photometric_stereo` itself marks pixels invalid where shadow leaves the slope unknown.
+    """
+    surface = images.solve(method)
+    if method in _OF_THE_THESIS:
+        return replace(surface, valid=~surface.saturated)
+    return surface
+
+
+class CachedPatch:
+    """One patch under any conditions; each scene, solution and observation is computed once.
+
+    `frame_px` is the side of the largest frame needed.
+    """
+
+    def __init__(self, position: PatchPosition, frame_px: int) -> None:
+        self.position = position
+        self._frame_px = frame_px
+        self._scenes: dict[float, SceneImages] = {}
+        self._surfaces: dict[tuple[Conditions, Method], SurfaceEstimate] = {}
+        self._observations: dict[Hashable, Observation] = {}
+
+    def images(self, conditions: Conditions) -> SimulatedSet:
+        """Its image set. The noise depends on position and conditions only."""
+        slant_deg = conditions.slant_deg
+        if slant_deg not in self._scenes:
+            self._scenes[slant_deg] = render_patch(self.position, slant_deg, self._frame_px)
+        scene = self._scenes[slant_deg].cropped(conditions.size_px, conditions.size_px)
+        # Without the folder: the noise of a material does not depend on where it is stored.
+        position = replace(self.position, texture=Texture(self.position.texture.name))
+        return expose(scene, conditions, zlib.crc32(f"{position} {conditions}".encode()))
+
+    def surface(self, conditions: Conditions, method: Method) -> SurfaceEstimate:
+        """The surface as a solver estimates it."""
+        key = (conditions, method)
+        if key not in self._surfaces:
+            self._surfaces[key] = solve(self.images(conditions), method)
+        return self._surfaces[key]
+
+    def observation(
+        self, conditions: Conditions, method: Method, name: str, segment_px: int, train: bool
+    ) -> Observation:
+        """Observation of the classifier `name`; classifiers with equal observations share one."""
+        classifier = classifier_named(name)
+        observe = classifier.observe_training if train else classifier.observe
+        key = (conditions, method, observe, segment_px)
+        if key not in self._observations:
+            self._observations[key] = observe(self.surface(conditions, method), segment_px)
+        return self._observations[key]

@@ -1,0 +1,132 @@
+"""Shadow counts of the four surfaces, and spectra and maps of sand: figures 9.2 to 9.10."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify import Lighting, Method, SurfaceEstimate, integrate_gradients
+from classify.surface.estimate import FloatMap
+from classify.texture.fields import TextureFields, texture_fields
+from classify.texture.spectra import field_spectra, segment_for
+from rig.scene.render import SceneImages, render_frame
+
+from .patches import expose, load_surface, render_patch, solve
+from .plan import SOLVERS, Conditions, PatchPosition, Texture
+
+__all__ = [
+    "POLAR_SOLVERS",
+    "SAND_SLANT_DEG",
+    "SHADOW_TILTS_DEG",
+    "TRUTH",
+    "Polar",
+    "SandMaps",
+    "SandTask",
+    "ShadowTask",
+    "polar_spectra",
+    "sand_maps",
+    "shadow_shares",
+]
+
+SAND_SLANT_DEG = 60.0
+"""A fifth of sand lies in shadow of each light there; the slant of the thesis is not known."""
+
+SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
+POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", *SOLVERS[1:])
+TRUTH = "truth"
+
+Polar = dict[str, list[float]]
+
+
+@dataclass(frozen=True)
+class ShadowTask:
+    """One texture under lights of one slant."""
+
+    texture: Texture
+    slant_deg: float
+    size_px: int = 512
+
+
+def shadow_shares(task: ShadowTask) -> tuple[float, ...]:
+    """Share of the pixels in attached or cast shadow of a light, for each tilt."""
+    surface = load_surface(task.texture, 0, task.size_px)
+    scene = render_frame(surface, Lighting.ring(task.slant_deg, SHADOW_TILTS_DEG), task.size_px)
+    shares: list[float] = scene.shadowed.mean(axis=(1, 2)).tolist()
+    return tuple(shares)
+
+
+@dataclass(frozen=True)
+class SandTask:
+    """A patch of sand."""
+
+    rotate_deg: float
+    size_px: int
+
+
+@dataclass(frozen=True, eq=False)
+class SandMaps:
+    """Maps of one patch of sand by solver, and the true ones under `TRUTH`.
+
+    Attributes
+    ----------
+    relief
+        (H, W) relative height, px, without its mean.
+    albedo
+        (H, W) as a fraction. Those of the solvers are scaled to the mean of the truth over valid
+        pixels that all lights reach.
+    errors
+        For each solver rms errors of p, q and albedo over its valid pixels: all pixels, except for
+        robust PS4.
+    shadows
+        (H, W) number of lights in shadow.
+    """
+
+    relief: dict[str, FloatMap]
+    albedo: dict[str, FloatMap]
+    errors: dict[str, tuple[float, float, float]]
+    shadows: dict[str, npt.NDArray[np.uint8]]
+
+
+def polar_spectra(task: SandTask) -> Polar:
+    """1D polar spectrum of M at 90 angles over 180 degrees, by solver and of the truth."""
+    scene, surfaces = _solved(task, POLAR_SOLVERS)
+    fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
+    fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
+    segment_px = segment_for(scene.p.shape)
+    return {
+        name: [float(value) for value in field_spectra(each, segment_px).polar[0]]
+        for name, each in fields.items()
+    }
+
+
+def sand_maps(task: SandTask) -> SandMaps:
+    """Relief, albedo and shadow of the patch."""
+    scene, surfaces = _solved(task, SOLVERS)
+    shadows = scene.shadowed.sum(axis=0).astype(np.uint8)
+    relief = {TRUTH: integrate_gradients(scene.p, scene.q)}
+    albedo = {TRUTH: scene.albedo}
+    errors = {}
+    for solver, surface in surfaces.items():
+        common = (shadows == 0) & surface.valid
+        scale = scene.albedo[common].mean() / surface.albedo[common].mean()
+        albedo[solver] = surface.albedo * scale
+        relief[solver] = integrate_gradients(surface.p, surface.q)
+        estimates = (surface.p, surface.q, albedo[solver])
+        p, q, a = (
+            float(np.sqrt(np.square(estimate - truth)[surface.valid].mean()))
+            for estimate, truth in zip(estimates, (scene.p, scene.q, scene.albedo), strict=True)
+        )
+        errors[solver] = (p, q, a)
+    counts = {solver: surface.shadow_count for solver, surface in surfaces.items()}
+    return SandMaps(relief, albedo, errors, {TRUTH: shadows} | counts)
+
+
+def _solved(
+    task: SandTask, solvers: tuple[Method, ...]
+) -> tuple[SceneImages, dict[str, SurfaceEstimate]]:
+    position = PatchPosition(Texture("sand"), 0, False, task.rotate_deg)
+    scene = render_patch(position, SAND_SLANT_DEG, task.size_px)
+    images = expose(scene, Conditions(SAND_SLANT_DEG, task.size_px), round(task.rotate_deg))
+    return scene, {solver: solve(images, solver) for solver in solvers}
