@@ -135,9 +135,10 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
 
 def new_table(*columns: str, prose: str | None = None) -> Table:
     """Make a table for `print_table`. Only the column `prose` is wrapped, between words."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table()
+    table = Table(box=SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
     for column in columns:
         table.add_column(column, no_wrap=column != prose)
     return table

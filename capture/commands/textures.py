@@ -95,14 +95,16 @@ def classify(
     if json:
         print_json(results)
         return
-    table = new_table("set", "texture", "deg", "distance", "limit", "reason", prose="reason")
+    table = new_table(
+        "set", "texture", "orientation", "distance", "limit", "reason", prose="reason"
+    )
     for row in results:
         table.add_row(
-            row["set"] + (" (simulated)" if row["simulated"] else ""),
+            row["set"] + ("\n(simulated)" if row["simulated"] else ""),
             row["label"] or "unknown",
-            _rounded(row["orientation_deg"], 1),
-            _rounded(row["distance"], 4),
-            _rounded(row["limit"], 4),
+            _degrees(row["orientation_deg"], 1),
+            f"{row['distance']:.4f}",
+            "-" if row["limit"] is None else f"{row['limit']:.4f}",
             row["reason"],
         )
     print_table(table)
@@ -164,16 +166,16 @@ def evaluate_(
             str(row.sets),
             str(row.correct),
             f"{row.accuracy:.1%}",
-            _rounded(errors.median, 2),
-            _rounded(errors.p95, 2),
+            _degrees(errors.median, 2),
+            _degrees(errors.p95, 2),
             ", ".join(f"{answer} {count}" for answer, count in others.items()),
         )
     print_table(table)
     errors = result.orientation_error_deg
     out.print(
         f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
-        f"{result.unknown} unknown; orientation error {_rounded(errors.median, 2)} degrees in the "
-        f"median, {_rounded(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
+        f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
+        f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
         f"{result.reversed} of them reversed",
         soft_wrap=True,
     )
@@ -217,8 +219,8 @@ def _library_for(
         yield path
 
 
-def _rounded(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+def _degrees(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f} deg"
 
 
 def _as_json(result: Evaluation) -> dict[str, Any]:

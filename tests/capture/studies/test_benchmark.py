@@ -77,7 +77,8 @@ def test_a_table_marks_missed_targets(capsys: pytest.CaptureFixture[str]) -> Non
     ]
     print_section(Section("Title", measurements, ("A note.",)))
     shown = capsys.readouterr().out
-    rows = [line for line in shown.splitlines() if line.startswith("│")]
+    lines = shown.splitlines()
+    rows = lines[next(number for number, line in enumerate(lines) if "──" in line) + 1 :]
     assert "3.14 x floor" in rows[0]
     assert "at most 2, missed" in rows[0]
     assert "12.3 ms" in rows[0]
