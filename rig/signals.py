@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["uninterrupted"]
+__all__ = ["signals_held_back", "uninterrupted"]
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
@@ -24,16 +24,16 @@ def uninterrupted(action: Callable[[], object]) -> None:
         It needs deadlines of its own: Ctrl-C does not end it.
     """
     try:
-        with _signals_held_back():
+        with signals_held_back():
             action()
     except KeyboardInterrupt:
-        with _signals_held_back():
+        with signals_held_back():
             action()
         raise
 
 
 @contextmanager
-def _signals_held_back() -> Iterator[None]:
+def signals_held_back() -> Iterator[None]:
     """Note ending signals instead of handling them; handle them at the end of the block.
 
     Masking them in this thread is not enough, since the kernel then delivers them to another

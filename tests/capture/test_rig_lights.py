@@ -26,17 +26,21 @@ class Bench:
         return [round(self.board.output(led, now_s), 2) for led in range(self.board.led_count)]
 
 
+def write_config(bench: Bench, watchdog_ms: int) -> None:
+    bench.config.write_text(
+        f"[lights]\nport = '{bench.server.address}'\nwatchdog_ms = {watchdog_ms}\n"
+        "[camera]\nkind = 'v4l2'\ndevice = 'none'\npixel_format = 'GREY'\n"
+    )
+
+
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     clock = RealClock()
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
-        config = tmp_path / "rig.toml"
-        config.write_text(
-            f"[lights]\nport = '{server.address}'\nwatchdog_ms = 400\n"
-            "[camera]\nkind = 'v4l2'\ndevice = 'none'\npixel_format = 'GREY'\n"
-        )
-        yield Bench(board, server, config)
+        bench = Bench(board, server, tmp_path / "rig.toml")
+        write_config(bench, watchdog_ms=400)
+        yield bench
 
 
 @pytest.mark.slow
@@ -52,6 +56,34 @@ def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..
     assert (process.returncode, stderr) == (0, "")
     assert stdout.splitlines() == ["LED 2 is on at 40 %; Ctrl-C puts it out", "all LEDs are out"]
     assert bench.lit() == [0.0] * 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "signals",
+    [
+        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGTERM, signal.SIGINT),
+        (signal.SIGQUIT,),
+        (signal.SIGHUP,),
+    ],
+    ids=str,
+)
+def test_the_leds_are_out_before_it_is_said(
+    bench: Bench, spawn: Callable[..., Any], signals: tuple[signal.Signals, ...]
+) -> None:
+    write_config(bench, watchdog_ms=60_000)  # so that the watchdog does not put them out
+    process = spawn("rig", "lights", 2, "--rig", bench.config)
+    assert process.stdout.readline() == "LED 2 is on at 100 %; Ctrl-C puts it out\n"
+    for number in signals:
+        process.send_signal(number)
+        time.sleep(0.001)
+    assert process.stdout.readline() == "all LEDs are out\n"
+    said_s = time.monotonic()
+    time.sleep(0.01)
+    assert bench.board.output(2, said_s + 0.002) < 0.01  # the light falls in 0.3 ms
+    process.communicate(timeout=20)
+    assert process.returncode == 0
 
 
 @pytest.mark.slow
@@ -95,5 +127,5 @@ def test_off_puts_all_out_and_ends(ps4rig: Command, bench: Bench) -> None:
 
 def test_what_is_no_led_is_refused(refused: Refused, bench: Bench) -> None:
     assert "LED 4: the controller has 4" in refused("rig", "lights", 4, "--rig", bench.config)
-    assert "neither a number" in refused("rig", "lights", "red", "--rig", bench.config)
+    assert "give a number, cycle or off" in refused("rig", "lights", "red", "--rig", bench.config)
     assert bench.lit() == [0.0] * 4
