@@ -1,4 +1,4 @@
-"""Every light controller and every camera that the contracts are run on."""
+"""Every light controller and every camera that the contract tests run on."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from .live_film import rig_of_opencv
 
 @dataclass(frozen=True)
 class LightsUnderTest:
-    """A served controller, how to open it, and a view of what its LEDs really do."""
+    """A served controller, and the light that its LEDs emit."""
 
     clock: Clock
     board: SimulatedBoard
@@ -61,7 +61,7 @@ def controller(request: pytest.FixtureRequest) -> Iterator[LightsUnderTest]:
 
 
 CAMERA = {"width_px": 48, "height_px": 32, "frame_rate_hz": 100.0, "exposure_ms": 5.0}
-# Stamps late by what it takes from the start of exposure to the host, and has that measured.
+# A camera that stamps frames late, and the measured timing of that camera.
 LATE = {"readout_ms": 3.0, "stamp_lag_ms": 12.0}
 MEASURED = {"readout_ms": 3.0, "timestamp_offset_ms": -4.0, "timestamp_uncertainty_ms": 0.2}
 CAMERAS: dict[str, dict[str, dict[str, Any]]] = {
@@ -72,7 +72,7 @@ CAMERAS: dict[str, dict[str, dict[str, Any]]] = {
     "replay": {"camera": {"kind": "replay"}},
     "replay, real": {"camera": {"kind": "replay"}, "simulation": {"clock": "real"}},
 }
-# Frames of which no two find room in the pipe, so that fewer wait than OpenCV is believed to have.
+# Frames so large that the pipe does not hold two: fewer wait than OpenCV is assumed to buffer.
 OPENCV = CAMERA | {"width_px": 64, "height_px": 64}
 
 

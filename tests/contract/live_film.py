@@ -1,4 +1,4 @@
-"""A simulated rig as OpenCV can see one: its frames are a film that does not end."""
+"""A simulated rig that OpenCV reads as an endless film."""
 
 import fcntl
 import os
@@ -13,21 +13,22 @@ from rig.simulation.rig import Simulation
 
 __all__ = ["rig_of_opencv"]
 
-_READ_TIMEOUT_S = 1.0
-# As little as a pipe can hold: a frame or two wait in it, as in a driver's buffers.
+# Long enough for a busy machine.
+_READ_TIMEOUT_S = 20.0
+# The smallest pipe: one or two frames wait in it, as in a driver's buffers.
 _PIPE_BYTES = 4096
 
 
 @contextmanager
 def rig_of_opencv(camera: dict[str, Any], pipe: Path) -> Iterator[Rig]:
-    """A rig with a camera of OpenCV, above the LEDs and the part of a simulated one.
+    """Open a rig whose camera is OpenCV's; LEDs and part are those of a simulated rig.
 
     Parameters
     ----------
     camera
         Size, frame rate and exposure.
     pipe
-        Made here, for the film.
+        The path at which a pipe for the film is made.
     """
     simulated = RigConfig().with_changes(camera=camera | {"bits": 8}, simulation={"clock": "real"})
     simulation = Simulation(simulated)
@@ -41,19 +42,19 @@ def rig_of_opencv(camera: dict[str, Any], pipe: Path) -> Iterator[Rig]:
         ) as opened:
             yield opened
     finally:
-        # A film that nobody came to see still waits for its first spectator.
+        # If nobody opened the film, its thread still waits for a reader.
         os.close(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK))
         film.join()
         simulation.close()
 
 
 def _film(camera: Camera, config: RigConfig, pipe: Path) -> None:
-    """Write frames until nobody reads; those that find no room wait in the camera's buffers."""
+    """Write frames until nobody reads; while the pipe is full, the camera buffers them."""
     size = config.camera
     with pipe.open("wb", buffering=0) as out:
         fcntl.fcntl(out, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         try:
-            # https://wiki.multimedia.cx/index.php/YUV4MPEG2, of grey values alone
+            # Format: https://wiki.multimedia.cx/index.php/YUV4MPEG2, grey values only
             head = f"W{size.width_px} H{size.height_px} F{size.frame_rate_hz:.0f}:1 Ip A1:1 Cmono"
             out.write(f"YUV4MPEG2 {head}\n".encode())
             while True:

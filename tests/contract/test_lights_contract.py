@@ -1,4 +1,4 @@
-"""What every light controller does, whatever it is connected by."""
+"""What every light controller does, over every kind of connection."""
 
 from typing import Any
 
@@ -7,13 +7,13 @@ import pytest
 from rig import LightControllerError
 
 
-def test_it_says_who_it_is(controller: Any) -> None:
+def test_it_identifies_itself(controller: Any) -> None:
     with controller.open() as lights:
         assert lights.identity.vendor == "PS4RIG"
         assert lights.led_count == 4
 
 
-def test_all_leds_are_out_once_it_is_open(controller: Any) -> None:
+def test_opening_puts_all_leds_out(controller: Any) -> None:
     with controller.open() as lights:
         assert controller.lit() == []
         assert lights.state().led is None
@@ -28,18 +28,18 @@ def test_one_led_at_a_time_in_any_order(controller: Any) -> None:
         assert controller.lit() == []
 
 
-def test_the_light_is_new_once_it_is_acknowledged(controller: Any) -> None:
+def test_the_light_changes_before_the_acknowledge(controller: Any) -> None:
     with controller.open() as lights:
         before_s = controller.clock.now_s()
         switch = lights.select(1)
         assert before_s <= switch.acknowledged_s <= controller.clock.now_s()
         controller.clock.sleep_s(0.01)
-        # The whole rise from 0 lies after the question, and half of it before acknowledge + 1 ms.
+        # The LED starts to rise after the request and is half up 1 ms after the acknowledge.
         assert controller.board.output(1, before_s) == 0.0
         assert controller.board.output(1, switch.acknowledged_s + 0.001) > 0.5
 
 
-def test_controller_times_only_grow(controller: Any) -> None:
+def test_controller_times_increase(controller: Any) -> None:
     with controller.open() as lights:
         times = [lights.select(led).controller_time_us for led in range(4)]
         times += [lights.off().controller_time_us, lights.state().controller_time_us]
@@ -47,14 +47,14 @@ def test_controller_times_only_grow(controller: Any) -> None:
     assert times[0] < times[3]
 
 
-def test_levels_are_kept_per_led(controller: Any) -> None:
+def test_each_led_keeps_its_level(controller: Any) -> None:
     with controller.open() as lights:
         lights.set_level(2, 40)
         lights.set_level(0, 0)
         assert lights.state().levels_percent == (0, 100, 40, 100)
 
 
-def test_what_it_cannot_do_it_refuses_and_goes_on(controller: Any) -> None:
+def test_an_impossible_request_is_refused_and_changes_nothing(controller: Any) -> None:
     with controller.open() as lights:
         lights.select(2)
         for wrong in (lambda: lights.select(9), lambda: lights.set_level(0, 200)):
@@ -64,7 +64,7 @@ def test_what_it_cannot_do_it_refuses_and_goes_on(controller: Any) -> None:
         assert controller.lit() == [2]
 
 
-def test_confirm_tells_what_is_lit_from_what_should_be(controller: Any) -> None:
+def test_confirm_fails_when_another_led_is_lit(controller: Any) -> None:
     with controller.open() as lights:
         lights.confirm(None)
         lights.select(1)
@@ -74,7 +74,7 @@ def test_confirm_tells_what_is_lit_from_what_should_be(controller: Any) -> None:
                 lights.confirm(other)
 
 
-def test_silence_puts_the_leds_out(controller: Any) -> None:
+def test_the_watchdog_puts_the_leds_out_when_the_host_is_silent(controller: Any) -> None:
     with controller.open(watchdog_ms=150) as lights:
         lights.select(3)
         controller.clock.sleep_s(0.25)
@@ -88,12 +88,12 @@ def test_close_puts_the_leds_out_and_the_next_program_can_open_it(controller: An
         with controller.open() as lights:
             lights.select(led)
             assert controller.lit() == [led]
-        # A socket's last bytes may still be on their way when it has been closed.
+        # The last bytes may still be on their way when a socket has been closed.
         controller.clock.sleep_s(0.02)
         assert controller.lit() == []
 
 
-def test_one_that_is_unplugged_is_an_error_and_dark(controller: Any) -> None:
+def test_an_unplugged_controller_is_an_error_and_dark(controller: Any) -> None:
     with controller.open() as lights:
         lights.select(1)
         controller.server.stop()

@@ -1,4 +1,4 @@
-"""Checks that run in the guest, shown on the host one by one."""
+"""Run checks in the guest, and report each as a test of the host."""
 
 import ast
 import sys
@@ -14,15 +14,15 @@ __all__ = ["GUEST", "Outcomes", "assert_passed", "names_in", "run_checks"]
 
 GUEST = Path(__file__).parent / "guest"
 _ROOT = Path(__file__).parents[2]
-# For hosts that do more than this; it takes a fourth of it.
+# Four times what the longest file of checks takes on two idle cores.
 _TIMEOUT_S = 1200.0
 
-# What went wrong, by the name of the case, as in ``test_it[cdc_acm]``; an empty text is a pass.
+# The failure text of each case, as in ``test_it[cdc_acm]``; an empty text is a pass.
 Outcomes = Mapping[str, str]
 
 
 def names_in(source: Path) -> list[str]:
-    """Names of all checks in a file, those that it imports too."""
+    """Names of all checks in a file, including imported ones."""
     names = []
     for node in ast.parse(source.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.FunctionDef):
@@ -40,10 +40,10 @@ def run_checks(
     devices: Sequence[str] = (),
     environment: Mapping[str, str] | None = None,
 ) -> Outcomes:
-    """Boot a guest, run a file of checks there, and return what came of each.
+    """Boot a guest, run a file of checks there, and return the outcome of each.
 
-    `environment` adds to that of the guest; for the rest see `run_in_guest`. Without a machine, or
-    without results, all checks fail.
+    `environment` adds to that of the guest; for the other arguments see `run_in_guest`. Without
+    results, all checks fail.
     """
     variables = [f"{name}={value}" for name, value in (environment or {}).items()]
     pytest_there = ["-m", "pytest", "-p", "no:cacheprovider", "--color=no", "--tb=short"]
@@ -78,7 +78,7 @@ def run_checks(
 
 
 def assert_passed(outcomes: Outcomes, name: str) -> None:
-    """That a check ran, and passed in all its cases; `name` may be that of one case."""
+    """Assert that a check ran and passed in all its cases; `name` may name one case."""
     cases = {case: text for case, text in outcomes.items() if name in (case, case.split("[")[0])}
     assert cases, f"{name} did not run in the guest"
     wrong = [f"{case}: {text}" for case, text in cases.items() if text]

@@ -1,4 +1,4 @@
-"""An initramfs made of busybox, kernel modules in the order of their needs, and an init script."""
+"""An initramfs of busybox, kernel modules in loading order, and an init script."""
 
 import lzma
 import re
@@ -13,22 +13,22 @@ _FOLDERS = ("bin", "dev", "modules", "proc", "root")
 def write_initramfs(
     target: Path, busybox: Path, module_tree: Path, modules: Iterable[str], init: str
 ) -> None:
-    """Write an uncompressed initramfs; its /modules/NN-name.ko sort into loading order.
+    """Write an uncompressed initramfs; the names /modules/NN-name.ko sort into loading order.
 
-    Modules that the kernel has built in are passed over.
+    Modules built into the kernel are skipped.
     """
     entries = [(name, b"", 0o040755) for name in _FOLDERS]
     entries.append(("bin/busybox", busybox.read_bytes(), 0o100755))
     entries.append(("init", init.encode(), 0o100755))
-    for number, (name, image) in enumerate(_with_needs(module_tree, modules).items()):
+    for number, (name, image) in enumerate(_with_dependencies(module_tree, modules).items()):
         entries.append((f"modules/{number:02d}-{name}.ko", image, 0o100644))
     with target.open("wb") as out:
         for inode, (name, content, mode) in enumerate([*entries, ("TRAILER!!!", b"", 0)], 1):
             out.write(_cpio_entry(inode, name, content, mode))
 
 
-def _with_needs(tree: Path, names: Iterable[str]) -> dict[str, bytes]:
-    """The images of modules by name, each after those that it needs."""
+def _with_dependencies(tree: Path, names: Iterable[str]) -> dict[str, bytes]:
+    """The images of modules by name, each after its dependencies."""
     files = {_plain(path.name): path for path in tree.rglob("*.ko*")}
     ordered: dict[str, bytes] = {}
 
@@ -36,8 +36,8 @@ def _with_needs(tree: Path, names: Iterable[str]) -> dict[str, bytes]:
         if name in ordered or name not in files:
             return
         image = _unpacked(files[name])
-        for need in _needs(image):
-            add(need)
+        for dependency in _dependencies(image):
+            add(dependency)
         ordered[name] = image
 
     for name in names:
@@ -54,8 +54,8 @@ def _unpacked(path: Path) -> bytes:
     return lzma.decompress(image) if path.suffix == ".xz" else image
 
 
-def _needs(image: bytes) -> Iterator[str]:
-    # depmod writes its list when a kernel is installed, and this one is only unpacked.
+def _dependencies(image: bytes) -> Iterator[str]:
+    # There is no modules.dep: depmod runs when a kernel is installed, and this one is unpacked.
     found = re.search(rb"\0depends=([^\0]*)\0", image)
     for name in (found[1].decode() if found else "").split(","):
         if name:
@@ -63,7 +63,7 @@ def _needs(image: bytes) -> Iterator[str]:
 
 
 def _cpio_entry(inode: int, name: str, content: bytes, mode: int) -> bytes:
-    """One entry in the "newc" form that the kernel unpacks."""
+    """One entry in the "newc" format that the kernel unpacks."""
     path = name.encode() + b"\0"
     fields = (inode, mode, 0, 0, 1, 0, len(content), 0, 0, 0, 0, len(path), 0)
     head = b"070701" + b"".join(b"%08X" % field for field in fields) + path

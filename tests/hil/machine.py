@@ -1,7 +1,7 @@
-"""A virtual machine with Debian's kernel on the host's own files, for drivers that need one.
+"""A virtual machine that runs Debian's kernel on the host's files.
 
-The host's file system is the guest's root, read-only, so the guest runs this very checkout in this
-very environment. What it has to say comes back in a folder that both share.
+The host's file system is the guest's root, read-only, so the guest runs this checkout in this
+environment. Results come back in a folder that both share.
 """
 
 import shlex
@@ -21,7 +21,7 @@ _MAX_CONSOLE = 6000
 
 
 class MachineError(Exception):
-    """The guest did not come to its end."""
+    """The guest did not finish."""
 
 
 def run_in_guest(
@@ -37,20 +37,20 @@ def run_in_guest(
     Parameters
     ----------
     command
-        Run by root in the folder of the checkout. It finds `shared` as ``/mnt``, writable.
+        Run as root in the folder of the checkout; `shared` is mounted writable at ``/mnt``.
     modules
-        Kernel modules, loaded in this order after those that they need, with their options.
+        Kernel modules with their options, loaded in this order after their dependencies.
     shared
         An empty folder.
     timeout_s
         After this the guest is killed.
     devices
-        More options of QEMU, for more devices.
+        QEMU options for more devices.
 
     Returns
     -------
     str
-        What was on the console.
+        The console output.
 
     Raises
     ------
@@ -90,10 +90,10 @@ def _qemu_command(kernel: Path, initramfs: Path, shared: Path) -> list[str]:
     share = "security_model=none,multidevs=remap"
     return [
         "qemu-system-x86_64",
-        # KVM is missing on many CI machines, and half there on some; emulation is everywhere.
+        # Emulation works everywhere; KVM is missing or incomplete on many CI machines.
         *("-accel", "tcg,thread=single", "-machine", "q35", "-cpu", "Nehalem", "-smp", "1"),
-        # The guest's clock counts its instructions, 2 ns each, while it works: on a host that is
-        # busy it is slow, but its times are in order.
+        # The guest's clock counts instructions, 2 ns each: on a busy host the guest is slow, but
+        # its times stay consistent.
         *("-icount", "shift=1,sleep=on"),
         *("-m", "1024", "-no-reboot", "-nodefaults", "-display", "none"),
         *("-serial", "stdio", "-kernel", str(kernel), "-initrd", str(initramfs)),
@@ -104,7 +104,7 @@ def _qemu_command(kernel: Path, initramfs: Path, shared: Path) -> list[str]:
 
 
 def _for_qemu(path: Path) -> str:
-    # A comma would end the option; QEMU takes two as one.
+    # A comma ends an option; QEMU reads two as one comma.
     return str(path).replace(",", ",,")
 
 

@@ -1,4 +1,4 @@
-"""The whole job on devices of a real kernel: captured in the guest, solved and recognised here."""
+"""Capture in the guest through kernel drivers; solve and classify on the host."""
 
 import json
 import os
@@ -23,7 +23,7 @@ from .guest.loop_bench import EXPOSURE_MS, ROTATE_DEG, SEED, SETS, SIDE_PX, SURF
 pytestmark = pytest.mark.kernel
 
 CHECKS = GUEST / "loop_checks.py"
-# A camera has a few buffers, and so does the loopback device.
+# As few buffers as a camera has.
 MODULES = {
     "dummy_hcd": "",
     "usb_f_acm": "",
@@ -35,7 +35,7 @@ TEXTURES = ("rock", "sand", "malv", "ogil")
 
 @dataclass(frozen=True)
 class Loop:
-    """What the guest said of its checks, and the folder with what it captured."""
+    """The outcomes of the guest's checks, and the folder with its sets."""
 
     outcomes: Outcomes
     shared: Path
@@ -46,7 +46,7 @@ class Loop:
 
 
 def run(*arguments: object, environment: Mapping[str, str] | None = None) -> str:
-    """A command of ours on the host, which must succeed."""
+    """Run ps4rig on the host; it must succeed."""
     done = subprocess.run(
         ps4rig(*arguments),
         capture_output=True,
@@ -61,7 +61,7 @@ def run(*arguments: object, environment: Mapping[str, str] | None = None) -> str
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
     shared = tmp_path_factory.mktemp("loop")
-    # Compiled here for any processor, as it would take the guest minutes.
+    # Compiled here for any processor, because it would take the guest minutes.
     compiled = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     rendered = ("capture", "--rig", "sim", "--surface", SURFACE, "--rotate", ROTATE_DEG)
     cache = {"NUMBA_CACHE_DIR": str(shared / "numba")}
@@ -77,14 +77,14 @@ def test_in_the_guest(loop: Loop, name: str) -> None:
 
 
 def test_every_image_is_what_its_light_alone_shows(loop: Loop) -> None:
-    """A frame from before a switch, or across it, would be off by many times its noise."""
+    """A stale or mixed frame would differ by many times its noise."""
     surface = synthetic_surface(SURFACE, SEED, tile_side_px(SIDE_PX))
     scene = render_frame(surface, Lighting.ring(slant_deg=45.0), SIDE_PX, ROTATE_DEG)
     sensor = SensorModel(bit_depth=16)
     assert len(loop.sets) == SETS
     for path in loop.sets:
         captured = CapturedSet.load(path)
-        # Its controller says so, over whatever line.
+        # The controller reports it over any line.
         assert captured.metadata.simulated
         assert captured.ambient is not None
         images = [*captured.images, captured.ambient]
@@ -105,7 +105,7 @@ def test_every_frame_began_after_its_light_had_settled(loop: Loop) -> None:
         assert frame.exposure_start_s >= image.led_acknowledged_s + 0.02
 
 
-def test_solve_takes_the_set(loop: Loop) -> None:
+def test_solve_accepts_the_set(loop: Loop) -> None:
     run("solve", loop.sets[0], "--out", loop.shared / "maps")
     assert (loop.shared / "maps" / "normals.tif").exists()
 

@@ -18,24 +18,24 @@ PORTS = ("ftdi_sio", "cdc_acm")
 
 
 class HostController:
-    """The firmware on a unix socket of the host; the guest pulls and plugs it by files."""
+    """The firmware on a unix socket of the host; the guest unplugs and plugs it by making files."""
 
     def __init__(self, shared: Path) -> None:
         self._shared = shared
         self._ended = threading.Event()
-        self._hand = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run)
         self._served = self._serve()
-        self._hand.start()
+        self._thread.start()
 
     @property
     def adapter(self) -> list[str]:
-        """The adapter of the guest whose line ends here; it is unplugged while nobody listens."""
+        """QEMU options of the adapter for this line; it is unplugged while nobody listens."""
         line = f"socket,id=host,path={self._shared}/host.sock,reconnect=1"
         return ["-chardev", line, "-device", "usb-serial,chardev=host,serial=HOST-1"]
 
     def stop(self) -> None:
         self._ended.set()
-        self._hand.join()
+        self._thread.join()
         self._served.stop()
 
     def _serve(self) -> Server:

@@ -1,4 +1,4 @@
-"""Our V4L2 layer on the kernel's test camera, vivid."""
+"""The V4L2 layer on the kernel's test camera, vivid."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
 pytestmark = pytest.mark.kernel
 
 CHECKS = GUEST / "vivid_checks.py"
-# One to stream from, one to disconnect, one to be there when the driver is unbound.
+# One device to stream from, one to disconnect, one to lose when the driver is unbound.
 VIVID = "n_devs=3 node_types=0x1,0x1,0x1"
 
 

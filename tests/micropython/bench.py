@@ -1,9 +1,9 @@
-"""The firmware on a board of numbers, the same under MicroPython and CPython.
+"""The firmware on a board without hardware, for MicroPython and CPython.
 
-Each request is a line of words, each reply what a device that has just booted sent, in hexadecimal
-digits. A word is bytes in hexadecimal digits, which take 1 ms a line; `@250`, time that passes, in
-microseconds; `+` or `-`, the beginning or the end of an exposure. Time passes as for a
-`SimulatedController`: the firmware has a turn each millisecond, and each TURN_US in a sequence.
+A request is a line of words; the reply is what a device that has just booted sends, in hexadecimal
+digits. A word is bytes in hexadecimal digits, which take 1 ms a line; `@250`, a pause of 250
+microseconds; `+` or `-`, the start or the end of an exposure. As in `SimulatedController`, the
+firmware is polled every millisecond, and every POLL_US in a sequence.
 """
 
 import sys
@@ -11,7 +11,7 @@ import sys
 from firmware import Firmware
 
 TICK_US = 1000
-TURN_US = 100
+POLL_US = 100
 
 
 class Board:
@@ -57,24 +57,24 @@ class Device:
         self.board = Board()
         self.firmware = Firmware(self.board)
         self._ticked_us = 0
-        self._turn_us = None  # when a sequence's next turn is
+        self._poll_us = None  # time of the next poll of a sequence
 
     def wait(self, duration_us):
         board = self.board
         deadline_us = board.now_us + duration_us
         while board.now_us < deadline_us:
             tick_us = min(deadline_us, self._ticked_us + TICK_US)
-            if self._turn_us is not None and self._turn_us <= tick_us:
-                board.now_us = self._turn_us
-                self._turn_us = None
-                self._turn()
+            if self._poll_us is not None and self._poll_us <= tick_us:
+                board.now_us = self._poll_us
+                self._poll_us = None
+                self._poll()
             else:
                 board.now_us = self._ticked_us = tick_us
-                if self._turn_us is None:
-                    self._turn()
+                if self._poll_us is None:
+                    self._poll()
 
     def take(self, word):
-        """What one word of a request makes the device send."""
+        """Return what the device sends for one word of a request."""
         if word.startswith("@"):
             self.wait(int(word[1:]))
         elif word in ("+", "-"):
@@ -85,26 +85,26 @@ class Device:
                 end = data.find(b"\n") + 1
                 if end:
                     self.wait(TICK_US)
-                self._turn()
+                self._poll()
                 self.board.arrived = data[:end] if end else data
-                self._turn()
+                self._poll()
                 data = data[end:] if end else b""
         sent, self.board.sent = self.board.sent, b""
         return sent
 
     def exercise(self):
-        """Take a line of every kind."""
+        """Send a line of every kind."""
         for line in COMMANDS:
             self.take(line.hex())
 
-    def _turn(self):
+    def _poll(self):
         self.firmware.poll()
-        if self.firmware.sequence.running and self._turn_us is None:
-            self._turn_us = self.board.now_us + TURN_US
+        if self.firmware.sequence.running and self._poll_us is None:
+            self._poll_us = self.board.now_us + POLL_US
 
 
 def answer(request):
-    """What a device sends in the course of a request, its banner first."""
+    """Return what a device sends during a request, its banner first."""
     device = Device()
     sent = device.take("")
     for word in request.split():

@@ -2,10 +2,10 @@
 //
 //     node board.mjs MODULES FAKES FLASH RECORDS EVENTS
 //
-// MODULES is the node_modules folder with MicroPython, FAKES the Python modules that stand for the
+// MODULES is the node_modules folder with MicroPython, FAKES the Python modules that replace the
 // hardware, FLASH the folder that is the board's file system. As on a Pico, main.py runs after every
-// reset, then the prompt. The descriptor RECORDS takes what the fakes record, a line each; EVENTS
-// brings them what happens outside.
+// reset, then the prompt. The fakes write a line per record to the descriptor RECORDS and read events
+// from EVENTS.
 
 import fs from "node:fs";
 import path from "node:path";
@@ -15,11 +15,11 @@ const micropython = "@micropython/micropython-webassembly-pyscript/micropython.m
 const { loadMicroPython } = await import(path.resolve(modules, micropython));
 
 const CTRL_A = 1, CTRL_B = 2, CTRL_D = 4, CTRL_E = 5;
-const HEAP_BYTES = 192 * 1024; // a Pico's; more is taken when it is full
+const HEAP_BYTES = 192 * 1024; // as on a Pico; MicroPython takes more when it is full
 const OUTLET_BYTES = 256; // what a Pico's USB stack holds
 const TICKS_PERIOD_US = 2 ** 30;
-const BEFORE_WRAP_US = 1_000_000; // the counter starts so close to its end, or at 0 on a real Pico
-const HOST_STALLS_MS = 1500; // the longest that a write on a Pico waits for a host that reads nothing
+const BEFORE_WRAP_US = 1_000_000; // the counter starts this long before it wraps; on a Pico it starts at 0
+const HOST_STALLS_MS = 1500; // the longest that a write on a Pico waits for a host that does not read
 
 class Inlet {
     // Bytes from a descriptor that may be non-blocking.
@@ -45,7 +45,7 @@ class Inlet {
     }
 
     take() {
-        // what Emscripten wants of a device: null is the end, undefined is nothing yet
+        // as Emscripten expects of a device: null is the end, undefined means no byte yet
         if (!this.ready()) return this.ended ? null : undefined;
         const byte = this.waiting[0];
         this.waiting = this.waiting.subarray(1);
@@ -64,17 +64,17 @@ function pause(ms) {
 }
 
 function send(bytes) {
-    // one byte a call: they are passed on together, at the latest when the board looks for input
+    // called for each byte; bytes are written together, at the latest when the board polls its input
     outlet.push(...bytes);
     const givesUp = Date.now() + HOST_STALLS_MS;
     while (outlet.length >= OUTLET_BYTES && !flush() && !stalled) {
-        stalled = Date.now() > givesUp; // what is not taken is kept, as by the board file
+        stalled = Date.now() > givesUp; // bytes that are not written are kept, as in the board file
         if (!stalled) pause(1);
     }
 }
 
 function flush() {
-    // whether there is room again
+    // returns whether there is room again
     if (outlet.length > 0) {
         try {
             outlet = outlet.slice(fs.writeSync(1, Uint8Array.from(outlet)));
@@ -151,8 +151,7 @@ async function boot(raw) {
             continue;
         }
         const byte = line.take();
-        // fast pasting would wait for its bytes inside of MicroPython, which this port cannot: the
-        // protocol's answer for that is R and 0
+        // this port cannot wait for bytes inside MicroPython, as raw paste mode does: R and 0 say so
         if (raw && byte === CTRL_E && line.ready()) {
             line.take();
             line.take();

@@ -20,17 +20,18 @@ from tests.suites import MICROPYTHON
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "firmware_sim"
 BOARD_FILES = (FIRMWARE / "firmware.py", *sorted((FIRMWARE / "pico").glob("*.py")))
-DEADLINE_S = 30.0
+# Long enough for Node to start on a busy machine.
+DEADLINE_S = 60.0
 
 
 def command(flash: Path, *descriptors: int) -> list[str]:
-    """The command line of a board whose file system is the folder `flash`."""
+    """Return the command line of a board whose file system is the folder `flash`."""
     words = ("node", HERE / "board.mjs", MICROPYTHON / "node_modules", HERE / "fakes", flash)
     return [str(word) for word in (*words, *descriptors)]
 
 
 class Bench:
-    """bench.py under MicroPython, a request a line."""
+    """bench.py under MicroPython; a line is a request."""
 
     def __init__(self, flash: Path) -> None:
         shutil.copy(HERE / "bench.py", flash / "main.py")
@@ -40,7 +41,7 @@ class Bench:
         )
 
     def ask(self, *requests: str) -> list[str]:
-        """The answers to requests, which are sent while answers are read."""
+        """Send requests from a thread and return their answers."""
         pipe_in, pipe_out = self._process.stdin, self._process.stdout
         assert pipe_in is not None
         assert pipe_out is not None
@@ -96,18 +97,18 @@ class Pico:
         self._reader = threading.Thread(target=self._read, args=(records,))
         self._reader.start()
 
-    def happen(self, event: str) -> None:
-        """Something outside: `strobe 0`, `glitch`, `hang 3000`, `fail TEXT`."""
+    def send_event(self, event: str) -> None:
+        """Send an event to the board: `strobe 0`, `glitch`, `hang 3000`, `fail TEXT`."""
         os.write(self._events, event.encode() + b"\n")
 
     def recorded(self, what: str, since: int = 0) -> list[tuple[int, int]]:
-        """Pin number and value of each record of a kind, from the record number `since` on."""
+        """Pin number and value of each record of a kind, from record `since` on."""
         return [(r["number"], r["value"]) for r in self.records[since:] if r["what"] == what]
 
     def mark(self) -> int:
-        """The number of records, when all that has happened so far is among them."""
+        """Wait until all events so far are recorded, and return the number of records."""
         count = len(self.recorded("mark"))
-        self.happen("mark")
+        self.send_event("mark")
         self.wait_for("mark", count + 1)
         return len(self.records)
 
@@ -119,7 +120,7 @@ class Pico:
 
     @contextlib.contextmanager
     def prompt(self) -> Iterator[Callable[[str], str]]:
-        """MicroPython's raw prompt: a function that executes code and returns what it prints."""
+        """Open MicroPython's raw prompt: a function that executes code and returns its output."""
         with serial.Serial(self.port, timeout=DEADLINE_S) as port:
 
             def execute(code: str) -> str:
@@ -157,7 +158,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 @pytest.fixture
 def new_pico(tmp_path: Path) -> Iterator[contextlib.ExitStack]:
-    """Make a Pico with files on it: those of the rig if none are named."""
+    """A function that makes a Pico with files."""
     with contextlib.ExitStack() as stack:
 
         def make(*files: Path) -> Pico:

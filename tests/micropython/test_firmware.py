@@ -1,4 +1,4 @@
-"""firmware.py gives the same bytes under MicroPython as under CPython."""
+"""firmware.py sends the same bytes under MicroPython as under CPython."""
 
 import importlib.util
 import random
@@ -19,7 +19,7 @@ HERE = Path(__file__).parent
 ROOM = HERE.parents[1] / "firmware_sim"
 README = (ROOM / "README.md").read_text(encoding="utf-8")
 TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
-WRITTEN_DOWN = re.findall(r"^> (.*)", "\n".join(TRANSCRIPTS), re.MULTILINE)
+DOCUMENTED = re.findall(r"^> (.*)", "\n".join(TRANSCRIPTS), re.MULTILINE)
 STROBE = {", strobe on": ["+"], ", strobe off": ["-"], "": []}
 NUMBERS = ["0", "1", "3", "4", "-1", "50", "100", "101", "1000", "50000", "60000001", "+1", "1.5"]
 PUNCTUATION = [" ", ",", "#7 ", "~", "\r", "?", "\xb2", "\0", "é"]
@@ -57,14 +57,14 @@ def test_readme_transcript(bench, transcript):
     assert bench.answers(" ".join(words)) == [expected.encode()]
 
 
-def made_up_requests(known: list[str], count: int, seed: int) -> list[str]:
-    """Requests of real commands, right and wrong, whole and cut, with time and a strobe between."""
+def random_requests(known: list[str], count: int, seed: int) -> list[str]:
+    """Valid, wrong and truncated commands, with pauses and strobe edges between them."""
     chance = random.Random(seed)
 
     def line() -> bytes:
         numbers = ",".join(chance.choices(NUMBERS, k=chance.choice([0, 0, 1, 1, 2, 3, 6, 20])))
-        made_up = f"{chance.choice(known)} {numbers}"
-        text = (made_up if chance.random() < 0.5 else chance.choice(WRITTEN_DOWN)).encode()
+        invented = f"{chance.choice(known)} {numbers}"
+        text = (invented if chance.random() < 0.5 else chance.choice(DOCUMENTED)).encode()
         if chance.random() < 0.3:
             text = b"#%d %s" % (chance.randrange(70000), text)
         if chance.random() < 0.3:
@@ -83,19 +83,19 @@ def made_up_requests(known: list[str], count: int, seed: int) -> list[str]:
     return [" ".join(word() for _ in range(chance.randrange(1, 12))) for _ in range(count)]
 
 
-def test_made_up_lines(bench, reference):
-    requests = made_up_requests(headers(reference), 300, seed=1)
+def test_random_lines(bench, reference):
+    requests = random_requests(headers(reference), 300, seed=1)
     expected = [reference.answer(request) for request in requests]
     assert bench.answers(*requests) == expected
     whole = b"".join(expected)
-    # what is compared is neither only errors nor only a few of them
+    # the requests have many successes and many kinds of errors
     assert whole.count(b"OK") > 200
     assert len(set(re.findall(rb"ERR (-?\d+)", whole))) >= 8
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_many_made_up_lines(bench, reference, seed):
-    requests = made_up_requests(headers(reference), 2000, seed=100 + seed)
+def test_many_random_lines(bench, reference, seed):
+    requests = random_requests(headers(reference), 2000, seed=100 + seed)
     assert bench.answers(*requests) == [reference.answer(request) for request in requests]
 
 
@@ -106,14 +106,16 @@ def test_any_bytes(bench, reference, batch):
     assert bench.answers(*requests) == [reference.answer(request) for request in requests]
 
 
-def test_its_memory_does_not_grow(new_pico):
+def test_memory_does_not_grow(new_pico):
     pico = new_pico(HERE / "bench.py", ROOM / "firmware.py")
     thousand_lines = "for _ in range(70): device.exercise()\ngc.collect()"
-    held = []
+    used_bytes = []
     with pico.prompt() as execute:
         execute("import bench, gc\ndevice = bench.Device()")
         for _ in range(24):
             execute(thousand_lines)
-            held.append(int(execute("print(gc.mem_alloc())")))
-    # the first thousands settle what is kept once, such as names
-    assert held[3] == held[-1], held
+            used_bytes.append(int(execute("print(gc.mem_alloc())")))
+    # During the first thousands, names and the like are allocated once. After that the conservative
+    # garbage collector may hold a few blocks, but a leak takes one of 16 bytes in every thousand.
+    settled, *later = used_bytes[3:]
+    assert later[-1] - settled < 16 * len(later), used_bytes

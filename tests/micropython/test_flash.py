@@ -1,4 +1,4 @@
-"""`ps4rig rig flash` puts the firmware on a board of real MicroPython, by the real mpremote."""
+"""`ps4rig rig flash` copies the firmware to real MicroPython with the real mpremote."""
 
 import json
 import subprocess
@@ -21,14 +21,14 @@ NAMES = {"firmware.py", "main.py", "pico_board.py"}
 
 def ps4rig(*words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "capture", "rig", "flash", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
-def on(pico) -> dict[str, bytes]:
+def files_on(pico) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in pico.flash.iterdir()}
 
 
-def wanted() -> dict[str, bytes]:
+def expected_files() -> dict[str, bytes]:
     return {file.name: file.data for file in board_files()}
 
 
@@ -36,12 +36,12 @@ def test_an_empty_board_becomes_a_light_controller(new_pico):
     pico = new_pico()
     done = ps4rig("--port", pico.port, "--json")
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert (said["before"], said["after"]) == (None, FIRMWARE_VERSION)
-    assert on(pico) == wanted()
+    report = json.loads(done.stdout)
+    assert (report["before"], report["after"]) == (None, FIRMWARE_VERSION)
+    assert files_on(pico) == expected_files()
 
 
-def test_a_running_controller_gets_other_firmware(new_pico, tmp_path):
+def test_a_running_controller_is_updated(new_pico, tmp_path):
     old = tmp_path / "firmware.py"
     source = BOARD_FILES[0].read_text().replace(f'"{FIRMWARE_VERSION}"', '"1.9.0"')
     old.write_text(source.replace("PROTOCOL_VERSION = 2", "PROTOCOL_VERSION = 1"))
@@ -50,20 +50,20 @@ def test_a_running_controller_gets_other_firmware(new_pico, tmp_path):
     planned = ps4rig("--port", pico.port, "--dry-run")
     assert "would get firmware " + FIRMWARE_VERSION in planned.stdout
     assert "before: 1.9.0" in planned.stdout
-    assert on(pico)["firmware.py"] == old.read_bytes()
+    assert files_on(pico)["firmware.py"] == old.read_bytes()
     done = ps4rig("--port", pico.port)
     assert done.returncode == 0, done.stderr
     assert f"has firmware {FIRMWARE_VERSION}; before: 1.9.0" in done.stdout
-    assert on(pico) == wanted()
+    assert files_on(pico) == expected_files()
 
 
-def test_a_copy_that_breaks_off_leaves_the_old_program_running(pico, tmp_path):
+def test_an_interrupted_copy_leaves_the_old_program_running(pico, tmp_path):
     pico.wait_for("watchdog")
-    before = on(pico)
+    before = files_on(pico)
     lost = BoardFile("main.py", tmp_path / "is not there", b"")
     with pytest.raises(LightControllerError, match="or it refused"):
         flash_port(pico.port, (*board_files()[:2], lost))
-    left = on(pico)
+    left = files_on(pico)
     assert {name: left[name] for name in NAMES} == before
     ControllerLink(pico.port, 115_200).close()
 

@@ -1,4 +1,4 @@
-"""main.py and pico_board.py run under MicroPython, and our own driver talks to them."""
+"""main.py and pico_board.py run under MicroPython and are used by the driver."""
 
 import re
 import time
@@ -8,7 +8,7 @@ import serial
 
 from rig.lights.driver import LightController
 
-from .conftest import BOARD_FILES
+from .conftest import BOARD_FILES, DEADLINE_S
 
 pytestmark = pytest.mark.micropython
 
@@ -19,8 +19,8 @@ TRIGGER_PIN = 7
 
 @pytest.fixture
 def line(pico):
-    """The Pico's serial line, its banner taken."""
-    with serial.Serial(pico.port, timeout=10) as port:
+    """The Pico's serial line after its banner."""
+    with serial.Serial(pico.port, timeout=DEADLINE_S) as port:
         assert port.read_until(b"\n").startswith(b"READY PS4RIG,LED4,e66118604b842a21,")
         yield port
 
@@ -67,14 +67,18 @@ def test_never_two_leds_at_once(pico, line):
         assert sum(duty > 0 for duty in duties.values()) <= 1
 
 
-def test_its_time_goes_on_when_the_counter_wraps(line):
+def test_time_continues_when_the_counter_wraps(line):
     # the counter of board.mjs wraps 1 s after the start
-    times_us = []
-    until_s = time.monotonic() + 2.0
-    while time.monotonic() < until_s:
+    start_s = time.monotonic()
+    times_us = [ask(line, "LED:STAT?")[-1]]
+    first_s = time.monotonic()
+    while time.monotonic() < first_s + 2.0:
+        before_last_s = time.monotonic()
         times_us.append(ask(line, "LED:STAT?")[-1])
+    end_s = time.monotonic()
     assert times_us == sorted(times_us)
-    assert 1_500_000 < times_us[-1] - times_us[0] < 2_500_000
+    passed_s = (times_us[-1] - times_us[0]) / 1e6
+    assert before_last_s - first_s - 0.01 < passed_s < end_s - start_s + 0.01
 
 
 def test_control_characters_are_data(line):
@@ -86,8 +90,8 @@ def test_control_characters_are_data(line):
 def test_a_sequence_follows_the_strobe(pico, line):
     ask(line, "SEQ:ARM 1000,5000000,-1,0,1")
     for edge in ("strobe 0", "strobe 1") * 3:
-        time.sleep(0.01)
-        pico.happen(edge)
+        time.sleep(0.05)  # the LED has settled after 1 ms
+        pico.send_event(edge)
         pico.mark()
     while (state := ask(line, "SEQ:STAT?"))[0]:
         pass
@@ -96,22 +100,22 @@ def test_a_sequence_follows_the_strobe(pico, line):
         led, lit_us, _, begun_us, ended_us, exposures = ask(line, f"SEQ:STEP? {step}")
         assert (led, exposures) == (light, 1)
         assert lit_us + 1000 <= begun_us
-        assert ended_us - begun_us >= 10_000
+        assert ended_us - begun_us >= 50_000
 
 
-def test_a_glitch_is_no_exposure(pico, line):
+def test_a_glitch_is_not_an_exposure(pico, line):
     ask(line, "SEQ:ARM 0,5000000,0,1")
-    pico.happen("glitch")
+    pico.send_event("glitch")
     pico.mark()
     assert ask(line, "SEQ:STAT?")[:2] == [1, 1]
     assert ask(line, "SEQ:STEP? 0")[-1] == 0
 
 
-def test_edges_that_are_too_many_are_dropped(pico, line):
+def test_too_many_edges_are_dropped(pico, line):
     ask(line, "SEQ:ARM 1000,5000000,0,1")
     for _ in range(200):
-        pico.happen("strobe 0")
-        pico.happen("strobe 1")
+        pico.send_event("strobe 0")
+        pico.send_event("strobe 1")
     pico.mark()
     ask(line, "*RST")
 
@@ -123,10 +127,10 @@ def test_a_trigger_is_a_pulse(pico, line):
     assert [level for pin, level in pico.recorded("pin") if pin == TRIGGER_PIN] == [0, 1, 0, 1, 0]
 
 
-def test_a_fault_puts_the_leds_out_is_told_and_resets(pico, line):
+def test_a_fault_puts_the_leds_out_and_resets(pico, line):
     ask(line, "LED:SEL 1")
     start = pico.mark()
-    pico.happen("fail some text")
+    pico.send_event("fail some text")
     assert line.read_until(b"\n") == b"FAULT OSError('some text',)\n"
     assert line.read_until(b"\n").startswith(b"READY ")
     before_reset = pico.records[start : [r["what"] for r in pico.records].index("reset")]
@@ -135,43 +139,45 @@ def test_a_fault_puts_the_leds_out_is_told_and_resets(pico, line):
 
 def test_a_hang_ends_in_a_reset(pico, line):
     ask(line, "LED:SEL 1")
-    pico.happen("hang 3100")
+    pico.send_event("hang 3100")
     assert line.read_until(b"\n").startswith(b"READY ")
     assert pico.recorded("bite")
 
 
-def test_a_host_that_does_not_read_stops_nothing(pico, line):
+def test_a_host_that_does_not_read_blocks_nothing(pico, line):
     for _ in range(1000):  # far more replies than the board and the pseudo-terminal hold
         line.write(b"LED:STAT?\n")
     start = len(pico.records)
     line.write(b"LED:SEL 1\n")
     pico.wait_for("pwm", 4, since=start)
     assert not pico.recorded("bite")
-    # then it reads: whole lines, fewer than it asked for
+    # then it reads complete lines, fewer than it asked for
     line.timeout = 1
     received = line.read(100_000)
     line.write(b"#1 LED:OFF\n")
-    line.timeout = 10
+    line.timeout = DEADLINE_S
     *replies, last = (received + line.read_until(b"#1 OK -1,")).splitlines()
     assert last == b"#1 OK -1,"
     assert 20 < len(replies) < 1000
     assert all(re.fullmatch(rb"OK (-1,100,100,100,100|1),\d+", reply) for reply in replies)
 
 
-def test_after_prog_it_is_at_its_prompt_for_one_boot(pico, line):
+def test_prog_gives_the_prompt_for_one_boot(pico, line):
     ask(line, "LED:SEL 1")
     ask(line, "SYST:PROG")
     pico.wait_for("reset")
     assert dict(pico.recorded("pin"))[3] == 0
     with pico.prompt() as execute:
         assert execute("import os; print('prompt-once' in os.listdir())") == "False"
-        assert len(pico.recorded("watchdog")) == 1  # nothing that would bite while files are copied
+        assert (
+            len(pico.recorded("watchdog")) == 1
+        )  # none that resets the board while files are copied
         line.write(b"import machine; machine.reset()\x04")
         line.read_until(b"READY ")
 
 
 @pytest.mark.parametrize("name", ["firmware.py", "pico_board.py"])
-def test_files_that_cannot_be_loaded_end_at_the_prompt(new_pico, name, tmp_path):
+def test_a_broken_file_leads_to_the_prompt(new_pico, name, tmp_path):
     broken = tmp_path / name
     broken.write_text("this is (no program\n")
     pico = new_pico(*BOARD_FILES, broken)

@@ -1,4 +1,4 @@
-"""The test driver vivid, opened as a device, as a camera and as a rig."""
+"""Fixtures that open the test driver vivid as a device, a camera and a rig."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,8 +43,8 @@ def opened_bench(camera: CameraConfig) -> Iterator[Bench]:
         lights = {
             "port": server.address,
             "settle_ms": SETTLE_MS,
-            # Three: four pictures that shade nothing contradict each other. And unequal as the
-            # brightness steps, or the set would be refused for that.
+            # Three lights, because four images without shading contradict each other. Unequal, as
+            # the steps of brightness are, or the set would be rejected for that.
             "tilts_deg": [0, 120, 240],
             "intensities": [1, 2, 3],
         }
@@ -67,7 +67,7 @@ def opencv_bench() -> Iterator[Bench]:
 
 @pytest.fixture(params=["v4l2", "opencv"])
 def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    """Of the camera contract."""
+    """The rig of the camera contract."""
     with opened_bench(config() if request.param == "v4l2" else opencv_config()) as bench:
         yield bench.rig
 

@@ -1,4 +1,4 @@
-"""The simulated rig as devices of the guest, and programs that take it for a real one."""
+"""The simulated rig as devices of the guest."""
 
 import signal
 import subprocess
@@ -16,12 +16,12 @@ RATE_HZ = 5.0
 PERIOD_S = 1.0 / RATE_HZ
 EXPOSURE_MS = 20.0
 SETS = 2
-# The part below the simulated camera: another piece of it than the library knows, and turned.
+# The part: another patch of the surface than the library is trained on, and rotated.
 SURFACE, SEED, ROTATE_DEG = "sand", 7, 40.0
 
 
 def rig_toml(pixel_format: str = "Y16") -> str:
-    """An ordinary rig; the two last keys of the camera are what v4l2loopback is."""
+    """An ordinary rig; the camera's last two keys describe v4l2loopback."""
     return f"""
 name = "closed loop"
 
@@ -50,7 +50,7 @@ def ps4rig(*arguments: object) -> list[str]:
 
 @contextmanager
 def simulated_rig(config: Path, serial: str) -> Iterator[subprocess.Popen[str]]:
-    """``ps4rig rig simulate`` as a process, from when its devices are there until Ctrl-C."""
+    """Run ``ps4rig rig simulate`` as a process, and end it with Ctrl-C."""
     command = ps4rig(
         *("rig", "simulate", "--rig", config, "--serial", serial, "--video", VIDEO),
         *("--surface", SURFACE, "--seed", SEED, "--rotate", ROTATE_DEG),

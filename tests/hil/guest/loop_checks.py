@@ -1,7 +1,6 @@
-"""A rig of simulated devices, used as a real one. Runs as root in the guest.
+"""A rig of simulated devices, used like a real one. Runs as root in the guest.
 
-The firmware answers at the far end of a USB gadget, frames come out of v4l2loopback, and they are
-used by programs of their own.
+The firmware answers at the far end of a USB gadget, and frames come out of v4l2loopback.
 """
 
 import re
@@ -61,7 +60,7 @@ def camera(simulation: subprocess.Popen[str], config: Path) -> Iterator[V4l2Came
     opened.close()
 
 
-# v4l2loopback has no room for the words of Y10 and Y12, see below.
+# v4l2loopback has no formats Y10 and Y12, see below.
 @pytest.mark.parametrize("name", [name for name in PACKINGS if name not in ("Y10", "Y12")])
 def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path) -> None:
     entry, packing = PIXEL_FORMATS[name], PACKINGS[name]
@@ -89,7 +88,7 @@ def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path
     assert frame.bit_depth == entry.bit_depth
     assert frame.exposure_end_s + 0.004 == pytest.approx(end_s, abs=2e-6)
     if name in ("YUYV", "UYVY"):
-        # Luma has 220 steps, and what is near its white counts as saturated.
+        # Luma has 220 steps; values near its white count as saturated.
         good = frame.pixels < 255
         assert good.mean() > 0.9
         np.testing.assert_allclose(frame.pixels[good], 16 + written[good] * (219 / 255), atol=0.51)
@@ -98,7 +97,7 @@ def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("name", ["Y10", "Y12"])
-def test_a_format_that_the_driver_has_no_room_for_is_named(name: str) -> None:
+def test_a_format_that_the_driver_does_not_have_is_named(name: str) -> None:
     with pytest.raises(CameraError, match=rf"a line of {name} 64x64 .* instead of 128; .*Y16"):
         V4l2Output(
             VIDEO,
@@ -120,7 +119,7 @@ def test_sets_are_captured_through_real_devices(
     assert simulation.poll() is None
 
 
-def test_frames_begin_whole_periods_apart(camera: V4l2Camera) -> None:
+def test_exposures_start_whole_periods_apart(camera: V4l2Camera) -> None:
     frames = [camera.read(3.0) for _ in range(10)]
     starts = np.diff([frame.exposure_start_s for frame in frames])
     numbers = np.diff([frame.sequence for frame in frames])
@@ -128,7 +127,7 @@ def test_frames_begin_whole_periods_apart(camera: V4l2Camera) -> None:
     np.testing.assert_allclose(starts, numbers * PERIOD_S, atol=5e-6)
 
 
-def test_a_simulation_that_stood_still_sends_no_burst(
+def test_a_stopped_simulation_sends_no_burst_when_it_continues(
     simulation: subprocess.Popen[str], camera: V4l2Camera
 ) -> None:
     camera.read(3.0)
@@ -138,16 +137,16 @@ def test_a_simulation_that_stood_still_sends_no_burst(
     continued_s = time.monotonic()
     simulation.send_signal(signal.SIGCONT)
     starts = [camera.read(3.0).exposure_start_s for _ in range(5)]
-    # One may have been on its way into the device when it stopped.
+    # One frame may have been on its way into the device.
     assert [s for s in starts if stopped_s + PERIOD_S < s < continued_s - 2 * PERIOD_S] == []
     assert starts[-1] > continued_s
 
 
-def test_stale_frames_are_dark_and_known_by_their_stamps(camera: V4l2Camera) -> None:
+def test_stale_frames_are_dark_and_recognised_by_their_stamps(camera: V4l2Camera) -> None:
     with LightController(port_of(GADGET)) as lights:
         lights.off()
         dark = camera.read(3.0).pixels.mean()
-        # So long that the device is full of frames without light.
+        # Long enough to fill the device with dark frames.
         time.sleep(4 * PERIOD_S)
         before_s = time.monotonic()
         lit_s = lights.select(2).acknowledged_s + 0.02
@@ -161,7 +160,7 @@ def test_stale_frames_are_dark_and_known_by_their_stamps(camera: V4l2Camera) -> 
 
 
 @pytest.mark.usefixtures("simulation")
-def test_a_second_simulation_is_turned_away(gadget: Gadget) -> None:
+def test_a_second_simulation_is_refused(gadget: Gadget) -> None:
     clock = RealClock()
     with pytest.raises(BlockingIOError):
         serve_tty(SimulatedController(SimulatedBoard(clock), clock), gadget.far_end)
@@ -184,7 +183,7 @@ def test_a_device_that_takes_no_frames_is_named() -> None:
 
 
 def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: subprocess.Popen[str]) -> None:
-    # The last check: all before need it.
+    # Must be the last check, because the others need the process.
     simulation.send_signal(signal.SIGINT)
     _, said = simulation.communicate(timeout=20.0)
     assert simulation.returncode == 0

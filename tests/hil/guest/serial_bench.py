@@ -1,4 +1,4 @@
-"""Serial lines in the guest, with the controller's firmware at their far ends."""
+"""Serial lines of the guest with the controller's firmware at their far ends."""
 
 import subprocess
 import time
@@ -16,20 +16,20 @@ from rig.lights.driver import LightController
 
 T = TypeVar("T")
 
-# The other end of the null modem whose near end is the adapter of that serial number.
+# The far end of the null modem, and the serial number of the adapter at its near end.
 MODEM_FAR_END = "/dev/ttyS1"
 MODEM = "MODEM-1"
-# An adapter at whose far end the host serves the firmware, as controller of the same number.
+# Serial number of an adapter at whose far end the host serves the firmware.
 HOST = "HOST-1"
 GADGET = "PICO-1"
-# The host pulls and plugs that one when it is asked to by a file.
+# Files that make the host unplug and plug that adapter.
 PULL, PLUG = Path("/mnt/pull"), Path("/mnt/plug")
 _CONFIGFS = Path("/sys/kernel/config")
 _PATIENCE_S = 20.0
 
 
 def port_of(serial_number: str) -> str:
-    """The port of the adapter with a serial number, once it is there."""
+    """Wait for the adapter with a serial number and return its port."""
     wanted = LightsConfig(port="auto", serial_number=serial_number)
 
     def found() -> str:
@@ -41,7 +41,7 @@ def port_of(serial_number: str) -> str:
 
 
 def wait_for(look: Callable[[], T]) -> T:
-    """What `look` returns once that is not nothing."""
+    """Call `look` until it returns something, and return that."""
     deadline_s = time.monotonic() + _PATIENCE_S
     while time.monotonic() < deadline_s:
         if seen := look():
@@ -51,9 +51,9 @@ def wait_for(look: Callable[[], T]) -> T:
 
 
 class Gadget:
-    """A USB device with one CDC serial line, plugged into this very machine.
+    """A USB device with one CDC serial line, plugged into this same machine.
 
-    The kernel calls the end of the device ``/dev/ttyGS0``, and ours ``/dev/ttyACM0``.
+    Its end of the line is ``/dev/ttyGS0``, the host's end ``/dev/ttyACM0``.
     """
 
     far_end = "/dev/ttyGS0"
@@ -66,7 +66,7 @@ class Gadget:
         texts, config = self._folder / "strings/0x409", self._folder / "configs/c.1"
         for folder in (texts, config, self._folder / "functions/acm.0"):
             folder.mkdir(parents=True)
-        # Those of a Raspberry Pi Pico with MicroPython.
+        # The ids of a Raspberry Pi Pico with MicroPython.
         (self._folder / "idVendor").write_text("0x2e8a")
         (self._folder / "idProduct").write_text("0x0005")
         (texts / "manufacturer").write_text("ps4rig")
@@ -89,7 +89,7 @@ class Gadget:
 
 @dataclass(frozen=True)
 class Plug:
-    """The controller's end of a line; to stop it is to pull it out, which takes its power."""
+    """The controller's end of a line; stopping it unplugs it and cuts its power."""
 
     pull: Callable[[], None]
 
@@ -99,7 +99,7 @@ class Plug:
 
 @dataclass(frozen=True)
 class SerialController:
-    """The firmware at the far end of a real serial line, and what its LEDs really do."""
+    """The firmware at the far end of a serial line, and the light of its LEDs."""
 
     port: str
     clock: Clock
@@ -107,11 +107,11 @@ class SerialController:
     server: Plug
 
     def open(self, **options: int) -> LightController:
-        was = known_port(self.port, list_serial_ports())
+        known = known_port(self.port, list_serial_ports())
         return LightController(
             self.port,
             clock=self.clock,
-            whereabouts=lambda: ports_to_try(was, list_serial_ports()),
+            whereabouts=lambda: ports_to_try(known, list_serial_ports()),
             **options,
         )
 
@@ -125,7 +125,7 @@ class SerialController:
 def controller_at(
     far_end: str, port: str, unplug: Callable[[], None] = lambda: None
 ) -> Iterator[SerialController]:
-    """The firmware served at one end of a line whose other end is `port`."""
+    """Serve the firmware at one end of a line whose other end is `port`."""
     clock = RealClock()
     board = SimulatedBoard(clock)
     with serve_tty(SimulatedController(board, clock, boot_ms=100.0), far_end) as server:

@@ -1,7 +1,7 @@
 """The light controller over the kernel's serial drivers. Runs as root in the guest.
 
-``ftdi_sio`` drives an adapter whose line ends at the guest's second serial port, and another one
-whose line ends at the firmware on the host. ``cdc_acm`` drives a USB gadget.
+``ftdi_sio`` drives two adapters: the line of one ends at the guest's second serial port, the line
+of the other at the firmware on the host. ``cdc_acm`` drives a USB gadget.
 """
 
 import subprocess
@@ -24,17 +24,17 @@ from rig.simulation.camera import SimulatedCamera
 from rig.simulation.exposures import FreeRunning, Shutter
 from rig.simulation.sensor import SensorModel
 from tests.contract.test_lights_contract import (  # noqa: F401
-    test_all_leds_are_out_once_it_is_open,
+    test_an_impossible_request_is_refused_and_changes_nothing,
+    test_an_unplugged_controller_is_an_error_and_dark,
     test_close_puts_the_leds_out_and_the_next_program_can_open_it,
-    test_confirm_tells_what_is_lit_from_what_should_be,
-    test_controller_times_only_grow,
-    test_it_says_who_it_is,
-    test_levels_are_kept_per_led,
+    test_confirm_fails_when_another_led_is_lit,
+    test_controller_times_increase,
+    test_each_led_keeps_its_level,
+    test_it_identifies_itself,
     test_one_led_at_a_time_in_any_order,
-    test_one_that_is_unplugged_is_an_error_and_dark,
-    test_silence_puts_the_leds_out,
-    test_the_light_is_new_once_it_is_acknowledged,
-    test_what_it_cannot_do_it_refuses_and_goes_on,
+    test_opening_puts_all_leds_out,
+    test_the_light_changes_before_the_acknowledge,
+    test_the_watchdog_puts_the_leds_out_when_the_host_is_silent,
 )
 from tests.hil.guest.serial_bench import (
     GADGET,
@@ -79,7 +79,7 @@ def gadget_controller(gadget: Gadget) -> Iterator[SerialController]:
 
 
 def rig_with(lights: LightController, seen: SerialController) -> Rig:
-    """A rig whose lights are real and whose camera sees what the board's LEDs do."""
+    """A rig with a serial light controller and a simulated camera that sees the board's LEDs."""
     config = RigConfig().with_changes(
         camera={"width_px": 48, "height_px": 32, "frame_rate_hz": 10.0, "exposure_ms": 20.0},
         lights={"settle_ms": 20.0},
@@ -96,7 +96,7 @@ def rig_with(lights: LightController, seen: SerialController) -> Rig:
 
 
 def _card(rows: int, columns: int) -> SceneImages:
-    """A plain grey card; what is real here is the light on it."""
+    """A plain grey card."""
     grey = np.full((rows, columns), 0.5, np.float32)
     lights = np.stack([grey] * 4)
     flat = np.zeros_like(grey)
@@ -120,12 +120,12 @@ def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
         wait_for(lambda: seen.board.output(1, seen.clock.now_s()) > 0.5)
         gadget.unplug()
 
-    hand = threading.Thread(target=pull_at_the_second_light)
-    hand.start()
+    puller = threading.Thread(target=pull_at_the_second_light)
+    puller.start()
     with rig_with(seen.open(watchdog_ms=1000), seen) as rig:
         with pytest.raises((HardwareError, SetRejected), match="gone"):
             capture_set(rig)
-        hand.join()
+        puller.join()
         unplugged_s = time.monotonic()
         wait_for(lambda: seen.lit() == [])
         assert time.monotonic() - unplugged_s < 3.0
@@ -135,7 +135,7 @@ def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
     assert len(captured.images) == 4
 
 
-def test_it_is_found_by_what_usb_says_of_it(gadget_controller: SerialController) -> None:
+def test_it_is_found_by_its_usb_description(gadget_controller: SerialController) -> None:
     ports = list_serial_ports()
     (listed,) = (port for port in ports if port.device == gadget_controller.port)
     assert (listed.usb_id, listed.serial_number) == ("2e8a:0005", GADGET)
@@ -145,8 +145,8 @@ def test_it_is_found_by_what_usb_says_of_it(gadget_controller: SerialController)
         assert find_controller(lights, ports) == gadget_controller.port
 
 
-def test_the_one_that_answers_is_found_among_boards(gadget_controller: SerialController) -> None:
-    # The adapter's vendor makes chips for boards, and nobody answers behind it.
+def test_auto_finds_the_board_that_answers(gadget_controller: SerialController) -> None:
+    # The adapter's vendor makes chips for boards; nobody answers behind this one.
     boards = [
         port
         for port in list_serial_ports()
@@ -156,24 +156,24 @@ def test_the_one_that_answers_is_found_among_boards(gadget_controller: SerialCon
     assert find_controller(LightsConfig(port="auto"), boards) == gadget_controller.port
 
 
-def test_it_goes_on_under_another_name_when_it_is_plugged_in_again(
+def test_recovery_finds_a_replugged_controller_under_another_name(
     gadget: Gadget, gadget_controller: SerialController
 ) -> None:
-    was = known_port(gadget_controller.port, list_serial_ports())
+    known = known_port(gadget_controller.port, list_serial_ports())
     with LightController(
         gadget_controller.port,
         clock=gadget_controller.clock,
-        whereabouts=lambda: ports_to_try(was, list_serial_ports()),
+        whereabouts=lambda: ports_to_try(known, list_serial_ports()),
     ) as lights:
         lights.set_level(3, 40)
         lights.select(3)
         gadget.unplug()
         gadget.plug()
-        again = port_of(GADGET)  # while the old port is still open, so that its name is taken
+        again = port_of(GADGET)  # another name, because the old port is still open
         with pytest.raises(LightControllerError):
             lights.confirm(3)
         lights.recover()
-        assert (lights.port, lights.port == was.device) == (again, False)
+        assert (lights.port, lights.port == known.device) == (again, False)
         assert lights.select(3).led == 3
         assert lights.state().levels_percent == (100, 100, 100, 40)
 
@@ -196,7 +196,7 @@ def test_the_program_that_holds_a_port_is_named(gadget_controller: SerialControl
         assert lights.select(0).led == 0
 
 
-def test_firmware_on_the_host_answers_over_ftdi_sio_and_comes_back() -> None:
+def test_firmware_on_the_host_is_used_over_ftdi_sio_and_reconnects() -> None:
     with LightController(port_of(HOST)) as lights:
         assert lights.identity.serial_number == HOST
         for led in range(4):
@@ -207,7 +207,7 @@ def test_firmware_on_the_host_answers_over_ftdi_sio_and_comes_back() -> None:
             _confirm_for(10.0, lights)
     PLUG.touch()
     with LightController(port_of(HOST)) as lights:
-        # Without power it has forgotten, and its LEDs were out.
+        # It was reset, and its LEDs were out.
         assert lights.state().led is None
 
 

@@ -1,4 +1,4 @@
-"""The test driver vivid as a camera, and what stands in for the light that it does not see."""
+"""The test driver vivid as a camera whose brightness follows the LEDs."""
 
 import threading
 from collections.abc import Iterator
@@ -19,11 +19,11 @@ RATE_HZ = 10.0
 PERIOD_S = 1.0 / RATE_HZ
 # The kernel's clock ticks every 4 ms, and vivid's frames come on a tick.
 JITTER_S = 0.02
-# Of a read, and some time for an emulated processor that stands still now and then.
+# The time-out of a read, and some time for an emulated processor that pauses.
 DEADLINE_S = 6.0
-# For a frame that was being filled, and for the thread that turns the brightness.
+# For a frame that was being filled, and for the thread that sets the brightness.
 SETTLE_MS = 60.0
-# Within what vivid's bars bear: below and above its grey values wrap round.
+# Within vivid's range: beyond it the grey values of its bars wrap round.
 AMBIENT, STEP = 128, 12
 CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
@@ -68,7 +68,7 @@ def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:
 
 
 def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
-    """Frames in a row; an emulated machine that stands still loses some, so it may try again."""
+    """Read frames without a gap; starts again where an emulated machine has lost one."""
     frames: list[Frame] = []
     for _ in range(10 * count):
         frame = camera.read(2.0)
@@ -90,7 +90,7 @@ def press(device: V4l2Device, slug: str) -> None:
 
 @dataclass(frozen=True)
 class Bench:
-    """A rig of vivid and of the controller's firmware on a pty, and what its LEDs really do."""
+    """A rig of vivid and the firmware on a pty, and the board with its LEDs."""
 
     rig: Rig
     board: SimulatedBoard
@@ -98,12 +98,12 @@ class Bench:
 
 @contextmanager
 def brightness_follows_the_leds(bench: Bench) -> Iterator[None]:
-    """Turn vivid's brightness up while an LED is on, as it sees no light.
+    """Raise vivid's brightness while an LED is on, because vivid sees no light.
 
-    By another amount for each LED, so that a picture tells which one it was taken under.
+    Each LED raises it by another amount, so that an image tells its light.
     """
     camera = bench.rig.camera
-    # The camera's own file, while that keeps others from changing controls; OpenCV does not.
+    # V4l2Camera keeps other files from changing controls, so its own is used.
     device = camera._device if isinstance(camera, V4l2Camera) else V4l2Device(VIDEO)
     brightness = named(device, "brightness")
     done = threading.Event()

@@ -1,7 +1,7 @@
-"""What our V4L2 layer does on the kernel's own test driver, vivid. Runs as root in the guest.
+"""The V4L2 layer on the kernel's test driver, vivid. Runs as root in the guest.
 
-vivid gives each frame a time stamp most of a period after it hands it out, has no exposure
-control, and lists some 80 formats, most of which nobody decodes.
+vivid stamps each frame most of a period after it hands it out, has no exposure control, and lists
+some 80 formats, most of which ps4rig does not decode.
 """
 
 import time
@@ -19,15 +19,14 @@ from rig.v4l2.controls import find_control, read_control, write_control
 from rig.v4l2.device import V4l2Device
 from rig.v4l2.pixel_formats import PIXEL_FORMATS
 
-# Asked of every camera. The one that is left out needs LEDs that the camera sees; a set below has
-# them.
+# The contract of every camera, but for the test that needs LEDs that the camera sees.
 from tests.contract.test_camera_contract import (  # noqa: F401
-    test_at_most_a_queue_of_frames_is_older_than_a_pause,
-    test_close_may_be_called_again_and_ends_the_frames,
-    test_frames_are_what_its_info_says,
-    test_frames_come_in_the_order_of_their_exposure_one_period_apart,
-    test_no_frame_comes_out_of_the_future,
-    test_no_frame_in_time_is_an_error_and_the_next_one_still_comes,
+    test_a_read_that_times_out_is_an_error_and_the_next_one_works,
+    test_at_most_a_queue_of_frames_is_stale_after_a_pause,
+    test_close_may_be_called_twice_and_ends_the_frames,
+    test_frames_agree_with_the_camera_info,
+    test_frames_come_in_order_of_exposure_one_period_apart,
+    test_no_exposure_ends_in_the_future,
 )
 from tests.hil.guest.vivid_bench import (
     CID_BRIGHTNESS,
@@ -53,16 +52,16 @@ from tests.hil.guest.vivid_bench import (
 pytestmark = pytest.mark.usefixtures("no_caption")
 
 
-def test_formats_and_sizes_are_listed_with_those_nobody_knows(device: V4l2Device) -> None:
+def test_known_and_unknown_formats_are_listed_with_their_sizes(device: V4l2Device) -> None:
     offered = {entry.fourcc: entry for entry in device.formats()}
     assert "320x180" in offered["GREY"].sizes
     known = {entry.fourcc for entry in PIXEL_FORMATS.values()}
     assert len(offered.keys() - known) > 10
-    # vivid has all that we decode but the compressed one.
+    # vivid has all decoded formats but the compressed one.
     assert known - offered.keys() == {"MJPG"}
 
 
-def test_cameras_are_listed_beside_one_that_streams(camera: V4l2Camera) -> None:
+def test_a_streaming_camera_is_listed(camera: V4l2Camera) -> None:
     listed = {str(entry.node): entry for entry in list_cameras()}
     vivid = listed[VIDEO]
     assert (vivid.name, vivid.driver, vivid.problem) == ("vivid", "vivid", None)
@@ -85,14 +84,14 @@ def test_a_stream_in_every_format_has_true_depth_and_no_gaps(name: str) -> None:
     np.testing.assert_allclose(stamps, 0.04, atol=JITTER_S)
     depth = PIXEL_FORMATS[name].bit_depth
     assert {frame.pixels.shape for frame in frames} == {(180, 320)}
-    # Colour bars: from black to three quarters of the range, of luma's shorter range too.
+    # Colour bars: from black to three quarters of the range, also of luma's shorter range.
     pixels = frames[-1].pixels
     assert pixels.dtype == (np.uint8 if depth == 8 else np.uint16)
     assert pixels.min() < 0.1 * 2**depth
     assert 0.65 * 2**depth < pixels.max() < 2**depth
 
 
-def test_all_depths_of_grey_show_one_picture() -> None:
+def test_all_grey_depths_show_the_same_image() -> None:
     means = {}
     for name in ("GREY", "Y10", "Y12", "Y16", "YUYV"):
         camera = V4l2Camera(config(name))
@@ -120,7 +119,7 @@ def test_white_in_luma_of_limited_range_is_saturated(device: V4l2Device) -> None
     assert pixels.min() == 255
 
 
-def test_the_stream_keeps_its_period_and_its_count(camera: V4l2Camera) -> None:
+def test_the_stream_keeps_its_period(camera: V4l2Camera) -> None:
     starts = [frame.exposure_start_s for frame in without_loss(camera, 12)]
     np.testing.assert_allclose(np.diff(starts), PERIOD_S, atol=JITTER_S)
     assert abs((starts[-1] - starts[0]) / 11 - PERIOD_S) < 0.005
@@ -135,7 +134,7 @@ def test_a_pause_shows_as_a_gap_after_the_queue(camera: V4l2Camera) -> None:
     assert (gaps == 1).sum() >= camera.info.queue_length - 1
 
 
-def test_lost_frames_are_missing_from_the_count(camera: V4l2Camera, device: V4l2Device) -> None:
+def test_lost_frames_leave_gaps_in_the_sequence(camera: V4l2Camera, device: V4l2Device) -> None:
     loss = named(device, "percentage_of_dropped_buffers")
     camera.close()
     write_control(device, loss, 50)
@@ -167,7 +166,7 @@ def test_a_driver_that_stops_for_good_is_an_error_in_time(camera: V4l2Camera) ->
 
 
 @pytest.mark.parametrize("source", [0, 1])
-def test_what_the_driver_claims_of_its_time_stamp_is_seen(device: V4l2Device, source: int) -> None:
+def test_the_source_of_time_stamps_is_read(device: V4l2Device, source: int) -> None:
     control = named(device, "timestamp_source")
     write_control(device, control, source)
     try:
@@ -180,7 +179,7 @@ def test_what_the_driver_claims_of_its_time_stamp_is_seen(device: V4l2Device, so
     assert capture.marks_exposure_start == (source == 1)
 
 
-def test_measurement_mode_is_held_and_recorded() -> None:
+def test_measurement_mode_is_set_and_recorded() -> None:
     camera = V4l2Camera(config(gain=77))
     controls = camera.info.controls
     camera.close()
@@ -200,9 +199,7 @@ def test_measurement_mode_is_held_and_recorded() -> None:
         ({"fixed_exposure": False}, r"no control for its exposure time.*fixed_exposure = true"),
     ],
 )
-def test_a_setting_it_cannot_have_is_refused_by_name(
-    changes: dict[str, object], message: str
-) -> None:
+def test_an_impossible_setting_is_refused_by_name(changes: dict[str, object], message: str) -> None:
     with pytest.raises(CameraError, match=message):
         V4l2Camera(config(**changes))
 
@@ -230,7 +227,7 @@ def test_the_doctor_names_every_control_that_does_not_hold(tmp_path: Path) -> No
         ("horizontal_flip", 1),
     ],
 )
-def test_a_control_of_every_kind_is_held(device: V4l2Device, slug: str, value: int) -> None:
+def test_every_kind_of_control_is_set(device: V4l2Device, slug: str, value: int) -> None:
     control = named(device, slug)
     before = read_control(device, control)
     write_control(device, control, value)
@@ -279,7 +276,7 @@ def test_a_format_or_rate_it_does_not_have_is_refused(
         V4l2Camera(config(**changes))
 
 
-def test_a_second_program_is_turned_away_and_changes_nothing(
+def test_a_second_program_is_refused_and_changes_nothing(
     camera: V4l2Camera, device: V4l2Device
 ) -> None:
     before = camera.read(2.0)
@@ -308,8 +305,8 @@ def test_a_driver_that_fails_to_start_is_named_and_released(device: V4l2Device) 
     V4l2Camera(config()).close()
 
 
-def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Path) -> None:
-    # So long that the driver's buffers are full of frames from before the set.
+def test_a_set_holds_no_stale_frame(bench: Bench, tmp_path: Path) -> None:
+    # Long enough to fill the driver's buffers with stale frames.
     time.sleep(6 * PERIOD_S)
     with brightness_follows_the_leds(bench):
         capture_set(bench.rig, label="bars").save(tmp_path / "bars.ome.tif")
@@ -317,7 +314,7 @@ def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Pat
     over_ambient = captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
     np.testing.assert_allclose(over_ambient, STEP * np.array([1, 2, 3]), atol=1.0)
     metadata = captured.metadata
-    # Of its controller, that is.
+    # The controller is simulated.
     assert metadata.simulated
     assert (metadata.camera.kind, metadata.camera.name) == ("v4l2", "vivid")
     assert metadata.camera.controls["gain_automatic"] == 0
@@ -325,11 +322,11 @@ def test_a_set_is_captured_with_no_stale_frame_in_it(bench: Bench, tmp_path: Pat
     assert sum(image.stale_frames for image in metadata.images) >= 2
 
 
-def test_a_set_through_opencv_has_no_stale_frame_in_it_either(opencv_bench: Bench) -> None:
+def test_a_set_through_opencv_holds_no_stale_frame(opencv_bench: Bench) -> None:
     with brightness_follows_the_leds(opencv_bench):
         captured = capture_set(opencv_bench.rig, label="bars")
     over_ambient = captured.images.mean(axis=(1, 2)) - captured.ambient.mean()
-    # Its way from luma to grey goes through colours, and the bars are colourful.
+    # OpenCV converts luma to grey through colours, and the bars are coloured.
     assert over_ambient[0] > 0.5 * STEP
     np.testing.assert_allclose(over_ambient / over_ambient[0], [1, 2, 3], rtol=0.15)
     camera = captured.metadata.camera
@@ -340,7 +337,7 @@ def test_a_set_through_opencv_has_no_stale_frame_in_it_either(opencv_bench: Benc
 def test_opencv_is_refused_a_camera_whose_exposure_it_cannot_set() -> None:
     with pytest.raises(CameraError, match="auto_exposure was set to 1 through OpenCV and reads"):
         OpencvCamera(opencv_config(fixed_exposure=False))
-    # And lets go of it.
+    # The camera is released.
     V4l2Camera(config()).close()
 
 
@@ -349,7 +346,7 @@ def test_opencv_is_refused_a_size_that_the_camera_does_not_have() -> None:
         OpencvCamera(opencv_config(width_px=322))
 
 
-# Those below take devices away for good, so they come last.
+# The checks below remove devices for good, so they come last.
 
 
 def test_a_camera_that_is_disconnected_in_mid_stream_is_named_in_time() -> None:

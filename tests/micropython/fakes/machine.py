@@ -1,22 +1,21 @@
-"""The hardware of a Pico, as far as the board file uses it: what is driven is recorded."""
+"""The hardware of a Pico that the board file uses; outputs are recorded."""
 
 import json
 import time
 
 import host
 
-PULSES = []  # timers that run
-PINS = {}  # by number, those with an interrupt
-WATCHED = []  # the watchdog
+TIMERS = []  # running timers
+PINS = {}  # pins with an interrupt, by number
 
 
 def record(what, number, value):
     host.record(json.dumps({"what": what, "number": number, "value": value}))
 
 
-def turn():
-    """What hardware does by itself, between two steps of the program."""
-    for timer in list(PULSES):
+def run_hardware():
+    """Run timers and events; called between two steps of the program."""
+    for timer in list(TIMERS):
         timer._run()
     text = host.event()
     while text:
@@ -71,11 +70,11 @@ class Timer:
         assert mode == Timer.ONE_SHOT
         self.callback = callback
         self.due_ms = time.ticks_add(time.ticks_ms(), period)
-        PULSES.append(self)
+        TIMERS.append(self)
 
     def _run(self):
         if time.ticks_diff(time.ticks_ms(), self.due_ms) >= 0:
-            PULSES.remove(self)
+            TIMERS.remove(self)
             self.callback(self)
 
 

@@ -1,4 +1,4 @@
-"""The file system, with the error number that a Pico has for a file that is not there."""
+"""The file system, with a Pico's error number for a missing file."""
 
 from uos import *
 from uos import stat as _stat

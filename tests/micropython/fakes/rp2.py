@@ -1,1 +1,1 @@
-"""Only there on an RP2040 or RP2350."""
+"""A module that exists only on an RP2040 or RP2350."""

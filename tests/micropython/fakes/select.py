@@ -1,4 +1,4 @@
-"""Polling stdin and stdout: what the host has sent, and whether it takes more."""
+"""Poll stdin and stdout: whether the host has sent bytes, and whether it takes more."""
 
 import host
 import machine
@@ -13,5 +13,5 @@ class poll:
 
     def poll(self, timeout_ms):
         assert timeout_ms == 0
-        machine.turn()
+        machine.run_hardware()
         return [self] if (host.writable() if self.flags == POLLOUT else host.readable()) else []
