@@ -1,39 +1,51 @@
-"""The rig's side of the preview: light after light, frame after frame, and again after an error."""
+"""The rig's side of the preview: it shows one light after the other, and recovers from errors."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from rig import HardwareError, Rig, RigConfig, open_rig
+from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
-from .shots import Shot, shot_of
+from .preview_image import PreviewImage, preview_image
 
 __all__ = ["Preview", "run_preview"]
 
 RETRY_S = 2.0
-# Leaves the machine time for its viewers.
+# Leaves processor time to the server and the browser.
 _PAUSE_S = 0.05
-_LEAST_STALE_S = 3.0
+# A glance: whoever turns the lens must not turn it by an image older than this.
+_MIN_STALE_S = 3.0
 
 
 @dataclass
 class Preview:
-    """What viewers are shown, the newest only; written by one thread and read by others."""
+    """The newest image under each light; one thread writes it, others read it.
 
-    stale_after_s: float = _LEAST_STALE_S
+    Attributes
+    ----------
+    stale_after_s
+        Age at which the page blanks an image.
+    now_s
+        The clock of the frames' exposure times.
+    """
+
+    stale_after_s: float = _MIN_STALE_S
+    now_s: Callable[[], float] = time.monotonic
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _camera: str = ""
     _simulated: bool = False
     _lights: tuple[str, ...] = ()
-    _shots: dict[int, Shot] = field(default_factory=dict)
+    _images: dict[int, PreviewImage] = field(default_factory=dict)
     _error: str | None = None
 
     def opened(self, rig: Rig) -> None:
-        """The link to the rig is there, for the first time or again."""
+        """Note that the rig was opened, for the first time or again."""
         info = rig.camera.info
         with self._lock:
             self._camera = (
@@ -42,53 +54,54 @@ class Preview:
             self._simulated = rig.simulation is not None
             tilts_deg = rig.config.lights.tilts_deg
             self._lights = tuple(f"LED {k}, tilt {tilt:g}°" for k, tilt in enumerate(tilts_deg))
-            # A light's turn comes every two or three periods per light.
-            turn_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
-            self.stale_after_s = max(_LEAST_STALE_S, 2.0 * turn_s)
+            # A fresh frame takes two or three periods.
+            round_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
+            self.stale_after_s = max(_MIN_STALE_S, 2.0 * round_s)
 
-    def shown(self, light: int, shot: Shot) -> None:
-        """There is a newer frame under a light."""
+    def shown(self, light: int, image: PreviewImage) -> None:
+        """Replace the image under a light by a newer one."""
         with self._lock:
-            self._shots[light] = shot
+            self._images[light] = image
             self._error = None
 
     def failed(self, error: HardwareError) -> None:
-        """The rig does not answer; what it showed stays, and grows old."""
+        """Note an error; the last images stay, and age."""
         with self._lock:
             self._error = str(error)
 
-    def picture(self, light: int) -> bytes | None:
-        """The newest picture under a light as PNG."""
+    def png(self, light: int) -> bytes | None:
+        """Return the newest image under a light, or None if there is none yet."""
         with self._lock:
-            shot = self._shots.get(light)
-        return None if shot is None else shot.png
+            image = self._images.get(light)
+        return None if image is None else image.png
 
     def state(self) -> dict[str, Any]:
-        """All but the pictures, as it goes to the page."""
+        """Return everything but the images, as the page receives it."""
         with self._lock:
-            shots, now_s = dict(self._shots), time.monotonic()
+            images, now_s = dict(self._images), self.now_s()
             return {
                 "camera": self._camera,
                 "simulated": self._simulated,
                 "error": self._error,
                 "stale_after_s": self.stale_after_s,
+                "max_saturated_share": MAX_SATURATED_SHARE,
                 "lights": [
-                    _account(name, shots.get(k), now_s) for k, name in enumerate(self._lights)
+                    _figures(name, images.get(k), now_s) for k, name in enumerate(self._lights)
                 ],
             }
 
 
 def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) -> None:
-    """Show the rig until `stopping` is set; the LEDs are out when this returns or raises.
+    """Show the rig until `stopping` is set; the LEDs are off when this returns or raises.
 
-    What the hardware does not do is shown, and the rig opened again after two seconds.
+    A hardware error is shown, and the rig is opened again two seconds later.
 
     Raises
     ------
     InputError
         If the configuration cannot be used at all.
     """
-    # It is we who switch; and a picture's age is in the time of those who look at it.
+    # The LEDs are switched from here, and the age of an image is shown to people.
     config = config.with_changes(
         lights={"synchronisation": "software"}, simulation={"clock": "real"}
     )
@@ -105,20 +118,20 @@ def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) 
 
 def _show_each_light(rig: Rig, preview: Preview, stopping: threading.Event) -> None:
     for light in range(len(rig.lighting)):
-        preview.shown(light, shot_of(fresh_frame(rig, light)))
+        preview.shown(light, preview_image(fresh_frame(rig, light)))
         if stopping.wait(_PAUSE_S):
             return
 
 
-def _account(name: str, shot: Shot | None, now_s: float) -> dict[str, Any]:
-    if shot is None:
+def _figures(name: str, image: PreviewImage | None, now_s: float) -> dict[str, Any]:
+    if image is None:
         return {"name": name, "sequence": None}
     return {
         "name": name,
-        "sequence": shot.sequence,
-        "age_s": round(now_s - shot.exposed_s, 3),
-        "mean_share": shot.mean_share,
-        "saturated_share": shot.saturated_share,
-        "focus": shot.focus,
-        "histogram": shot.histogram,
+        "sequence": image.sequence,
+        "age_s": round(now_s - image.exposed_s, 3),
+        "mean_share": image.mean_share,
+        "saturated_share": image.saturated_share,
+        "focus": image.focus,
+        "histogram": image.histogram,
     }

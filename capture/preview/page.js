@@ -1,9 +1,7 @@
 "use strict";
 
 const POLL_MS = 250;
-const TIMEOUT_MS = 3000;
-// The share of saturated pixels at which a set is rejected.
-const MUCH_SATURATED = 0.01;
+const TIMEOUT_MS = 3000; // as long as an image may be shown without renewal
 
 const figures = [];
 let state = null;
@@ -12,7 +10,7 @@ let linkError = null;
 
 const byId = (id) => document.getElementById(id);
 
-// What was `age_s` when it was sent is older by what has passed since.
+// `age_s` is from when the answer was sent.
 const age = (light) => light.age_s + (performance.now() - receivedMs) / 1000;
 
 function figureOf(index) {
@@ -27,7 +25,7 @@ function figureOf(index) {
 function drawHistogram(canvas, shares) {
   const context = canvas.getContext("2d");
   context.clearRect(0, 0, canvas.width, canvas.height);
-  // Square roots, so that few pixels are seen beside many.
+  // Square roots keep bins of few pixels visible.
   const most = Math.sqrt(Math.max(...shares, 1e-9));
   const width = canvas.width / shares.length;
   shares.forEach((share, bin) => {
@@ -48,11 +46,11 @@ function show(light, index) {
   drawHistogram(find("canvas"), light.histogram);
   find(".mean").textContent = `${(100 * light.mean_share).toFixed(1)} %`;
   find(".saturated").textContent = `${(100 * light.saturated_share).toFixed(2)} %`;
-  find(".saturated").classList.toggle("much", light.saturated_share > MUCH_SATURATED);
+  find(".saturated").classList.toggle("too-much", light.saturated_share > state.max_saturated_share);
   find(".focus").textContent = light.focus.toPrecision(3);
 }
 
-// Whatever happens to the link, this goes on: a picture that nobody renews grows old and goes.
+// Runs without the server too, so that an image that is not renewed ages and is blanked.
 function refreshAges() {
   const error = linkError ?? state?.error;
   byId("error").hidden = !error;
@@ -66,7 +64,7 @@ function refreshAges() {
     figure.querySelector(".age").textContent = `${age(light).toFixed(1)} s old`;
     figure.querySelector("img").hidden = stale;
     figure.querySelector("p").hidden = !stale;
-    figure.querySelector("p").textContent = "no new picture: the last one is too old to be shown";
+    figure.querySelector("p").textContent = "no new image: the last one is too old to be shown";
   });
 }
 
@@ -81,7 +79,7 @@ async function poll() {
     byId("simulated").hidden = !state.simulated;
     state.lights.forEach(show);
   } catch (error) {
-    linkError = `No answer from ps4rig: the preview was ended, or the computer is busy`;
+    linkError = "No answer from ps4rig: the preview has ended, or the computer is busy";
   }
   refreshAges();
   setTimeout(poll, POLL_MS);

@@ -25,9 +25,9 @@ def preview(
 ) -> None:
     """Show what the camera sees under each LED, live, on a page of this machine.
 
-    With a histogram, saturated pixels in red, a focus score to turn the lens by, and the age of
-    every picture; one that is too old is blanked. What fails is shown by name, and tried again.
-    Ctrl-C ends it and puts the LEDs out.
+    Each image has a histogram, saturated pixels in red, a focus score and its age; an image that is
+    too old is blanked. Errors of the rig are shown, and the rig is opened again. Ctrl-C ends the
+    preview and switches the LEDs off.
     """
     import threading
 

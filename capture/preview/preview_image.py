@@ -1,4 +1,4 @@
-"""What the preview shows of one frame: a picture, a histogram and a few figures."""
+"""What the preview shows of one frame: an image, a histogram and a few figures."""
 
 from __future__ import annotations
 
@@ -10,33 +10,34 @@ import numpy.typing as npt
 
 from rig import Frame
 
-__all__ = ["Shot", "shot_of"]
+__all__ = ["PreviewImage", "preview_image"]
 
+# Enough to judge focus and framing on a page with four images.
 _LONGEST_SIDE_PX = 800
 _BINS = 64
-# BGR: nothing in a grey picture has this colour.
+# BGR; every other pixel is grey.
 _SATURATED_COLOUR = (40, 40, 255)
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
+class PreviewImage:
     """The last frame under one light, ready to be sent.
 
     Attributes
     ----------
     png
-        The picture, at most 800 px wide or high, saturated pixels in red.
+        The frame, at most 800 px wide or high, saturated pixels in red.
     sequence
         The frame's number.
     exposed_s
-        When its exposure began, on the monotonic clock.
+        Start of exposure on the rig's clock.
     mean_share, saturated_share
-        Mean pixel value, and how many pixels are saturated, of 1.
+        Mean pixel value and number of saturated pixels, each from 0 to 1.
     focus
-        Variance of the Laplacian over the squared mean: it has a maximum where the picture is
-        sharp, and is compared with itself only.
+        Variance of the Laplacian over the squared mean. It is highest where the image is sharp;
+        values of different parts or lights cannot be compared.
     histogram
-        How many pixels of 1 are in each of 64 equal parts of the range.
+        Share of the pixels in each of 64 equal parts of the range.
     """
 
     png: bytes
@@ -48,26 +49,26 @@ class Shot:
     histogram: tuple[float, ...]
 
 
-def shot_of(frame: Frame) -> Shot:
-    """What there is to show of a frame."""
-    full = (1 << frame.bit_depth) - 1
+def preview_image(frame: Frame) -> PreviewImage:
+    """Return what the preview shows of a frame."""
+    full_scale = (1 << frame.bit_depth) - 1
     pixels = frame.pixels
-    saturated = pixels >= full
+    saturated = pixels >= full_scale
     counts = np.bincount((pixels >> max(frame.bit_depth - 6, 0)).ravel(), minlength=_BINS)
     mean = float(pixels.mean())
     detail = cv2.Laplacian(pixels.astype(np.float32), cv2.CV_32F)
-    return Shot(
-        png=_picture(pixels, saturated, frame.bit_depth),
+    return PreviewImage(
+        png=_png(pixels, saturated, frame.bit_depth),
         sequence=frame.sequence,
         exposed_s=frame.exposure_start_s,
-        mean_share=mean / full,
+        mean_share=mean / full_scale,
         saturated_share=float(saturated.mean()),
         focus=float(detail.var()) / max(mean, 1.0) ** 2,
         histogram=tuple((counts[:_BINS] / pixels.size).round(5).tolist()),
     )
 
 
-def _picture(
+def _png(
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
     saturated: npt.NDArray[np.bool_],
     bit_depth: int,
@@ -78,10 +79,10 @@ def _picture(
     if scale < 1.0:
         size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
-        # One saturated pixel is to be seen, however small the picture: any share of it counts.
+        # A single saturated pixel stays visible: any share of it makes the smaller pixel red.
         shares = cv2.resize(saturated.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         saturated = shares > 0
-    picture = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-    picture[saturated] = _SATURATED_COLOUR
-    _, png = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    colour[saturated] = _SATURATED_COLOUR
+    _, png = cv2.imencode(".png", colour, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return png.tobytes()
