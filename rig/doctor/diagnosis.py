@@ -1,4 +1,4 @@
-"""Everything there is to know about a rig before it is trusted, as a list of checks."""
+"""All checks of a rig, one after the other."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
+from classify.compiling import kernel_cache_folder
 from classify.errors import Ps4rigError
 from rig.camera import Camera
 from rig.config.rig import RigConfig, load_config
@@ -23,27 +24,31 @@ from .lights import check_lights
 from .pictures import check_pictures, take_pictures
 from .serial_ports import check_modem_manager, check_port, check_ports
 
-__all__ = ["diagnose"]
+__all__ = ["check_kernel_cache", "diagnose"]
 
 Look = Callable[[], Iterator[Check]]
 
 
 def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:
-    """Look at everything, one check after the other; none keeps the next from being made.
+    """Make all checks, one after the other; a check that fails does not prevent the next.
 
-    The LEDs are lit for the pictures, and out at the end, also if the caller stops listening.
+    The LEDs are lit for the light images, and out at the end, also if the generator is closed.
 
     Parameters
     ----------
     rig
-        ``"sim"``, or the path of a ``rig.toml``, which need not be there: then what is plugged in
-        is listed.
+        ``"sim"``, or the path of a ``rig.toml``. Without that file the devices that are plugged in
+        are listed.
+    timeouts
+        How long to wait for the light controller.
     """
     config: RigConfig | None = None
     try:
         config = RigConfig() if str(rig) == "sim" else load_config(Path(rig))
     except ConfigError as error:
-        yield Check("configuration", "fault", str(error), "rig/README.md has all keys")
+        yield Check(
+            "configuration", "fault", str(error), "ps4rig rig init writes one with all keys"
+        )
     else:
         told = "simulated" if config.is_simulated else f"lights at {config.lights.port}"
         yield Check("configuration", "ok", f"{config.name}: {told}, camera {config.camera.kind}")
@@ -52,6 +57,7 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
     )
     yield check_modem_manager()
+    yield check_kernel_cache(kernel_cache_folder())
     cameras: list[ListedCamera] = []
 
     def look_for_cameras() -> Iterator[Check]:
@@ -62,6 +68,19 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
     if config is not None:
         with ExitStack() as closing:
             yield from _diagnose_open(config, cameras, closing, timeouts)
+
+
+def check_kernel_cache(folder: Path | None) -> Check:
+    """Check that compiled kernels are kept between commands."""
+    name = "compiled kernels"
+    if folder is not None:
+        return Check(name, "ok", f"are kept in {folder}")
+    return Check(
+        name,
+        "warning",
+        "are not kept, since no folder can be written: each command compiles them for some seconds",
+        "set the environment variable NUMBA_CACHE_DIR to a folder that you may write to",
+    )
 
 
 def _diagnose_open(

@@ -1,7 +1,7 @@
-"""The firmware onto a board: over MicroPython's prompt, or into the folder of a board's drive.
+"""Flash the firmware: over MicroPython's prompt, or into the folder of a board's drive.
 
-Files are put beside the old ones, read back, and take their places in the end, `main.py` last: a
-copy that breaks off leaves the old program or none, and never half of one.
+Files are written beside the old ones, read back, and renamed at the end, `main.py` last. A copy
+that breaks off leaves the old program or none, and never half of one.
 """
 
 from __future__ import annotations
@@ -41,12 +41,13 @@ __all__ = [
 T = TypeVar("T")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"
 _UNFINISHED = ".new"
+# Longest time of one step of mpremote. Copying all files takes a few seconds; a board that hangs
+# is reported after this.
 _STEP_TIMEOUT_S = 60.0
-# From the order to reset: the USB port goes and comes back.
+# After a reset the USB port goes and comes back: time until it has gone, and until it answers.
 _RESET_S = 1.0
 _RESTART_TIMEOUT_S = 15.0
-_MOUNTS = Path("/proc/self/mounts")
-# Files by which a drive is known.
+# Files that identify a drive.
 _BOOT_LOADER = "INFO_UF2.TXT"
 _CIRCUIT_PYTHON = "boot_out.txt"
 _SHA256 = re.compile(r"^[0-9a-f]{64}$", re.MULTILINE)
@@ -55,7 +56,7 @@ _VERSION = re.compile(rb'^FIRMWARE_VERSION = "([0-9A-Za-z.+-]{1,32})"', re.MULTI
 
 @dataclass(frozen=True)
 class BoardFile:
-    """A file as it is to stand on the board."""
+    """A file for the board: its name there, its source here, its bytes."""
 
     name: str
     path: Path
@@ -63,13 +64,13 @@ class BoardFile:
 
     @property
     def sha256(self) -> str:
-        """Of its bytes, in hexadecimal digits."""
+        """SHA-256 of the bytes, in hexadecimal digits."""
         return hashlib.sha256(self.data).hexdigest()
 
 
 @dataclass(frozen=True)
 class Flashed:
-    """What was put where; versions are the firmware's, None where there was none or none ran."""
+    """Where the firmware was put, and its version before and after; None if there was none."""
 
     where: str
     before: str | None
@@ -77,30 +78,56 @@ class Flashed:
 
 
 def board_files() -> tuple[BoardFile, ...]:
-    """The files of a Raspberry Pi Pico, in the order in which they are put."""
-    room = Path(firmware_sim.__file__).parent
-    paths = (room / "firmware.py", room / "pico" / "pico_board.py", room / "pico" / "main.py")
+    """The files for a Raspberry Pi Pico, in the order in which they are renamed."""
+    folder = Path(firmware_sim.__file__).parent
+    paths = (folder / "firmware.py", folder / "pico" / "pico_board.py", folder / "pico" / "main.py")
     return tuple(BoardFile(path.name, path, path.read_bytes()) for path in paths)
 
 
 def firmware_version(source: bytes) -> str | None:
-    """The version that a firmware file says of itself."""
+    """The version in the source of a firmware file, None if it has none."""
     found = _VERSION.search(source)
     return found[1].decode() if found else None
 
 
-def flash_folder(folder: Path, files: Sequence[BoardFile], *, dry_run: bool = False) -> Flashed:
+def flash_folder(
+    folder: Path,
+    files: Sequence[BoardFile],
+    *,
+    drives: Sequence[Path] | None = None,
+    force: bool = False,
+    dry_run: bool = False,
+) -> Flashed:
     """Put files into the folder that a MicroPython board shows as its drive.
+
+    Parameters
+    ----------
+    folder
+        It must hold the firmware already, or be one of `drives`.
+    files
+        From `board_files`.
+    drives
+        Mounted drives of boards; `find_drives` if left out.
+    force
+        Accept any other folder too.
+    dry_run
+        Only check, and write nothing.
 
     Raises
     ------
     InputError
         If the folder is no such drive; the message says what to do.
-    HardwareError
-        If what is read back differs.
+    LightControllerError
+        If the files that are read back differ.
     """
     _refuse_other_drives(folder)
     before = _version_in(folder)
+    drives = find_drives() if drives is None else drives
+    if before is None and not force and folder.resolve() not in [each.resolve() for each in drives]:
+        raise InputError(
+            f"{folder} neither holds the firmware nor is the mounted drive of a MicroPython "
+            "board; give the board's drive, or --force to replace main.py there"
+        )
     if dry_run:
         return Flashed(str(folder), before, before)
     for file in files:
@@ -121,14 +148,15 @@ def flash_port(
 ) -> Flashed:
     """Put files on the MicroPython board at a serial port, and start them.
 
-    A light controller that runs there is stopped first; whatever else runs there is interrupted.
+    A light controller that runs there is stopped first, any other program is interrupted.
 
     Raises
     ------
     InputError
         If mpremote is missing.
     LightControllerError
-        If the port is in use, there is no MicroPython for a Pico, or what is read back differs.
+        If the port is in use, the board has no MicroPython for a Pico, or the files that are read
+        back differ.
     """
     if find_spec("mpremote") is None:
         raise InputError("flashing over a serial port needs mpremote: pip install 'ps4rig[flash]'")
@@ -145,7 +173,7 @@ def flash_port(
         _put(port, files)
     except LightControllerError:
         with suppress(LightControllerError):
-            _on_board(port, "reset")  # what was there before runs again
+            _on_board(port, "reset")  # the old program runs again
         raise
     _on_board(port, "reset")
     time.sleep(_RESET_S)
@@ -153,14 +181,14 @@ def flash_port(
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:
-    """The port of the one Raspberry Pi Pico with MicroPython among `ports`.
+    """The port of the only Raspberry Pi Pico with MicroPython among `ports`.
 
-    Nothing else is taken for one: what runs at a port is interrupted before it is flashed.
+    Other boards are never chosen, because flashing interrupts the program that runs there.
 
     Raises
     ------
     LightControllerError
-        If there is none, or more than one.
+        If there is no such board, or more than one.
     """
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:
@@ -172,24 +200,24 @@ def find_board(ports: Sequence[SerialPort]) -> str:
         )
     found = ", ".join(str(port) for port in ports) or "there are no serial ports"
     raise LightControllerError(
-        f"no Raspberry Pi Pico with MicroPython was found ({found}); is it plugged in, and has it "
-        "got MicroPython? Another board's port can be given as --port"
+        f"no Raspberry Pi Pico with MicroPython was found ({found}); is it plugged in, and does "
+        "MicroPython run on it? Another board's port can be given as --port"
     )
 
 
-def find_drives() -> list[Path]:
-    """Mounted drives of boards, boot loaders included; where the system lists its mounts."""
+def find_drives(mounts: Path = Path("/proc/self/mounts")) -> list[Path]:
+    """Mounted drives of boards, boot loaders included; empty if the system lists no mounts."""
     try:
-        mounts = _MOUNTS.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = mounts.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
-    fields = [line.split() for line in mounts]
+    fields = [line.split() for line in lines]
     folders = [Path(each[1].replace("\\040", " ")) for each in fields if each[2] == "vfat"]
     return [folder for folder in folders if _is_boards(folder)]
 
 
 def _put(port: str, files: Sequence[BoardFile]) -> None:
-    _on_board(port, "exec", "import rp2")  # the pins of another kind of board are not ours to drive
+    _on_board(port, "exec", "import rp2")  # fails on other boards, whose pins differ
     names = [file.name for file in files]
     for file in files:
         _on_board(port, "fs", "cp", "-f", str(file.path), f":{file.name}{_UNFINISHED}")
@@ -208,20 +236,20 @@ def _compare(files: Sequence[BoardFile], read_back: Sequence[str]) -> None:
     if list(read_back) != expected:
         names = ", ".join(file.name for file in files)
         raise LightControllerError(
-            f"what was read back from the board is not what was put there ({names}); is its memory "
-            "full? Flash it again, or erase it and put MicroPython on it anew"
+            f"the files read back from the board differ from those written ({names}); is its "
+            "memory full? Flash it again, or erase it and install MicroPython again"
         )
 
 
 def _running_controller(port: str, baud: int, *, stop: bool) -> ControllerIdentity | None:
-    """The light controller that runs at a port, if one does, and its end."""
+    """Identify the light controller that runs at a port, and stop it if asked; None without one."""
     try:
         link = ControllerLink(port, baud, any_protocol=True)
     except LightControllerError:
-        return None  # at its prompt, or another program runs: mpremote will see
+        return None  # MicroPython's prompt or another program, which mpremote handles
     try:
         if stop and not link.ask("SYST:PROG").ok:
-            raise LightControllerError(f"{port}: the controller does not let go of its program")
+            raise LightControllerError(f"{port}: the controller does not stop its program")
     finally:
         link.close()
     return link.identity
@@ -242,7 +270,7 @@ def _started(port: str, baud: int) -> ControllerIdentity:
 
 
 def _until_ready(attempt: Callable[[], T]) -> T:
-    """Repeat until it succeeds, as long as a board takes to restart."""
+    """Repeat `attempt` until it succeeds or a board would have restarted."""
     deadline_s = time.monotonic() + _RESTART_TIMEOUT_S
     while True:
         try:
@@ -254,7 +282,7 @@ def _until_ready(attempt: Callable[[], T]) -> T:
 
 
 def _on_board(port: str, *words: str) -> str:
-    """What `mpremote` says when it does something at MicroPython's prompt."""
+    """Run a command of mpremote at MicroPython's prompt; return its output."""
     command = [sys.executable, "-m", "mpremote", "connect", port, "resume", *words]
     try:
         done = subprocess.run(
@@ -272,7 +300,7 @@ def _on_board(port: str, *words: str) -> str:
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip().splitlines()
         raise LightControllerError(
-            f"{port}: no MicroPython for a Raspberry Pi Pico is there, or it refused: "
+            f"{port}: no MicroPython for a Raspberry Pi Pico answers, or it refused: "
             f"{said[-1] if said else 'mpremote failed'}"
         )
     return done.stdout
@@ -290,7 +318,7 @@ def _refuse_other_drives(folder: Path) -> None:
     boot_out = folder / _CIRCUIT_PYTHON
     if boot_out.exists():
         raise InputError(
-            f"{folder} is a board with CircuitPython, which lacks what the firmware needs. Hold "
+            f"{folder} is a board with CircuitPython, on which the firmware does not run. Hold "
             "its BOOTSEL button while you plug it in, and copy MicroPython's UF2 for your board "
             "(https://micropython.org/download/) to the drive that appears"
         )

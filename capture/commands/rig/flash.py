@@ -20,29 +20,32 @@ __all__ = ["flash"]
 def flash(
     to: Annotated[
         Path | None,
-        typer.Option(help="Folder of a board that shows as a drive.", metavar="DIR"),
+        typer.Option(help="Folder of a MicroPython board that shows as a drive.", metavar="DIR"),
     ] = None,
     port: Annotated[
         str | None,
         typer.Option(help="Serial port of the board.", show_default="found", metavar="PORT"),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write into any folder that --to names.")
+    ] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be put where, and change nothing.")
+        bool, typer.Option("--dry-run", help="Print the files and the board, and change nothing.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Put the firmware on a Raspberry Pi Pico that runs MicroPython.
 
     The LEDs go out, the files are copied and read back, and the board starts with them. A board
-    that another program uses is left alone.
+    that another program uses is refused.
     """
     from classify.errors import InputError
     from rig.lights.flash import board_files, firmware_version
 
     if to is not None and port is not None:
-        raise InputError("--to and --port: give one of them")
+        raise InputError("--to and --port are both given; give one of them")
     files = board_files()
-    flashed = _flash(to, port, dry_run)
+    flashed = _flash(to, port, force, dry_run)
     new = firmware_version(files[0].data)
     if as_json:
         listed = [
@@ -54,12 +57,12 @@ def flash(
         out.print(f"{file.name}: {len(file.data)} bytes, SHA-256 {file.sha256[:16]}")
     done = "would get" if dry_run else "has"
     out.print(
-        f"{flashed.where} {done} firmware {new}; before: {flashed.before or 'none that ran'}",
+        f"{flashed.where} {done} firmware {new}; before: {flashed.before or 'none'}",
         soft_wrap=True,
     )
 
 
-def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
+def _flash(to: Path | None, port: str | None, force: bool, dry_run: bool) -> Flashed:
     from rig.errors import LightControllerError
     from rig.lights.discovery import list_serial_ports
     from rig.lights.flash import board_files, find_board, find_drives, flash_folder, flash_port
@@ -75,4 +78,4 @@ def _flash(to: Path | None, port: str | None, dry_run: bool) -> Flashed:
     if port is not None:
         return flash_port(port, board_files(), dry_run=dry_run)
     assert to is not None
-    return flash_folder(to, board_files(), dry_run=dry_run)
+    return flash_folder(to, board_files(), force=force, dry_run=dry_run)

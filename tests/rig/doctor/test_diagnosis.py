@@ -16,7 +16,7 @@ from rig.doctor import diagnosis as doctor_module
 from rig.doctor import lights as light_checks_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
 from rig.doctor.check import Check
-from rig.doctor.diagnosis import diagnose
+from rig.doctor.diagnosis import check_kernel_cache, diagnose
 from rig.doctor.pictures import Pictures, check_pictures, take_pictures
 from rig.doctor.serial_ports import (
     RULES_FILE,
@@ -61,7 +61,7 @@ def test_a_rig_that_is_well(ill: Any) -> None:
     assert {
         "configuration", "light controller", "LEDs", "watchdog", "switch latency",
         "measurement mode", "frame rate", "frames", "ambient light", "LED 0", "LED 1", "LED 2",
-        "LED 3", "saturation", "exposure", "LED order", "ModemManager",
+        "LED 3", "saturation", "exposure", "LED order", "ModemManager", "compiled kernels",
     } <= {*checks}  # fmt: skip
     assert "protocol 2" in checks["light controller"].seen
     assert checks["frame rate"].seen == "30.00 Hz reached, 30.00 Hz asked for"
@@ -236,6 +236,12 @@ def test_the_udev_rules_ship_and_come_before_udev_grants_what_they_tag() -> None
     assert RULES_FILE.name < "73-seat-late.rules"
     assert 'ENV{ID_MM_DEVICE_IGNORE}="1", TAG+="uaccess"' in rules
     assert all(vendor in rules for vendor in _VENDORS)
+
+
+def test_compiled_kernels_that_are_not_kept_are_a_warning(tmp_path: Path) -> None:
+    assert check_kernel_cache(tmp_path).seen == f"are kept in {tmp_path}"
+    without = check_kernel_cache(None)
+    assert (without.status, "NUMBA_CACHE_DIR" in without.advice) == ("warning", True)
 
 
 def test_modem_manager(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Flashing into the folder of a drive, and which folders are none."""
+"""Flashing into the folder of a board's drive, and the folders that are refused."""
 
 import subprocess
 import sys
@@ -39,11 +39,27 @@ def test_a_drive_gets_the_files(tmp_path):
     assert contents(tmp_path) == expected | {"notes.txt": b"mine"}
 
 
+def test_a_folder_of_something_else_is_only_overwritten_by_force(tmp_path):
+    (tmp_path / "main.py").write_text("print('mine')")
+    (tmp_path / "firmware.py").write_text("VERSION = 3\n")
+    before = contents(tmp_path)
+    for dry_run in (True, False):
+        with pytest.raises(InputError, match=r"neither holds the firmware nor .*--force"):
+            flash_folder(tmp_path, board_files(), drives=[], dry_run=dry_run)
+    assert contents(tmp_path) == before
+    assert flash_folder(tmp_path, board_files(), drives=[], force=True).after == FIRMWARE_VERSION
+
+
+def test_the_mounted_drive_of_a_board_needs_no_force(tmp_path):
+    (tmp_path / "boot.py").write_text("")
+    assert flash_folder(tmp_path, board_files(), drives=[tmp_path]).before is None
+
+
 def test_what_is_read_back_is_compared(tmp_path, monkeypatch):
     (tmp_path / "main.py").write_text("old")
     monkeypatch.setattr(Path, "read_bytes", lambda _: b"something else")
     with pytest.raises(LightControllerError, match="read back"):
-        flash_folder(tmp_path, [BoardFile("main.py", tmp_path / "source", b"new")])
+        flash_folder(tmp_path, [BoardFile("main.py", tmp_path / "source", b"new")], force=True)
     assert (tmp_path / "main.py").read_text() == "old"
 
 
@@ -54,11 +70,11 @@ def test_what_is_read_back_is_compared(tmp_path, monkeypatch):
 def test_other_drives_are_refused_with_the_way_out(tmp_path, mark, way_out):
     (tmp_path / mark).write_text("")
     with pytest.raises(InputError, match=way_out):
-        flash_folder(tmp_path, board_files())
+        flash_folder(tmp_path, board_files(), force=True)
     assert list(contents(tmp_path)) == [mark]
 
 
-def test_mounted_drives_are_found(tmp_path, monkeypatch):
+def test_mounted_drives_are_found(tmp_path):
     mounts = tmp_path / "mounts"
     boards, stick = tmp_path / "a board", tmp_path / "stick"
     for folder in (boards, stick):
@@ -67,8 +83,7 @@ def test_mounted_drives_are_found(tmp_path, monkeypatch):
     lines = [f"/dev/sdb1 {str(boards).replace(' ', chr(92) + '040')} vfat rw 0 0"]
     lines += [f"/dev/sdc1 {stick} vfat rw 0 0", f"/dev/sda1 {boards} ext4 rw 0 0"]
     mounts.write_text("\n".join(lines))
-    monkeypatch.setattr(flash, "_MOUNTS", mounts)
-    assert find_drives() == [boards]
+    assert find_drives(mounts) == [boards]
 
 
 def test_only_a_pico_with_micropython_is_found():
@@ -96,7 +111,7 @@ def test_the_command_reports_in_one_line(tmp_path):
     assert done.stderr.count("\n") == 1
     assert "no such folder" in done.stderr
     done = subprocess.run(
-        [*command, "--to", str(tmp_path)], capture_output=True, text=True, timeout=60
+        [*command, "--to", str(tmp_path), "--force"], capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0
-    assert f"has firmware {FIRMWARE_VERSION}; before: none that ran" in done.stdout
+    assert f"has firmware {FIRMWARE_VERSION}; before: none" in done.stdout
