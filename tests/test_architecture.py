@@ -20,7 +20,7 @@ NEVER = {
     "firmware_sim": {"numpy", "scipy", "cv2", "numba", "serial"},
     "classify": {"serial", "tifffile", "typer", "rich"},
     "rig": {"typer", "rich"},
-    "capture": set(),
+    "capture": {"numba", "scipy"},
 }
 # Within a room: a folder, or a file beside the folders, imports only what stands on a storey below.
 STOREYS = {
