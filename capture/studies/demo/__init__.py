@@ -1,1 +1,1 @@
-"""``ps4rig demo``: the whole job on the simulated rig, and the report of it."""
+"""``ps4rig demo``: capture, train and classify on the simulated rig, with a report."""

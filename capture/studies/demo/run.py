@@ -1,22 +1,16 @@
-"""``ps4rig demo``: the whole job on the simulated rig."""
+"""``ps4rig demo``: capture, train and classify on the simulated rig."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
 from capture.console import new_table, out, print_table, progress
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
-from classify import (
-    Spectra,
-    TextureLibrary,
-    Trial,
-    evaluate,
-    surface_spectra,
-)
+from classify import TextureLibrary, Trial, evaluate, surface_spectra
 from classify.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
@@ -25,18 +19,10 @@ from .report import ANGLE_NOTE, ReportEntry, write_report
 __all__ = ["run_demo"]
 
 FRAME_PX = 256
-TEST_SEED = 1000
-
-
-@dataclass(frozen=True)
-class _TestPlacement:
-    """Another patch of the surface, turned. It shares a corner with the learned one at most."""
-
-    rotate_deg: float
-    shift_px: tuple[float, float]
-
-
-_TESTS = (_TestPlacement(37.0, (256.0, 120.0)), _TestPlacement(112.0, (-100.0, 256.0)))
+# Two test patches of each surface: seed, rotation and shift. They share at most a corner with the
+# training patch, which is the middle of a tile of 512 px.
+_TEST_SEED = 1000
+_TESTS = ((37.0, (256.0, 120.0)), (112.0, (-100.0, 256.0)))
 
 
 def run_demo(output: Path) -> None:
@@ -47,7 +33,6 @@ def run_demo(output: Path) -> None:
     InputError
         If the folder cannot be made or written to.
     """
-    names = surface_names()
     sets_folder = output / "sets"
     for folder in (output, sets_folder):
         make_folder(folder)
@@ -60,34 +45,37 @@ def run_demo(output: Path) -> None:
             f"{identity.firmware_version}, on {rig.lights.port}; camera {rig.camera.info.name}, "
             f"{FRAME_PX} x {FRAME_PX} px, {rig.camera.info.bit_depth} bit."
         )
-        placements = [Placement(surface=name, seed=index) for index, name in enumerate(names)]
-        trained = list(
-            progress(_captured(rig, placements, sets_folder, "train"), len(names), "train")
-        )
-        placements = [
+        surfaces = list(enumerate(surface_names()))
+        training = [Placement(surface=name, seed=seed) for seed, name in surfaces]
+        testing = [
             Placement(
-                surface=name,
-                rotate_deg=test.rotate_deg,
-                shift_px=test.shift_px,
-                seed=TEST_SEED + index,
+                surface=name, rotate_deg=rotate_deg, shift_px=shift_px, seed=_TEST_SEED + seed
             )
-            for index, name in enumerate(names)
-            for test in _TESTS
+            for seed, name in surfaces
+            for rotate_deg, shift_px in _TESTS
         ]
-        tests = list(
-            progress(_captured(rig, placements, sets_folder, "test"), len(placements), "test")
-        )
-    surfaces = {captured.metadata.label or "": captured.solve() for captured in trained}
-    samples = ((label, surface, 0.0) for label, surface in surfaces.items())
+        trained = _captured(rig, training, sets_folder, "train")
+        tests = _captured(rig, testing, sets_folder, "test")
+    solved = {captured.label or "": captured.solve() for captured in trained}
+    samples = ((label, surface, 0.0) for label, surface in solved.items())
     library = replace(TextureLibrary.train(samples), simulated=True)
     library.save(output / "textures.ps4lib")
-    references = {
-        label: surface_spectra(surface, library.segment_px) for label, surface in surfaces.items()
+    spectra = {
+        label: surface_spectra(surface, library.segment_px) for label, surface in solved.items()
     }
-    entries = list(progress(_entries(tests, library, references), len(tests), "classify"))
-    trials = [Trial(entry.label, entry.orientation_deg, entry.match) for entry in entries]
-    report = output / "report.html"
+
+    def classified() -> Iterator[ReportEntry]:
+        for captured in tests:
+            surface = captured.solve()
+            match = library.classify(surface)
+            trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
+            own = surface_spectra(surface, library.segment_px)
+            yield ReportEntry(captured, surface, trial, own, spectra[match.nearest])
+
+    entries = list(progress(classified(), len(tests), "classify"))
+    trials = [entry.trial for entry in entries]
     result = evaluate(trials)
+    report = output / "report.html"
     write_report(report, entries, result, identity, config)
     _print_table(trials)
     out.print(ANGLE_NOTE)
@@ -98,37 +86,22 @@ def run_demo(output: Path) -> None:
     )
 
 
-def _captured(
-    rig: Rig, placements: list[Placement], folder: Path, stem: str
-) -> Iterator[CapturedSet]:
-    """Lay each part below the camera, capture it, and read it back from its file."""
-    for number, placement in enumerate(placements):
-        if rig.simulation is not None:
-            rig.simulation.place(placement)
-        path = folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}"
-        capture_set(rig, label=placement.surface).save(path)
-        yield CapturedSet.load(path)
+def _captured(rig: Rig, placements: list[Placement], folder: Path, stem: str) -> list[CapturedSet]:
+    """Capture a set of each placement, save it, and read it back from its file."""
 
+    def sets() -> Iterator[CapturedSet]:
+        for number, placement in enumerate(placements):
+            if rig.simulation is not None:
+                rig.simulation.place(placement)
+            path = folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}"
+            capture_set(rig, label=placement.surface).save(path)
+            yield CapturedSet.load(path)
 
-def _entries(
-    tests: list[CapturedSet], library: TextureLibrary, references: dict[str, Spectra]
-) -> Iterator[ReportEntry]:
-    for captured in tests:
-        surface = captured.solve()
-        match = library.classify(surface)
-        yield ReportEntry(
-            label=captured.metadata.label or "",
-            orientation_deg=captured.metadata.orientation_deg or 0.0,
-            captured=captured,
-            surface=surface,
-            match=match,
-            spectra=surface_spectra(surface, library.segment_px),
-            reference=references[match.nearest],
-        )
+    return list(progress(sets(), len(placements), stem))
 
 
 def _print_table(trials: list[Trial]) -> None:
-    table = new_table("true", "found", "true angle", "found angle", "distance", "margin")
+    table = new_table("true", "found", "true, °", "found, °", "distance", "margin")
     for trial in trials:
         match = trial.match
         table.add_row(
@@ -138,6 +111,6 @@ def _print_table(trials: list[Trial]) -> None:
             f"{match.orientation_deg:.1f}",
             f"{match.distance:.4f}",
             "-" if match.margin is None else f"{match.margin:.2f}",
-            style=None if match.label == trial.label else "red",
+            style=None if trial.is_correct else "red",
         )
     print_table(table)

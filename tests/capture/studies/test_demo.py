@@ -1,4 +1,4 @@
-"""`ps4rig demo`: the smoke test of the whole program."""
+"""`ps4rig demo`: a smoke test of the program from capture to report."""
 
 import re
 from collections.abc import Callable
@@ -68,7 +68,7 @@ def test_the_demo_captures_trains_classifies_and_reports(
     assert {path.name for path in output.iterdir()} == {"sets", "textures.ps4lib", "report.html"}
 
 
-def test_a_file_in_the_place_of_the_folder_is_named(
+def test_a_file_instead_of_the_output_folder_is_named(
     refused: Callable[..., str], tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
