@@ -10,14 +10,14 @@ from typing import TypeVar
 
 from .errors import InputError
 
-__all__ = ["map_in_threads", "run_on_rows", "set_thread_count", "thread_count"]
+__all__ = ["STRIP_PX", "map_in_threads", "run_on_rows", "set_thread_count", "thread_count"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 # Pixels of one strip of rows. Large against the 10 us that a call of a kernel takes, small enough
 # that threads end at about the same time.
-_STRIP_PX = 1 << 17
+STRIP_PX = 1 << 17
 
 _count: int | None = None
 
@@ -89,7 +89,7 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
 
 
 def run_on_rows(
-    function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = _STRIP_PX
+    function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = STRIP_PX
 ) -> None:
     """Call ``function(first, last)`` for strips of rows that together are all of `shape`.
 

@@ -34,8 +34,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(autouse=True)
 def threads(request: pytest.FixtureRequest) -> None:
-    """Run numba kernels on one thread, or in a slow test on all."""
-    import numba
+    """Run kernels on one thread, or in a slow test on all."""
+    from classify.threads import set_thread_count
 
     slow = request.node.get_closest_marker("slow") is not None
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS if slow else 1)
+    set_thread_count(None if slow else 1)

@@ -1,8 +1,9 @@
-"""Images as they are given, checked before anything is computed from them."""
+"""Images under each light, checked before anything is computed from them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,68 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 
-__all__ = ["Images", "checked_ambient", "checked_stack"]
+__all__ = ["ImageStack", "Images", "checked_ambient", "checked_stack"]
 
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 
 Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageStack:
+    """The images of one frame, as kernels read them.
+
+    Attributes
+    ----------
+    images
+        (N, H, W) contiguous uint8, uint16 or finite float32, one image per light.
+    ambient
+        (H, W) of the same type, subtracted from each image; None for no ambient light.
+    """
+
+    images: npt.NDArray[Any]
+    ambient: npt.NDArray[Any] | None
+
+    @classmethod
+    def checked(
+        cls, images: Images, lights: int, ambient: npt.NDArray[Any] | None = None
+    ) -> ImageStack:
+        """Check what a caller gives.
+
+        Raises
+        ------
+        InputError
+            For another shape, dtype or count of images, or NaN or infinity in a float image.
+        """
+        stack = checked_stack(images, lights)
+        return cls(stack, None if ambient is None else checked_ambient(ambient, stack))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.images.shape[1:]
+        return rows, columns
+
+    @property
+    def dark_rows(self) -> npt.NDArray[Any]:
+        """(H, W) ambient image, or (1, W) zeros for every row, of the type of the images.
+
+        One form for both cases, because a kernel is compiled for each form it gets.
+        """
+        if self.ambient is None:
+            return np.zeros((1, self.shape[1]), self.images.dtype)
+        return self.ambient
+
+    def float_rows(
+        self, first: int, last: int
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """(N, last - first, W) images and their `dark_rows`, both contiguous float32.
+
+        Kernels that read these are compiled once, and not for each type of image.
+        """
+        dark = self.dark_rows if self.ambient is None else self.ambient[first:last]
+        images = self.images[:, first:last].astype(np.float32, order="C")
+        return images, dark.astype(np.float32)
 
 
 def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.fft
-from numba import get_num_threads
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
+from classify.threads import thread_count
 
 __all__ = ["integrate_gradients"]
 
@@ -48,12 +48,12 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
     divergence[:-1, :] += along_rows
     divergence[1:, :] -= along_rows
 
-    spectrum = scipy.fft.dctn(divergence, type=2, norm="ortho", workers=get_num_threads())
+    spectrum = scipy.fft.dctn(divergence, type=2, norm="ortho", workers=thread_count())
     eigenvalues = _second_difference(rows)[:, None] + _second_difference(columns)
     eigenvalues[0, 0] = 1.0
     spectrum /= eigenvalues
     spectrum[0, 0] = 0.0
-    height: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=get_num_threads())
+    height: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=thread_count())
     return height
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-from numba import get_num_threads
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
+from classify.threads import thread_count
 
 __all__ = ["default_cutoff_px", "local_relief"]
 
@@ -68,12 +68,12 @@ def local_relief(
     cutoff = default_cutoff_px((rows, columns)) if cutoff_px is None else cutoff_px
     if not 0.0 < cutoff < np.inf:
         raise InputError(f"cutoff_px is {cutoff_px}; it must be a positive wavelength in pixels")
-    spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=get_num_threads())
+    spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=thread_count())
     # Less the mean rather than times its complement: separable, and no map of the filter is made.
     mean = spectrum * _transmission(rows, cutoff)[:, None]
     mean *= _transmission(columns, cutoff)
     spectrum -= mean
-    relief: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=get_num_threads())
+    relief: FloatMap = scipy.fft.idctn(spectrum, type=2, norm="ortho", workers=thread_count())
     if valid is not None:
         relief *= valid
     return relief

@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from classify.compiling import kernel
 from classify.errors import InputError
+from classify.threads import run_on_rows
 
 __all__ = ["cast_shadow"]
 
-TOLERANCE_PX = 1e-3
-"""A point must lie this far below the horizon's ray: float32 heights do not shadow themselves."""
+Array = npt.NDArray[Any]
 
-NO_HORIZON = -1e30
+# A point in shadow lies at least this far below the light's ray: heights are rounded to float32,
+# and a plane must not shadow itself.
+_TOLERANCE_PX = 1e-3
+_NO_HORIZON = -1e30
 
 
 def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> npt.NDArray[np.bool_]:
-    """Where something between a point and the light stands in the way.
+    """Find the points that other points of the surface hide from the light.
 
     A point x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's
-    azimuth (SCIENCE section 1). The running maximum of z - d cot(slant), from the light's side,
-    decides that for a whole line at once. Where the azimuth is not along an axis the lines run
-    obliquely through the grid: heights on them, and the horizon back on the pixels, are linearly
-    interpolated. Nothing outside the array casts a shadow. A surface that faces away from the
-    light is in attached shadow, which its normals tell; it may or may not be in cast shadow too.
+    azimuth. The running maximum of z - d cot(slant), from the light's side, decides that for a
+    whole line at once. Where the azimuth is not along an axis the lines run obliquely through the
+    grid: heights on them, and the horizon back on the pixels, are linearly interpolated. Nothing
+    outside the array casts a shadow. A surface that faces away from the light is in attached
+    shadow, which follows from its normals; it may or may not be in cast shadow too.
 
     Parameters
     ----------
@@ -68,29 +72,40 @@ def cast_shadow(height: npt.NDArray[np.float32], direction: npt.ArrayLike) -> np
         return np.zeros(np.shape(height), np.bool_)
     # Rounding makes a tilt of 90 degrees exactly that, in spite of cos(90 degrees) = 6e-17.
     rows_per_col = round(along_row / along_col, 12)
-    shadow = _sweep(np.ascontiguousarray(view), rows_per_col, up / along_col)
+    view = np.ascontiguousarray(view)
+    rows, cols = view.shape
+    slip = -(cols - 1) * rows_per_col
+    first = math.floor(min(0.0, slip))
+    lines = math.ceil(rows - 1 + max(0.0, slip)) - first + 2
+    horizon, shadow = np.empty((lines, cols), np.float32), np.empty((rows, cols), np.bool_)
+
+    def trace(first_line: int, last_line: int) -> None:
+        _horizons(first_line, last_line, view, rows_per_col, up / along_col, first, horizon)
+
+    def compare(first_row: int, last_row: int) -> None:
+        _below_horizon(first_row, last_row, view, rows_per_col, first, horizon, shadow)
+
+    run_on_rows(trace, (lines, cols))
+    run_on_rows(compare, (rows, cols))
     if flip:
         shadow = shadow[:, ::-1]
     return np.ascontiguousarray(shadow.T if transpose else shadow)
 
 
-@numba.njit(parallel=True, cache=True)
-def _sweep(
-    height: npt.NDArray[np.float32], rows_per_col: float, rise_per_col: float
-) -> npt.NDArray[np.bool_]:
-    """Shadow of a light towards the last column, `rows_per_col` rows down per column.
+@kernel
+def _horizons(
+    first_line: int, last_line: int, height: Array, rows_per_col: float, rise_per_col: float,
+    first: int, horizon: Array,
+) -> None:  # fmt: skip
+    """Horizon of a light towards the last column along lines `rows_per_col` rows down per column.
 
     Line k crosses column c at row first + k + c rows_per_col.
     """
     rows, cols = height.shape
-    first = math.floor(min(0.0, -(cols - 1) * rows_per_col))
-    last = math.ceil(rows - 1 + max(0.0, -(cols - 1) * rows_per_col))
-    lines = last - first + 2
-    horizon = np.empty((lines, cols), np.float32)
-    for k in numba.prange(lines):
-        above = NO_HORIZON
+    for k in range(first_line, last_line):
+        above = _NO_HORIZON
         for c in range(cols - 1, -1, -1):
-            # What stands above (k, c) is known from the columns nearer to the light alone.
+            # The horizon at (k, c) depends on the columns nearer to the light alone.
             horizon[k, c] = above
             row = first + k + c * rows_per_col
             if -1.0 < row < rows:
@@ -100,12 +115,18 @@ def _sweep(
                 z1 = height[min(upper + 1, rows - 1), c]
                 above = max(above, z0 + share * (z1 - z0))
             above -= rise_per_col
-    shadow = np.empty((rows, cols), np.bool_)
-    for r in numba.prange(rows):
-        for c in range(cols):
+
+
+@kernel
+def _below_horizon(
+    first_row: int, last_row: int, height: Array, rows_per_col: float, first: int,
+    horizon: Array, shadow: Array,
+) -> None:  # fmt: skip
+    """Interpolate the horizon of the lines on the pixels, and compare it with the height."""
+    for r in range(first_row, last_row):
+        for c in range(height.shape[1]):
             line = r - c * rows_per_col - first
             k = math.floor(line)
             share = line - k
             ray = horizon[k, c] * (1.0 - share) + horizon[k + 1, c] * share
-            shadow[r, c] = ray > height[r, c] + TOLERANCE_PX
-    return shadow
+            shadow[r, c] = ray > height[r, c] + _TOLERANCE_PX

@@ -6,17 +6,44 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
+from classify.threads import run_on_rows
 
 from .linear import judge_row, solve_lights
+from .problem import Maps, Problem, slope_noise
 from .robust import DARK, LEAK, TOLERANCE
 
-__all__ = ["drbohlav", "gates"]
+__all__ = ["gates", "solve_drbohlav"]
 
 Array = npt.NDArray[Any]
+
+
+def solve_drbohlav(problem: Problem) -> Maps:
+    """Replace values that are inconsistent with the rest by their prediction, solve from all.
+
+    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003); four lights or more. Four
+    light vectors are linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian
+    pixel without shadow or highlight, i_k = sum c_j i_j. A value replaced by the prediction of the
+    others has no residual, so that the solution from all is that of the others: the light is left
+    out.
+    """
+    weights = least_squares_weights(problem.lighting, "drbohlav")
+    least_bz, limits = slope_noise(weights), gates(len(problem.lighting))
+    dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
+    maps = problem.new_maps(left_out=dropped, highlights=highlights)
+
+    def solve(first: int, last: int) -> None:
+        _drop_inconsistent(
+            *problem.stack.float_rows(first, last), problem.gains, problem.saturation,
+            problem.variance, problem.frames, least_bz, limits, weights, problem.directions,
+            *maps.slope_rows(first, last), dropped[first:last], highlights[first:last],
+        )  # fmt: skip
+
+    run_on_rows(solve, problem.shape)
+    return maps
 
 
 def gates(lights: int) -> npt.NDArray[np.float32]:
@@ -32,34 +59,33 @@ def gates(lights: int) -> npt.NDArray[np.float32]:
     return np.asarray(limits, dtype=np.float32)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def drbohlav(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise: Array, least_bz: np.float32, gates: Array, weights: Array, directions: Array,
+@kernel
+def _drop_inconsistent(
+    images: Array, ambient: Array, gains: Array, saturation: np.float32,
+    noise: Array, frames: np.float32, least_bz: np.float32, gates: Array, weights: Array,
+    directions: Array,
     p: Array, q: Array, albedo: Array, valid: Array, dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Replace values that break Lambertian consistency by their prediction, solve from all.
-
-    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003). Four light vectors are
-    linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
-    shadow or highlight, i_k = sum c_j i_j. A value replaced by what the others predict has no
-    residual, so that the solution from all is that of the others: the light is left out.
+    """Solve rows from all lights, or without those that are inconsistent.
 
     Parameters
     ----------
     noise
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+    frames
+        1, or 2 where an ambient image, which is noisy as well, was subtracted.
     least_bz
-        A slope is known where bz^2 >= least_bz sigma rho, sigma the rms noise of the values.
+        A slope is valid where bz^2 >= least_bz sigma rho, sigma the rms noise of the values.
     gates
-        (N + 1,) the sum of squared residuals of n lights, in variances, that is beyond noise.
+        See `gates`.
     """
     lights = images.shape[0]
     rows, columns = p.shape
     a, slope, black = noise
     zero = np.float32(0.0)
     every = np.ones(lights, np.bool_)
-    for r in prange(rows):
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
@@ -71,12 +97,10 @@ def drbohlav(
         for k in range(lights):
             share = gains[k] * gains[k] / np.float32(lights)
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                brightest[c] = max(brightest[c], v)
-                variance[c] += share * (a + slope * max(v - black, zero))
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
+                raw = images[k, r, c]
+                brightest[c] = max(brightest[c], raw)
+                variance[c] += share * (a + slope * max(raw - black, zero))
+                v = (raw - dark[c]) * gains[k]
                 most[c] = max(most[c], v)
                 bx[c] += weights[0, k] * v
                 by[c] += weights[1, k] * v
@@ -84,58 +108,48 @@ def drbohlav(
         for k in range(lights):
             x, y, z = directions[k]
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
                 s = x * bx[c] + y * by[c] + z * bz[c]
-                squares[c] += (v * gains[k] - s) ** 2
+                squares[c] += ((images[k, r, c] - dark[c]) * gains[k] - s) ** 2
         for c in range(columns):
             dropped[r, c] = NO_DROPPED_LIGHT
             highlights[r, c] = False
             gate = gates[lights] * variance[c] + (TOLERANCE * most[c]) ** 2
             if squares[c] > gate or brightest[c] >= saturation:
+                dark_variance = frames * (a + slope * max(dark[c] - black, zero))
                 solved, dropped[r, c], highlights[r, c], x, y, z = _replace(
-                    images, ambient, gains, saturation, noise, gates, directions,
+                    images, dark[c], dark_variance, gains, saturation, gates, directions,
                     variance[c], r, c,
                 )  # fmt: skip
                 lost[c] = not solved
                 bx[c], by[c], bz[c] = x, y, z
         floors = least_bz * np.sqrt(variance)
         judge_row(
-            images, ambient, gains, directions, every, r, bx, by, bz, floors, lost,
-            p, q, albedo, valid,
-        )  # fmt: skip
+            images, dark, gains, directions, every, r, bx, by, bz, floors, lost, p, q, albedo, valid
+        )
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _replace(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise: Array, gates: Array, directions: Array, variance: np.float32,
-    r: int, c: int,
+    images: Array, dark: np.float32, dark_variance: np.float32, gains: Array,
+    saturation: np.float32, gates: Array, directions: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[bool, int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Leave out one light after the other until the rest agree.
 
-    Dark lights go first. Of five and more the one goes without which the residuals are least.
-    Among four all leave the same, none: there the darkest goes if it is dark, else the darker or
-    the brighter of two suspects, whichever leaves the flatter surface (see `robust_kernels`).
+    Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
+    residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
+    darkest light that is too dark or the brightest that is too bright, whichever leaves the
+    flatter surface (as in `robust.settle_pixel`).
 
     Returns
     -------
     Whether the rest determine the pixel, the first light left out, if one was a highlight, and b.
     """
     lights = images.shape[0]
-    dark = np.float32(0.0)
-    dark_variance = noise[0]
-    if ambient is not None:
-        dark = np.float32(ambient[r, c])
-        dark_variance = np.float32(2.0) * (
-            noise[0] + noise[1] * max(dark - noise[2], np.float32(0.0))
-        )
     used = np.ones(lights, np.bool_)
     values = np.empty(lights, np.float32)
     first, highlight, remaining = NO_DROPPED_LIGHT, False, lights
     for k in range(lights):
-        raw = np.float32(images[k, r, c])
+        raw = images[k, r, c]
         values[k] = (raw - dark) * gains[k]
         if raw >= saturation:
             used[k] = False
@@ -148,7 +162,7 @@ def _replace(
     dark_level = DARK * np.sqrt(dark_variance)
     levels = np.maximum(np.minimum(dark_level * gains, SHADOW_FRACTION * brightest), LEAK * second)
     tolerance = TOLERANCE * brightest
-    solved, bx, by, bz = solve_lights(images, ambient, gains, directions, used, r, c)
+    solved, bx, by, bz = solve_lights(images, dark, gains, directions, used, r, c)
     while solved and remaining > 3:
         squares = np.float32(0.0)
         for k in range(lights):
@@ -174,7 +188,7 @@ def _replace(
                     high = k
                 continue
             used[k] = False
-            possible, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+            possible, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
             if possible:
                 squares = np.float32(0.0)
                 for j in range(lights):
@@ -185,14 +199,14 @@ def _replace(
             used[k] = True
         if chosen < 0 and low >= 0:
             chosen = low
-            steep = _steepness(images, ambient, gains, directions, used, low, r, c)
-            if _steepness(images, ambient, gains, directions, used, high, r, c) < steep:
+            steep = _steepness(images, dark, gains, directions, used, low, r, c)
+            if _steepness(images, dark, gains, directions, used, high, r, c) < steep:
                 chosen = high
         if chosen < 0:
             break
         predicted = _dot(directions, chosen, bx, by, bz)
         used[chosen] = False
-        possible, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+        possible, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
         if not possible:
             break
         bx, by, bz = x, y, z
@@ -202,22 +216,22 @@ def _replace(
     return solved, first, highlight, bx, by, bz
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")
+@kernel
 def _dot(directions: Array, k: int, x: np.float32, y: np.float32, z: np.float32) -> np.float32:
     return np.float32(directions[k, 0] * x + directions[k, 1] * y + directions[k, 2] * z)
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _steepness(
-    images: Array, ambient: Array | None, gains: Array, directions: Array, used: Array,
+    images: Array, dark: np.float32, gains: Array, directions: Array, used: Array,
     without: int, r: int, c: int,
 ) -> np.float32:  # fmt: skip
-    """Squared slope of the surface without one more light, infinite where there is none."""
+    """Squared slope of the surface without one more light, infinite if that cannot be solved."""
     if without < 0:
         return np.float32(np.inf)
     used[without] = False
-    solved, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+    solved, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
     used[without] = True
     if not solved or z <= 0.0:
         return np.float32(np.inf)
-    return (x * x + y * y) / (z * z)
+    return np.float32((x * x + y * y) / (z * z))

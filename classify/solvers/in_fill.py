@@ -1,8 +1,8 @@
-"""What fewer than three lights leave open, taken from the pixels around.
+"""Second pass of `ps4_robust`: pixels with fewer than three lights, from those around them.
 
-Two lights leave a line of scaled normals b0 + t d, one or none leaves everything. What is missing
-is chosen so that slopes and albedo change as little from pixel to pixel as elsewhere on this
-surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
+Two lights leave a line of scaled normals b0 + t d, one or none leaves everything open. Slopes and
+albedo are chosen so that they change as little from pixel to pixel as elsewhere on this surface,
+and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
 from __future__ import annotations
@@ -12,18 +12,24 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.lighting import Lighting
+from classify.threads import run_on_rows
 
-from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, grow, neighbour_weights, relax
-from .robust import LOST
+from .problem import Maps, Problem
+from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, Unsolved, grow, neighbour_weights, relax
 
-__all__ = ["in_fill"]
+__all__ = ["LOST", "SATURATED", "in_fill"]
 
 Array = npt.NDArray[Any]
 
+# Marks of unsolved pixels. The four lowest bits are the lights in shadow or saturated; the others
+# say that the slope drowns in noise, and that a light is saturated.
+LOST, SATURATED = np.uint8(16), np.uint8(32)
+_LIGHTS = np.uint8(15)
+
+# Number of pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.transpose(_PAIRS)
@@ -32,50 +38,59 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def in_fill(
-    images: Array,
-    ambient: Array | None,
-    gains: npt.NDArray[np.float32],
-    saturation: np.float32,
-    lighting: Lighting,
+    problem: Problem,
+    maps: Maps,
     unlit: npt.NDArray[np.uint8],
     row_counts: npt.NDArray[np.int64],
-    p: npt.NDArray[np.float32],
-    q: npt.NDArray[np.float32],
-    albedo: npt.NDArray[np.float32],
-    valid: npt.NDArray[np.bool_],
-    dropped: npt.NDArray[np.uint8],
-    repaired: npt.NDArray[np.bool_],
+    strip_px: int,
 ) -> None:
     """Complete the maps in place where `unlit` is not 0.
 
-    Pixels in two lights become valid unless one was saturated; those in one or none get a slope
-    and an albedo, but do not. Nothing is filled in more than 24 px from a solved pixel (8 px with
-    one light or none): there p = q = 0.
+    Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
+    and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
+    with one light or none): there p = q = 0.
 
     Parameters
     ----------
-    images, ambient, gains, saturation
-        As they were solved; values are (images - ambient) gains.
-    unlit, row_counts
-        From `robust_kernels.gated`.
+    problem
+        As it was solved.
+    maps
+        p, q, albedo, valid, left_out and repaired are written.
+    unlit
+        (H, W) mark of each pixel, 0 where it is solved.
+    row_counts
+        (H,) number of marked pixels in each row.
+    strip_px
+        Pixels of one strip of rows.
     """
     starts = np.concatenate(([0], np.cumsum(row_counts)))
     total = int(starts[-1])
     if total == 0:
         return
-    columns = np.empty(total, np.int32)
-    lines = np.empty((total, 4), np.float32)
-    pairs = np.empty(total, np.uint8)
-    depth = np.zeros(unlit.shape, np.uint8)
-    solutions, along = _lines_of_two_lights(lighting)
-    _list_pixels(
-        images, ambient, gains, unlit, starts, solutions, columns, lines, pairs, depth, p, q
+    solutions, along = _lines_of_two_lights(problem.lighting)
+    unsolved = Unsolved(
+        starts, np.empty(total, np.int32), np.empty((total, 4), np.float32),
+        np.empty(total, np.uint8), along, np.zeros(problem.shape, np.uint8),
+    )  # fmt: skip
+
+    def list_pixels(first: int, last: int) -> None:
+        if starts[first] < starts[last]:
+            _list_pixels(
+                *problem.stack.float_rows(first, last), problem.gains, solutions,
+                unlit[first:last], starts[first : last + 1], unsolved.columns, unsolved.lines,
+                unsolved.pairs, unsolved.depth[first:last], maps.p[first:last], maps.q[first:last],
+            )  # fmt: skip
+
+    run_on_rows(list_pixels, problem.shape, strip_px)
+    planes = maps.p, maps.q, maps.albedo
+    step = max(1, math.isqrt(maps.p.size // _SAMPLES))
+    albedo_weight, curl_weight = neighbour_weights(*planes, unsolved.depth, step)
+    # The pixels of a strip that are unsolved are few: larger strips.
+    grow(unsolved, albedo_weight, *planes, 4 * strip_px)
+    relax(unsolved, albedo_weight, curl_weight, *planes, 4 * strip_px)
+    _mark_pixels(
+        unlit, starts, unsolved.columns, unsolved.depth, maps.valid, maps.left_out, maps.repaired
     )
-    step = max(1, math.isqrt(p.size // _SAMPLES))
-    albedo_weight, curl_weight = neighbour_weights(p, q, albedo, depth, step)
-    grow(starts, columns, lines, pairs, along, albedo_weight, depth, p, q, albedo)
-    relax(starts, columns, lines, pairs, along, albedo_weight, curl_weight, p, q, albedo)
-    _mark_pixels(images, saturation, unlit, starts, columns, depth, valid, dropped, repaired)
 
 
 def _lines_of_two_lights(
@@ -96,33 +111,33 @@ def _lines_of_two_lights(
     return solutions.astype(np.float32), along
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)
+@kernel
 def _list_pixels(
-    images: Array, ambient: Array | None, gains: Array, unlit: Array, starts: Array,
-    solutions: Array, columns: Array, lines: Array, pairs: Array, depth: Array, p: Array, q: Array,
+    images: Array, ambient: Array, gains: Array, solutions: Array, unlit: Array, starts: Array,
+    columns: Array, lines: Array, pairs: Array, depth: Array, p: Array, q: Array,
 ) -> None:  # fmt: skip
-    """List the pixels row by row, with the pair of lights and the b0 of each."""
-    for r in prange(unlit.shape[0]):
+    """List the marked pixels row by row, with the pair of lights and the b0 of each."""
+    for r in range(unlit.shape[0]):
         n = starts[r]
         if starts[r + 1] == n:
             continue
+        dark = ambient[min(r, len(ambient) - 1)]
         for c in range(unlit.shape[1]):
-            bits = unlit[r, c]
-            if bits == 0:
+            if unlit[r, c] == 0:
                 continue
             columns[n] = c
-            pairs[n] = SKIPPED if bits == LOST else NO_LINE
+            pairs[n] = SKIPPED if unlit[r, c] == LOST else NO_LINE
             depth[r, c] = NOT_REACHED
             p[r, c] = 0.0
             q[r, c] = 0.0
+            lit = _LIGHTS ^ (unlit[r, c] & _LIGHTS)
             pair = 0
             for j in range(3):
                 for k in range(j + 1, 4):
-                    if 15 ^ (1 << j) ^ (1 << k) == bits:
+                    if lit == (1 << j) | (1 << k):
                         pairs[n] = pair
-                        dark = np.float32(0.0) if ambient is None else np.float32(ambient[r, c])
-                        first = (np.float32(images[j, r, c]) - dark) * gains[j]
-                        second = (np.float32(images[k, r, c]) - dark) * gains[k]
+                        first = (images[j, r, c] - dark[c]) * gains[j]
+                        second = (images[k, r, c] - dark[c]) * gains[k]
                         for x in range(3):
                             lines[n, x] = (
                                 solutions[pair, x, 0] * first + solutions[pair, x, 1] * second
@@ -131,24 +146,23 @@ def _list_pixels(
             n += 1
 
 
-@njit(cache=True, parallel=True)
+@kernel
 def _mark_pixels(
-    images: Array, saturation: np.float32, unlit: Array, starts: Array, columns: Array,
-    depth: Array, valid: Array, dropped: Array, repaired: Array,
+    unlit: Array, starts: Array, columns: Array, depth: Array,
+    valid: Array, left_out: Array, repaired: Array,
 ) -> None:  # fmt: skip
-    """The other maps of the pixels that were filled in."""
-    for r in prange(valid.shape[0]):
+    """Complete the other maps of the pixels that were filled in."""
+    for r in range(valid.shape[0]):
         for n in range(starts[r], starts[r + 1]):
             c = columns[n]
             bits = unlit[r, c]
             if bits == LOST or depth[r, c] == NOT_REACHED:
                 continue
-            unlit_lights, first, brightest = 0, 3, np.float32(0.0)
+            unlit_lights, first = 0, 3
             for k in range(4):
-                brightest = max(brightest, np.float32(images[k, r, c]))
                 if bits & (1 << k):
                     unlit_lights += 1
                     first = min(first, k)
-            dropped[r, c] = first
+            left_out[r, c] = first
             repaired[r, c] = True
-            valid[r, c] = unlit_lights == 2 and brightest < saturation
+            valid[r, c] = unlit_lights == 2 and bits & SATURATED == 0

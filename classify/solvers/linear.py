@@ -1,8 +1,8 @@
-"""Least squares and PS3, and how solvers of any number of lights end a row.
+"""Least squares and PS3, and the last steps of all solvers of any number of lights.
 
 A kernel goes from raw images to gradients, albedo and validity row by row, while the row is in the
-cache. A row is done in several short loops: each is branch-free, so that the compiler makes it
-eight pixels wide, and short enough that the processor has two rounds of it in hand at once.
+cache. A row is done in several short loops. Each is free of branches, so that the compiler makes
+it eight pixels wide, and short enough that the processor works on two rounds of it at once.
 """
 
 from __future__ import annotations
@@ -11,49 +11,78 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
-from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
+from classify.compiling import kernel
+from classify.lights.algebra import least_squares_weights, three_of_ring
+from classify.shadow_rule import MIN_NORMAL_Z, NO_DROPPED_LIGHT, SHADOW_FLOOR, SHADOW_FRACTION
+from classify.threads import run_on_rows
 
-__all__ = ["judge_row", "linear", "solve_lights"]
+from .problem import Maps, Problem
+
+__all__ = ["judge_row", "solve_least_squares", "solve_lights", "solve_three_of_ring"]
 
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
-# determines a normal.
+# determines a normal; the limit of `algebra`.
 _MIN_EIGENVALUE = 1e-6
 
 Array = npt.NDArray[Any]
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def linear(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
+def solve_least_squares(problem: Problem) -> Maps:
+    """Least squares of all lights that are not saturated; three lights or more."""
+    weights = least_squares_weights(problem.lighting, "least_squares")
+    return _solve(problem, weights, NO_DROPPED_LIGHT)
+
+
+def solve_three_of_ring(problem: Problem, method: str) -> Maps:
+    """One version of PS3: the same three lights of a ring of four at every pixel."""
+    return _solve(problem, *three_of_ring(problem.lighting, method))
+
+
+def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
+    """B = weights i at every pixel, without the light `unused`."""
+    used = np.arange(len(problem.lighting)) != unused
+    floor = problem.noise_floor(weights)
+    maps = problem.new_maps(left_out=np.broadcast_to(np.uint8(unused), problem.shape))
+
+    def solve(first: int, last: int) -> None:
+        _linear(
+            *problem.stack.float_rows(first, last), problem.gains, problem.saturation, floor,
+            weights, problem.directions, used, *maps.slope_rows(first, last),
+        )  # fmt: skip
+
+    run_on_rows(solve, problem.shape)
+    return maps
+
+
+@kernel
+def _linear(
+    images: Array, ambient: Array, gains: Array, saturation: np.float32,
     noise_floor: np.float32, weights: Array, directions: Array, used: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
-    """Any number of lights by b = weights i: least squares, or three chosen beforehand.
+    """Solve by b = weights i; `used` (N,) bool says which weights are not zero.
 
-    `used` (N,) bool says which lights the weights count. Lights that are saturated at a pixel are
-    left out there as long as the rest determine the normal.
+    Lights that are saturated at a pixel are left out there as long as the rest determine the
+    normal.
     """
     lights = images.shape[0]
     rows, columns = p.shape
-    for r in prange(rows):
+    floors = np.full(columns, noise_floor)
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         # Sums over the lights of one row at a time: the inner loops then run along the pixels.
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
-        floors = np.full(columns, noise_floor)
         lost = np.zeros(columns, np.float32)
         for k in range(lights):
             if used[k]:
                 for c in range(columns):
-                    v = np.float32(images[k, r, c])
-                    brightest[c] = max(brightest[c], v)
-                    if ambient is not None:
-                        v -= np.float32(ambient[r, c])
-                    v *= gains[k]
+                    raw = images[k, r, c]
+                    brightest[c] = max(brightest[c], raw)
+                    v = (raw - dark[c]) * gains[k]
                     bx[c] += weights[0, k] * v
                     by[c] += weights[1, k] * v
                     bz[c] += weights[2, k] * v
@@ -61,34 +90,30 @@ def linear(
             if brightest[c] >= saturation:
                 rest = used.copy()
                 for k in range(lights):
-                    rest[k] &= np.float32(images[k, r, c]) < saturation
-                solved, x, y, z = solve_lights(images, ambient, gains, directions, rest, r, c)
+                    rest[k] &= images[k, r, c] < saturation
+                solved, x, y, z = solve_lights(images, dark[c], gains, directions, rest, r, c)
                 lost[c] = not solved
                 if solved:
                     bx[c], by[c], bz[c] = x, y, z
         judge_row(
-            images, ambient, gains, directions, used, r, bx, by, bz, floors, lost,
-            p, q, albedo, valid,
-        )  # fmt: skip
+            images, dark, gains, directions, used, r, bx, by, bz, floors, lost, p, q, albedo, valid
+        )
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def solve_lights(
-    images: Array, ambient: Array | None, gains: Array, directions: Array, used: Array,
-    r: int, c: int,
-) -> tuple[bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Scaled normal of one pixel by the normal equations of some of its lights.
+    images: Array, dark: np.float32, gains: Array, directions: Array, used: Array, r: int, c: int
+) -> tuple[bool, np.float32, np.float32, np.float32]:
+    """Scaled normal of one pixel by the normal equations of the lights `used`.
 
-    The first value is false where these do not determine it: fewer than three, or in one plane.
+    `dark` is its ambient value. The first result is false if the lights do not determine a normal:
+    fewer than three, or all in one plane.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
     for k in range(images.shape[0]):
         if used[k]:
-            v = np.float32(images[k, r, c])
-            if ambient is not None:
-                v -= np.float32(ambient[r, c])
-            value = float(v * gains[k])
+            value = float((images[k, r, c] - dark) * gains[k])
             lx, ly, lz = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
             xx += lx * lx
             xy += lx * ly
@@ -115,15 +140,15 @@ def solve_lights(
     )
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def judge_row(
-    images: Array, ambient: Array | None, gains: Array, directions: Array, used: Array, r: int,
+    images: Array, dark: Array, gains: Array, directions: Array, used: Array, r: int,
     bx: Array, by: Array, bz: Array, floors: Array, lost: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
-    """Write the maps of a row from its scaled normals.
+    """Write the maps of row r from its scaled normals; `dark` is its ambient row.
 
-    A slope is known where bz^2 >= `floors` rho, the pixel is not `lost`, and at least three of the
+    A slope is valid where bz^2 >= `floors` rho, the pixel is not `lost`, and at least three of the
     lights `used` are out of shadow.
     """
     columns = p.shape[1]
@@ -136,9 +161,7 @@ def judge_row(
             x, y, z = directions[k]
             gain = gains[k]
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
+                v = images[k, r, c] - dark[c]
                 s = x * bx[c] + y * by[c] + z * bz[c]
                 limit = SHADOW_FRACTION * max(s, SHADOW_FLOOR * albedo[r, c])
                 lit[c] += one if v * gain > limit else zero

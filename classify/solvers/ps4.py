@@ -1,4 +1,4 @@
-"""PS4 as in the thesis: of four lights the darkest is left out, at every pixel."""
+"""PS4 as in the thesis: the darkest of four lights is left out at every pixel."""
 
 from __future__ import annotations
 
@@ -6,46 +6,75 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
+from classify.threads import run_on_rows
 
-__all__ = ["drop_darkest"]
+from .problem import Maps, Problem, nowhere
+
+__all__ = ["solve_ps4"]
 
 Array = npt.NDArray[Any]
 
 _DARK = SHADOW_FRACTION * SHADOW_FLOOR
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def drop_darkest(
-    images: Array, ambient: Array | None, gains: Array | None, albedo_gain: np.float32,
+def solve_ps4(problem: Problem) -> Maps:
+    """Leave out the darkest light at every pixel; four lights.
+
+    No highlights are reported: the three brightest lights are taken to be those of the surface.
+    """
+    pinv, null = drop_one_constants(problem.lighting, "ps4")
+    floor = problem.noise_floor(pinv)
+    inverse = np.linalg.inv(problem.lighting.directions[:3]).astype(np.float32)
+    # Slopes do not change with the brightness of all lights: equal gains are applied to the
+    # albedo only.
+    gains, albedo_gain = problem.gains, np.float32(1.0)
+    if np.ptp(gains) == 0.0:
+        gains, albedo_gain = np.ones_like(gains), gains[0]
+    maps = problem.new_maps(highlights=nowhere(problem.shape))
+    images, dark = problem.stack.images, problem.stack.dark_rows
+    null = null.astype(np.float32)
+
+    def solve(first: int, last: int) -> None:
+        _drop_darkest(
+            first, last, images, dark, gains, albedo_gain, problem.saturation,
+            floor / albedo_gain, inverse, null, maps.p, maps.q, maps.albedo, maps.valid,
+        )  # fmt: skip
+
+    run_on_rows(solve, problem.shape)
+    return maps
+
+
+@kernel
+def _drop_darkest(
+    first: int, last: int, images: Array, ambient: Array, gains: Array, albedo_gain: np.float32,
     saturation: np.float32, noise_floor: np.float32, inverse: Array, null: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
-    """Leave out the darkest of four values, solve from the other three (SCIENCE section 1).
+    """Leave out the darkest of four values, solve from the other three.
 
-    With r = nul . i the contradiction of the four values, the others predict i_k - r / nul_k for
-    light k. With that in place of i_k all four agree, and any three give b: those of `inverse`, of
-    the first three light vectors. Where several lights are equally dark the mean of their solutions
-    is taken: picking the first would favour one axis over the other.
+    Four light vectors are linearly dependent: with nul their left null vector, r = nul . i is zero
+    for a Lambertian pixel lit by all four. So the other three predict i_k - r / nul_k for light k.
+    With this prediction in place of i_k all four values agree, and any three of them give b: here
+    the first three, by `inverse`. Where several lights are equally dark the mean of their
+    solutions is taken, because to pick the first would favour one axis over the other.
 
-    Values are multiplied by `gains` before, or, where those are all the same, albedo by
-    `albedo_gain` after: slopes do not change with the brightness of all lights.
-
-    A slope is known where b_z^2 >= `noise_floor` rho (before `albedo_gain`), no light is saturated,
-    and the second darkest is out of shadow: with two lights in shadow, one of them is in the
-    solution. Of n equally dark lights any may be the one in shadow, and what r says of that one
-    does not go for the others: by (n - 1) / n of it the second darkest counts as darker.
+    A slope is valid where b_z^2 >= `noise_floor` rho (before `albedo_gain`), no light is
+    saturated, and the second darkest light is out of shadow: with two lights in shadow, one of
+    them is part of the solution. Of n equally dark lights one may be in shadow, and the mean moves
+    its value by 1 / n of r / nul_k only: the second darkest value is lowered by the rest of it.
     """
-    rows, columns = p.shape
+    columns = p.shape[1]
     n0, n1, n2, n3 = null
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
     largest = max(max(abs(c0), abs(c1)), max(abs(c2), abs(c3)))
-    for r in prange(rows):
-        # Until the second loop the maps hold what three lights give.
+    for r in range(first, last):
+        dark_row = ambient[min(r, len(ambient) - 1)]
+        # Until the second loop the maps hold the values of the first three lights.
         seconds = np.empty(columns, np.float32)
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
@@ -53,17 +82,11 @@ def drop_darkest(
             v2 = np.float32(images[2, r, c])
             v3 = np.float32(images[3, r, c])
             brightest = max(max(v0, v1), max(v2, v3))
-            if ambient is not None:
-                dark = np.float32(ambient[r, c])
-                v0 -= dark
-                v1 -= dark
-                v2 -= dark
-                v3 -= dark
-            if gains is not None:
-                v0 *= gains[0]
-                v1 *= gains[1]
-                v2 *= gains[2]
-                v3 *= gains[3]
+            dark = np.float32(dark_row[c])
+            v0 = (v0 - dark) * gains[0]
+            v1 = (v1 - dark) * gains[1]
+            v2 = (v2 - dark) * gains[2]
+            v3 = (v3 - dark) * gains[3]
             low, other_low = min(v0, v1), min(v2, v3)
             darkest = min(low, other_low)
             second = min(max(low, other_low), min(max(v0, v1), max(v2, v3)))

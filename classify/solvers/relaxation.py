@@ -1,20 +1,22 @@
-"""Slopes that are not known, made as smooth and as free of curl as those around them.
+"""Unknown slopes, made as smooth and as free of curl as those around them.
 
-The kernels of `in_fill`. Each runs over a list of pixels kept row by row (`starts`, `columns`),
-serially for a short list and on all cores for a long one, with the same result to the last bit.
+The kernels of `in_fill`. Each runs over a list of pixels kept row by row, in one thread for a
+short list and in all for a long one, with the same result to the last bit.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.threads import run_on_rows
 
-__all__ = ["NOT_REACHED", "NO_LINE", "SKIPPED", "grow", "neighbour_weights", "relax"]
+__all__ = ["NOT_REACHED", "NO_LINE", "SKIPPED", "Unsolved", "grow", "neighbour_weights", "relax"]
 
 Array = npt.NDArray[Any]
 
@@ -33,11 +35,34 @@ _OVER = np.float32(1.5)
 _MIN_NZ = np.float32(0.26)
 # A curl must be zero where a step of slope need only be likely.
 _CURL = 2.0
-# Below this many pixels a second thread costs more than it brings.
-_FEW = 10_000
 
 
-@njit(cache=True, error_model="numpy")
+@dataclass(frozen=True, eq=False)
+class Unsolved:
+    """The pixels to be filled in, row by row.
+
+    Attributes
+    ----------
+    starts, columns
+        (H + 1,) where the pixels of each row begin in the list, (n,) the column of each.
+    lines
+        (n, 4) b0 and t of each pixel on its line of scaled normals; t is written.
+    pairs, along
+        (n,) the pair of lights of each pixel, or `NO_LINE` or `SKIPPED`, and (7, 3) the direction
+        d of the line of each pair. Pixels that `relax` must leave alone become `SKIPPED`.
+    depth
+        (H, W) 0 where solved, `NOT_REACHED` where listed; written: the layer of each pixel.
+    """
+
+    starts: Array
+    columns: Array
+    lines: Array
+    pairs: Array
+    along: Array
+    depth: Array
+
+
+@kernel
 def neighbour_weights(
     p: Array, q: Array, albedo: Array, depth: Array, step: int
 ) -> tuple[np.float32, np.float32]:
@@ -72,7 +97,7 @@ def neighbour_weights(
     return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _first_on_line(
     lines: Array, n: int, d: Array,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
@@ -104,8 +129,8 @@ def _first_on_line(
     return p, q, rho
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")
-def _along_line(
+@kernel
+def _step_along_line(
     lines: Array, n: int, d: Array, p: np.float32, q: np.float32, rho: np.float32,
     P: np.float32, Q: np.float32, A: np.float32,
     slope_weight: np.float32, albedo_weight: np.float32,
@@ -137,60 +162,97 @@ def _along_line(
     return p, q, rho
 
 
-def _grow(
-    starts: Array, columns: Array, lines: Array, pairs: Array, along: Array,
-    albedo_weight: np.float32, depth: Array, p: Array, q: Array, albedo: Array,
-) -> None:  # fmt: skip
-    """First values, layer by layer inwards, from the mean of the layers before.
+def grow(
+    unsolved: Unsolved, albedo_weight: np.float32, p: Array, q: Array, albedo: Array, strip_px: int
+) -> None:
+    """Set first values, layer by layer inwards, to the mean of the layers before."""
 
-    Parameters
-    ----------
-    starts, columns
-        (H + 1,) where the pixels of each row begin in the list, (n,) the column of each.
-    lines
-        (n, 4) b0 and t of each pixel on its line; t is written.
-    pairs, along
-        (n,) the pair of lights that a pixel has, or `NO_LINE` or `SKIPPED`, and (7, 3) the
-        direction d of its line. Pixels that `relax` must leave alone become `SKIPPED`.
-    depth
-        (H, W) 0 where solved, `NOT_REACHED` where listed; written: the layer of each.
-    """
-    rows, width = p.shape
+    def grow_rows(layer: int, counts: list[int], first: int, last: int) -> None:
+        count = _grow_layer(
+            first, last, layer, unsolved.starts, unsolved.columns, unsolved.lines,
+            unsolved.pairs, unsolved.along, albedo_weight, unsolved.depth, p, q, albedo,
+        )  # fmt: skip
+        counts.append(count)
+
     for layer in range(1, _REACH_PX + 1):
-        reached = 0
-        for r in prange(rows):
-            for n in range(starts[r], starts[r + 1]):
-                c = columns[n]
-                dark = pairs[n] >= NO_LINE
-                if depth[r, c] != NOT_REACHED or (dark and layer > _REACH_DARK_PX):
-                    continue
-                if pairs[n] == SKIPPED:
-                    continue
-                P, Q, A, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                for y in range(max(r - 1, 0), min(r + 2, rows)):
-                    for x in range(max(c - 1, 0), min(c + 2, width)):
-                        if depth[y, x] < layer:
-                            weight = np.float32(1.0) if y == r or x == c else np.float32(0.7)
-                            P += weight * p[y, x]
-                            Q += weight * q[y, x]
-                            A += weight * albedo[y, x]
-                            total += weight
-                if total == 0.0:
-                    continue
-                reached += 1
-                P /= total
-                Q /= total
-                A /= total
-                if not dark:
-                    P, Q, A = _first_on_line(lines, n, along[pairs[n]], P, Q, A, albedo_weight)
-                depth[r, c] = layer
-                p[r, c] = P
-                q[r, c] = Q
-                albedo[r, c] = A
-        if reached == 0:
+        counts: list[int] = []
+        run_on_rows(partial(grow_rows, layer, counts), p.shape, strip_px)
+        if not any(counts):
             break
-    # Beside pixels without a slope, and at the border, the first values stand.
-    for r in prange(rows):
+    _skip_edges(unsolved.starts, unsolved.columns, unsolved.pairs, unsolved.depth)
+
+
+def relax(
+    unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32,
+    p: Array, q: Array, albedo: Array, strip_px: int,
+) -> None:  # fmt: skip
+    """Smooth the values of the unsolved pixels by sweeps after Gauss and Seidel.
+
+    Odd and even rows are swept in turn, so that no two threads meet.
+
+    Minimised is the sum of the squared steps of slope and of albedo between neighbours, and of the
+    squared curl around each four pixels by the trapezoid rule. At one pixel, with the others held,
+    the minimum in p is a weighted mean: of the mean of p at the four neighbours with weight 1, and
+    of (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4
+    with weight 4 curl_weight; likewise for q. A pixel with two lights comes as near to that as its
+    line does.
+    """
+
+    def sweep_rows(half_sweep: int, first: int, last: int) -> None:
+        _sweep(
+            first, last, half_sweep, unsolved.starts, unsolved.columns, unsolved.lines,
+            unsolved.pairs, unsolved.along, albedo_weight, curl_weight, p, q, albedo,
+        )  # fmt: skip
+
+    for half_sweep in range(2 * _SWEEPS):
+        run_on_rows(partial(sweep_rows, half_sweep), p.shape, strip_px)
+
+
+@kernel
+def _grow_layer(
+    first: int, last: int, layer: int, starts: Array, columns: Array, lines: Array, pairs: Array,
+    along: Array, albedo_weight: np.float32, depth: Array, p: Array, q: Array, albedo: Array,
+) -> int:  # fmt: skip
+    """Give a value to the pixels beside the layers before, and return how many there are."""
+    rows, width = p.shape
+    reached = 0
+    for r in range(first, last):
+        for n in range(starts[r], starts[r + 1]):
+            c = columns[n]
+            dark = pairs[n] >= NO_LINE
+            if depth[r, c] != NOT_REACHED or (dark and layer > _REACH_DARK_PX):
+                continue
+            if pairs[n] == SKIPPED:
+                continue
+            P, Q, A, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            for y in range(max(r - 1, 0), min(r + 2, rows)):
+                for x in range(max(c - 1, 0), min(c + 2, width)):
+                    if depth[y, x] < layer:
+                        weight = np.float32(1.0) if y == r or x == c else np.float32(0.7)
+                        P += weight * p[y, x]
+                        Q += weight * q[y, x]
+                        A += weight * albedo[y, x]
+                        total += weight
+            if total == 0.0:
+                continue
+            reached += 1
+            P /= total
+            Q /= total
+            A /= total
+            if not dark:
+                P, Q, A = _first_on_line(lines, n, along[pairs[n]], P, Q, A, albedo_weight)
+            depth[r, c] = layer
+            p[r, c] = P
+            q[r, c] = Q
+            albedo[r, c] = A
+    return reached
+
+
+@kernel
+def _skip_edges(starts: Array, columns: Array, pairs: Array, depth: Array) -> None:
+    """Keep the first values at the border of the frame and beside pixels without a slope."""
+    rows, width = depth.shape
+    for r in range(rows):
         for n in range(starts[r], starts[r + 1]):
             c = columns[n]
             if r == 0 or c == 0 or r == rows - 1 or c == width - 1:
@@ -201,73 +263,49 @@ def _grow(
                         pairs[n] = SKIPPED
 
 
-def _relax(
-    starts: Array, columns: Array, lines: Array, pairs: Array, along: Array,
-    albedo_weight: np.float32, curl_weight: np.float32, p: Array, q: Array, albedo: Array,
+@kernel
+def _sweep(
+    first: int, last: int, half_sweep: int, starts: Array, columns: Array, lines: Array,
+    pairs: Array, along: Array, albedo_weight: np.float32, curl_weight: np.float32,
+    p: Array, q: Array, albedo: Array,
 ) -> None:  # fmt: skip
-    """Sweeps after Gauss and Seidel, odd and even rows in turn so that no two threads meet.
-
-    What is made small is the sum of squared steps of slope and of albedo between neighbours, and
-    of the curl around each four pixels by the trapezoid rule. At one pixel, the others held, it is
-    least for p at the mean, weighed 1 to 4 curl_weight, of that of the four neighbours and of
-    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4,
-    and likewise for q. A pixel on a line comes as near to that as the line does.
-    """
-    rows = p.shape[0]
+    """Half a sweep over every other of some rows."""
+    parity = half_sweep % 2
     quarter, two = np.float32(0.25), np.float32(2.0)
     slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
-    for half_sweep in range(2 * _SWEEPS):
-        parity = half_sweep % 2
-        for k in prange((rows - parity + 1) // 2):
-            r = 2 * k + parity
-            first, count = starts[r], starts[r + 1] - starts[r]
-            for i in range(count):
-                n = first + i if half_sweep % 4 < 2 else first + count - 1 - i
-                if pairs[n] == SKIPPED:
-                    continue
-                c = columns[n]
-                p_rows, p_columns = p[r - 1, c] + p[r + 1, c], p[r, c - 1] + p[r, c + 1]
-                q_rows, q_columns = q[r - 1, c] + q[r + 1, c], q[r, c - 1] + q[r, c + 1]
-                p_nw, p_ne, p_sw, p_se = (
-                    p[r - 1, c - 1], p[r - 1, c + 1], p[r + 1, c - 1], p[r + 1, c + 1]
+    for r in range(first + (first + parity) % 2, last, 2):
+        start, count = starts[r], starts[r + 1] - starts[r]
+        for i in range(count):
+            n = start + i if half_sweep % 4 < 2 else start + count - 1 - i
+            if pairs[n] == SKIPPED:
+                continue
+            c = columns[n]
+            p_rows, p_columns = p[r - 1, c] + p[r + 1, c], p[r, c - 1] + p[r, c + 1]
+            q_rows, q_columns = q[r - 1, c] + q[r + 1, c], q[r, c - 1] + q[r, c + 1]
+            p_nw, p_ne, p_sw, p_se = (
+                p[r - 1, c - 1], p[r - 1, c + 1], p[r + 1, c - 1], p[r + 1, c + 1]
+            )  # fmt: skip
+            q_nw, q_ne, q_sw, q_se = (
+                q[r - 1, c - 1], q[r - 1, c + 1], q[r + 1, c - 1], q[r + 1, c + 1]
+            )  # fmt: skip
+            P = quarter * (p_rows + p_columns) + curl_weight * (
+                two * (p_rows - p_columns)
+                + (p_nw + p_ne + p_sw + p_se)
+                + (q_nw - q_ne - q_sw + q_se)
+            )
+            Q = quarter * (q_rows + q_columns) + curl_weight * (
+                two * (q_columns - q_rows)
+                + (q_nw + q_ne + q_sw + q_se)
+                + (p_nw - p_ne - p_sw + p_se)
+            )
+            P /= slope_weight
+            Q /= slope_weight
+            A = quarter * (
+                albedo[r - 1, c] + albedo[r + 1, c] + albedo[r, c - 1] + albedo[r, c + 1]
+            )
+            if pairs[n] != NO_LINE:
+                P, Q, A = _step_along_line(
+                    lines, n, along[pairs[n]], p[r, c], q[r, c], albedo[r, c],
+                    P, Q, A, slope_weight, albedo_weight,
                 )  # fmt: skip
-                q_nw, q_ne, q_sw, q_se = (
-                    q[r - 1, c - 1], q[r - 1, c + 1], q[r + 1, c - 1], q[r + 1, c + 1]
-                )  # fmt: skip
-                P = quarter * (p_rows + p_columns) + curl_weight * (
-                    two * (p_rows - p_columns)
-                    + (p_nw + p_ne + p_sw + p_se)
-                    + (q_nw - q_ne - q_sw + q_se)
-                )
-                Q = quarter * (q_rows + q_columns) + curl_weight * (
-                    two * (q_columns - q_rows)
-                    + (q_nw + q_ne + q_sw + q_se)
-                    + (p_nw - p_ne - p_sw + p_se)
-                )
-                P /= slope_weight
-                Q /= slope_weight
-                A = quarter * (
-                    albedo[r - 1, c] + albedo[r + 1, c] + albedo[r, c - 1] + albedo[r, c + 1]
-                )
-                if pairs[n] != NO_LINE:
-                    P, Q, A = _along_line(
-                        lines, n, along[pairs[n]], p[r, c], q[r, c], albedo[r, c],
-                        P, Q, A, slope_weight, albedo_weight,
-                    )  # fmt: skip
-                p[r, c], q[r, c], albedo[r, c] = P, Q, A
-
-
-_grow_serial = njit(fastmath=FAST, cache=True, error_model="numpy")(_grow)
-_grow_parallel = njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)(_grow)
-_relax_serial = njit(fastmath=FAST, cache=True, error_model="numpy")(_relax)
-_relax_parallel = njit(fastmath=FAST, cache=True, error_model="numpy", parallel=True)(_relax)
-
-
-def grow(starts: Array, columns: Array, *arguments: Any) -> None:
-    """`_grow` on one core or on all."""
-    (_grow_serial if len(columns) < _FEW else _grow_parallel)(starts, columns, *arguments)
-
-
-def relax(starts: Array, columns: Array, *arguments: Any) -> None:
-    """`_relax` on one core or on all."""
-    (_relax_serial if len(columns) < _FEW else _relax_parallel)(starts, columns, *arguments)
+            p[r, c], q[r, c], albedo[r, c] = P, Q, A

@@ -7,20 +7,26 @@ what fewer than three lights can solve is left to `in_fill`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.lighting import Lighting
+from classify.lights.algebra import drop_one_constants
+from classify.lights.balance import light_balance
 from classify.shadow_rule import MIN_NORMAL_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
+from classify.threads import STRIP_PX, run_on_rows
 
-__all__ = ["DARK", "GATE", "LEAK", "LOST", "TOLERANCE", "gated"]
+from .in_fill import LOST, SATURATED, in_fill
+from .problem import Maps, Problem, slope_noise
+
+__all__ = ["DARK", "LEAK", "TOLERANCE", "solve_ps4_robust"]
 
 Array = npt.NDArray[Any]
 
-LOST = np.uint8(16)
 _NONE_LIT = np.uint8(15)
 _DOUBTFUL = np.uint8(128)
 
@@ -38,11 +44,44 @@ TOLERANCE = np.float32(0.05)
 _TINY = np.float32(1e-30)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def gated(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise: Array, least_bz: np.float32, pinv: Array, corrections: Array, null: Array,
-    p: Array, q: Array, albedo: Array, valid: Array,
+def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
+    """Least squares of four lights where they agree, without one light where they do not.
+
+    Pixels with fewer than three lights are filled in from their surroundings. LED levels are
+    corrected first, and the lighting of the result holds the corrected ones.
+    """
+    pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
+    stack, shape = problem.stack, problem.shape
+    balance = light_balance(
+        stack.images, stack.ambient, problem.gains, float(problem.saturation), problem.variance,
+        null,
+    )  # fmt: skip
+    levels = problem.lighting.intensities / balance
+    balanced = replace(problem, lighting=Lighting(problem.lighting.directions, levels))
+    dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
+    maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
+    unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
+    images, dark = stack.images, stack.dark_rows
+    least_bz, corrections = slope_noise(pinv), (pinv / null).astype(np.float32)
+    pinv, null = pinv.astype(np.float32), null.astype(np.float32)
+
+    def solve(first: int, last: int) -> None:
+        _gate(
+            first, last, images, dark, balanced.gains, problem.saturation,
+            problem.variance, problem.frames, least_bz, pinv, corrections, null,
+            maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit, row_counts,
+        )  # fmt: skip
+
+    run_on_rows(solve, shape, strip_px)
+    in_fill(balanced, maps, unlit, row_counts, strip_px)
+    return maps
+
+
+@kernel
+def _gate(
+    first: int, last: int, images: Array, ambient: Array, gains: Array, saturation: np.float32,
+    noise: Array, frames: np.float32, least_bz: np.float32, pinv: Array, corrections: Array,
+    null: Array, p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array, row_counts: Array,
 ) -> None:  # fmt: skip
     """Least squares of four lights where they agree, without the one to blame where they do not.
@@ -51,8 +90,12 @@ def gated(
     ----------
     noise
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
+    frames
+        1, or 2 where an ambient image, which is noisy as well, was subtracted.
     least_bz
-        A slope is known where bz^2 >= least_bz sigma rho, sigma that of the contradiction.
+        A slope is valid where bz^2 >= least_bz sigma rho, sigma that of the redundancy residual.
+    corrections
+        (3, 4) pinv / null: what b changes by if a light is left out, per unit of the residual.
     unlit
         Out: 0 where a pixel is solved, `LOST` where its slope drowns in noise, else the bits of
         the lights in shadow or saturated, which leave fewer than three.
@@ -61,22 +104,24 @@ def gated(
 
     Notes
     -----
-    Formulas as for `drop_darkest`, with a share of the contradiction r in place of all of it: none
-    for least squares, all but what noise explains where a dark light k is left out, (1 - variance
-    / r^2) r (the positive-part estimator of James and Stein, 1961). The solution then predicts
-    i_j - nul_j (r - share) for every light, and share / nul_k less for light k.
+    Formulas as for `ps4._drop_darkest`, with a share of the redundancy residual r = nul . i in
+    place of all of it. The share is zero for least squares of all four. Where a dark light k is
+    left out it is (1 - variance / r^2) r, all but what noise explains (the positive-part estimator
+    of James and Stein, 1961). The solution then predicts i_j - nul_j (r - share) for every light,
+    and share / nul_k less for light k.
     """
-    rows, columns = p.shape
+    columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
     a, b, black = noise
     y0, y1, y2, y3 = (n0 * g0) ** 2, (n1 * g1) ** 2, (n2 * g2) ** 2, (n3 * g3) ** 2
     # The one ambient frame is in all four values, and cancels if the lights are equally strong.
-    common = (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    common = (frames - one) * (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
-    for r in prange(rows):
-        # The scaled normals lie in the maps until the second loop.
+    for r in range(first, last):
+        dark_row = ambient[min(r, len(ambient) - 1)]
+        # The maps hold the scaled normals until the second loop.
         variances = np.empty(columns, np.float32)
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
@@ -87,22 +132,15 @@ def gated(
             variance = (
                 y0 * (a + b * max(v0 - black, zero)) + y1 * (a + b * max(v1 - black, zero))
             ) + (y2 * (a + b * max(v2 - black, zero)) + y3 * (a + b * max(v3 - black, zero)))
-            dark_variance = a
-            if ambient is not None:
-                dark = np.float32(ambient[r, c])
-                v0 -= dark
-                v1 -= dark
-                v2 -= dark
-                v3 -= dark
-                dark_variance = a + b * max(dark - black, zero)
-                variance += common * dark_variance
-                dark_variance *= two
+            dark = np.float32(dark_row[c])
+            dark_variance = a + b * max(dark - black, zero)
+            variance += common * dark_variance
             variances[c] = variance
-            dark_level = DARK * np.sqrt(dark_variance)
-            v0 *= g0
-            v1 *= g1
-            v2 *= g2
-            v3 *= g3
+            dark_level = DARK * np.sqrt(frames * dark_variance)
+            v0 = (v0 - dark) * g0
+            v1 = (v1 - dark) * g1
+            v2 = (v2 - dark) * g2
+            v3 = (v3 - dark) * g3
             high, other_high = max(v0, v1), max(v2, v3)
             brightest = max(high, other_high)
             second = max(min(high, other_high), max(min(v0, v1), min(v2, v3)))
@@ -113,12 +151,12 @@ def gated(
             w2 = one if v2 <= max(min(t2, half), leak) else zero
             w3 = one if v3 <= max(min(t3, half), leak) else zero
             count = (w0 + w1) + (w2 + w3)
-            contradiction = (n0 * v0 + n1 * v1) + (n2 * v2 + n3 * v3)
-            square = contradiction * contradiction
-            # One dark light is a suspect, whatever the contradiction; but what is left out for
-            # noise alone costs more than it brings. So of r^2 what noise explains is taken off.
+            residual = (n0 * v0 + n1 * v1) + (n2 * v2 + n3 * v3)
+            square = residual * residual
+            # One dark light is suspect, whatever the residual. But to leave out a light for noise
+            # alone costs more than it brings, so the share that noise explains is taken off.
             beyond = max(square - variance, zero) / max(square, _TINY)
-            share = contradiction * beyond if count == one else zero
+            share = residual * beyond if count == one else zero
             s0 = v0 - share * w0 * c0
             s1 = v1 - share * w1 * c1
             s2 = v2 - share * w2 * c2
@@ -157,8 +195,12 @@ def gated(
             if unlit[r, c] != 0:
                 if unlit[r, c] & _DOUBTFUL:
                     unlit[r, c] &= ~_DOUBTFUL
-                    _settle(
-                        images, ambient, gains, saturation, noise, least_bz,
+                    raw = (
+                        np.float32(images[0, r, c]), np.float32(images[1, r, c]),
+                        np.float32(images[2, r, c]), np.float32(images[3, r, c]),
+                    )  # fmt: skip
+                    _settle_pixel(
+                        raw, np.float32(dark_row[c]), gains, saturation, noise, frames, least_bz,
                         pinv, corrections, null, r, c,
                         p, q, albedo, valid, dropped, highlights, unlit,
                     )  # fmt: skip
@@ -166,78 +208,78 @@ def gated(
         row_counts[r] = unsolved
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _settle(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise: Array, least_bz: np.float32, pinv: Array, corrections: Array, null: Array,
+@kernel
+def _settle_pixel(
+    values: tuple[np.float32, ...], dark: np.float32, gains: Array, saturation: np.float32,
+    noise: Array, frames: np.float32, least_bz: np.float32,
+    pinv: Array, corrections: Array, null: Array,
     r: int, c: int, p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
-    """A pixel with saturated lights, or with four bright lights that contradict each other.
+    """Solve a pixel with saturated lights, or with four bright lights that do not agree.
 
-    A saturated light is left out. Without one, some light is darker than a Lambertian surface
-    would be (half shadow) or brighter (highlight), and the sign of the contradiction leaves one
-    pair of lights to each: the darkest of the one, the brightest of the other. Nothing in four
-    values tells these two apart; the explanation with the flatter surface is taken.
+    A saturated light is left out. If there is none, some light is darker than a Lambertian surface
+    would be (penumbra) or brighter (highlight). The sign of the residual leaves one pair of
+    lights to each: the darkest of one pair, the brightest of the other. Four values cannot tell
+    these two explanations apart; the one with the flatter surface is taken.
     """
-    zero, two = np.float32(0.0), np.float32(2.0)
+    zero = np.float32(0.0)
     a, b, black = noise
-    dark = zero
     variance = zero
-    dark_variance = a
-    if ambient is not None:
-        dark = np.float32(ambient[r, c])
-        dark_variance = two * (a + b * max(dark - black, zero))
-    brightest, second, contradiction = zero, zero, zero
+    dark_variance = frames * (a + b * max(dark - black, zero))
+    brightest, second, residual = zero, zero, zero
     bx, by, bz = zero, zero, zero
     for k in range(4):
-        raw = np.float32(images[k, r, c])
+        raw = values[k]
         v = (raw - dark) * gains[k]
         variance += (null[k] * gains[k]) ** 2 * (a + b * max(raw - black, zero))
         second = max(second, min(brightest, v))
         brightest = max(brightest, v)
-        contradiction += null[k] * v
+        residual += null[k] * v
         bx += pinv[0, k] * v
         by += pinv[1, k] * v
         bz += pinv[2, k] * v
     dark_level = DARK * np.sqrt(dark_variance)
     bits, count, left_out, low, high = 0, 0, 0, 0, 0
+    saturated = False
     lowest, highest = np.float32(np.inf), -np.float32(np.inf)
     for k in range(4):
-        raw = np.float32(images[k, r, c])
+        raw = values[k]
         v = (raw - dark) * gains[k]
         limit = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
+        if raw >= saturation:
+            saturated = True
         if raw >= saturation or v <= limit:
             bits |= 1 << k
             count += 1
             left_out = k
-        elif null[k] * contradiction < zero and v < lowest:
+        elif null[k] * residual < zero and v < lowest:
             low, lowest = k, v
-        elif null[k] * contradiction > zero and v > highest:
+        elif null[k] * residual > zero and v > highest:
             high, highest = k, v
     if count > 1:
-        unlit[r, c] = bits
+        unlit[r, c] = bits | SATURATED if saturated else bits
         valid[r, c] = False
         return
     if count == 0:
         left_out = low
         if highest > zero:
-            dark_z = bz - contradiction * corrections[2, low]
-            bright_z = bz - contradiction * corrections[2, high]
-            across_dark = (bx - contradiction * corrections[0, low]) ** 2 + (
-                by - contradiction * corrections[1, low]
+            dark_z = bz - residual * corrections[2, low]
+            bright_z = bz - residual * corrections[2, high]
+            across_dark = (bx - residual * corrections[0, low]) ** 2 + (
+                by - residual * corrections[1, low]
             ) ** 2
-            across_bright = (bx - contradiction * corrections[0, high]) ** 2 + (
-                by - contradiction * corrections[1, high]
+            across_bright = (bx - residual * corrections[0, high]) ** 2 + (
+                by - residual * corrections[1, high]
             ) ** 2
             if bright_z > zero and (
                 dark_z <= zero or across_bright * dark_z**2 < across_dark * bright_z**2
             ):
                 left_out = high
                 highlights[r, c] = True
-    bx -= contradiction * corrections[0, left_out]
-    by -= contradiction * corrections[1, left_out]
-    bz -= contradiction * corrections[2, left_out]
+    bx -= residual * corrections[0, left_out]
+    by -= residual * corrections[1, left_out]
+    bz -= residual * corrections[2, left_out]
     rho = np.sqrt(bx * bx + by * by + bz * bz)
     visible = bz > MIN_NORMAL_Z * rho and bz * bz >= least_bz * np.sqrt(variance) * rho
     inverse = np.float32(1.0) / bz if visible else zero
@@ -246,7 +288,7 @@ def _settle(
     albedo[r, c] = rho
     dropped[r, c] = left_out
     if count == 1:
-        v = (np.float32(images[left_out, r, c]) - dark) * gains[left_out]
-        highlights[r, c] = v > v - contradiction / null[left_out]
+        v = (values[left_out] - dark) * gains[left_out]
+        highlights[r, c] = v > v - residual / null[left_out]
     unlit[r, c] = np.uint8(0) if visible else LOST
     valid[r, c] = visible

@@ -6,45 +6,61 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
+from classify.threads import run_on_rows
 
 from .linear import judge_row, solve_lights
+from .problem import Maps, Problem
 
-__all__ = ["rushmeier"]
+__all__ = ["solve_rushmeier"]
 
 Array = npt.NDArray[Any]
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def rushmeier(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
-    noise_floor: np.float32, inverses: Array, directions: Array,
-    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array,
-) -> None:  # fmt: skip
+def solve_rushmeier(problem: Problem) -> Maps:
     """Drop the lowest and the highest of five or more values, least squares of the rest.
 
     After Rushmeier, Taubin and Gueziec (1997), who have five lights.
+    """
+    inverses = drop_two_inverses(problem.lighting)
+    floor = problem.noise_floor(least_squares_weights(problem.lighting, "rushmeier"))
+    dropped = np.empty(problem.shape, np.uint8)
+    maps = problem.new_maps(left_out=dropped)
 
-    Parameters
-    ----------
-    inverses
-        (N, N, 3, 3) inverse of L^T L without the two lights, NaN where that is singular; what
-        stands at [k, k] is that of all lights.
+    def solve(first: int, last: int) -> None:
+        _drop_extremes(
+            *problem.stack.float_rows(first, last), problem.gains, problem.saturation, floor,
+            inverses, problem.directions, *maps.slope_rows(first, last), dropped[first:last],
+        )  # fmt: skip
 
-    Notes
-    -----
-    Where several lights are equally dark, or equally bright, the mean of their solutions is taken
-    (as in `drop_darkest`); where all are equal none stands out and all are used. Saturated lights
-    are the highest, however many they are.
+    run_on_rows(solve, problem.shape)
+    return maps
+
+
+@kernel
+def _drop_extremes(
+    images: Array, ambient: Array, gains: Array, saturation: np.float32,
+    noise_floor: np.float32, inverses: Array, directions: Array,
+    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array,
+) -> None:  # fmt: skip
+    """Solve rows without the lowest and the highest value of each pixel.
+
+    `inverses` (N, N, 3, 3) holds at [j, k] the inverse of L^T L without lights j and k, NaN where
+    that is singular, and at [k, k] the inverse of all lights.
+
+    Where several lights are equally dark, or equally bright, the mean of their solutions is taken.
+    Where all are equal, all are used. Saturated lights count as the highest, however many they are.
     """
     lights = images.shape[0]
     rows, columns = p.shape
     every = np.ones(lights, np.bool_)
+    floors = np.full(columns, noise_floor)
     zero, one = np.float32(0.0), np.float32(1.0)
-    for r in prange(rows):
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
@@ -54,16 +70,13 @@ def rushmeier(
             x, y, z = directions[k]
             gain = gains[k]
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gain
+                v = (images[k, r, c] - dark[c]) * gain
                 bx[c] += x * v
                 by[c] += y * v
                 bz[c] += z * v
                 lowest[c] = min(lowest[c], v)
                 highest[c] = max(highest[c], v)
-        # How many lights are as low, and the sum of their indices: where it is one, its index.
+        # The number of lights that are as low, and the sum of their indices: of one, its index.
         lows = np.zeros(columns, np.float32)
         low = np.zeros(columns, np.float32)
         highs = np.zeros(columns, np.float32)
@@ -72,11 +85,9 @@ def rushmeier(
         for k in range(lights):
             gain, index = gains[k], np.float32(k)
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                brightest[c] = max(brightest[c], v)
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gain
+                raw = images[k, r, c]
+                brightest[c] = max(brightest[c], raw)
+                v = (raw - dark[c]) * gain
                 lows[c] += one if v <= lowest[c] else zero
                 low[c] += index if v <= lowest[c] else zero
                 highs[c] += one if v >= highest[c] else zero
@@ -86,7 +97,7 @@ def rushmeier(
             i, j = int(low[c]), int(high[c])
             if brightest[c] >= saturation:
                 solved, i, x, y, z = _without_saturated(
-                    images, ambient, gains, saturation, directions, r, c
+                    images, dark[c], gains, saturation, directions, r, c
                 )
                 lost[c] = not solved
                 bx[c], by[c], bz[c] = x, y, z
@@ -95,7 +106,7 @@ def rushmeier(
                 bx[c], by[c], bz[c] = _times(inverses[0, 0], bx[c], by[c], bz[c])
             elif lows[c] > one or highs[c] > one:
                 solved, i, x, y, z = _mean_of_ties(
-                    images, ambient, gains, inverses, directions, r, c,
+                    images, dark[c], gains, inverses, directions, r, c,
                     lowest[c], highest[c], bx[c], by[c], bz[c],
                 )  # fmt: skip
                 lost[c] = not solved
@@ -112,12 +123,11 @@ def rushmeier(
                     bx[c], by[c], bz[c] = _times(inverse, x, y, z)
             dropped[r, c] = i
         judge_row(
-            images, ambient, gains, directions, every, r, bx, by, bz,
-            np.full(columns, noise_floor), lost, p, q, albedo, valid,
-        )  # fmt: skip
+            images, dark, gains, directions, every, r, bx, by, bz, floors, lost, p, q, albedo, valid
+        )
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy", inline="always")
+@kernel
 def _times(
     matrix: Array, x: np.float32, y: np.float32, z: np.float32
 ) -> tuple[np.float32, np.float32, np.float32]:
@@ -128,44 +138,41 @@ def _times(
     )
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _without_saturated(
-    images: Array, ambient: Array | None, gains: Array, saturation: np.float32,
+    images: Array, dark: np.float32, gains: Array, saturation: np.float32,
     directions: Array, r: int, c: int,
 ) -> tuple[bool, int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Whether there is one, the lowest light, and b from all but that and the saturated ones."""
+    """Solve without the lowest and the saturated lights: whether solved, the lowest light, b."""
     lights = images.shape[0]
     used = np.ones(lights, np.bool_)
     low, lowest = 0, np.float32(np.inf)
     for k in range(lights):
-        v = np.float32(images[k, r, c])
-        used[k] = v < saturation
-        if ambient is not None:
-            v -= np.float32(ambient[r, c])
-        if v * gains[k] < lowest:
-            low, lowest = k, v * gains[k]
+        used[k] = images[k, r, c] < saturation
+        v = (images[k, r, c] - dark) * gains[k]
+        if v < lowest:
+            low, lowest = k, v
     used[low] = False
-    solved, x, y, z = solve_lights(images, ambient, gains, directions, used, r, c)
+    solved, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
     return solved, low, x, y, z
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _mean_of_ties(
-    images: Array, ambient: Array | None, gains: Array, inverses: Array, directions: Array,
+    images: Array, dark: np.float32, gains: Array, inverses: Array, directions: Array,
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
 ) -> tuple[bool, int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Whether there is one, the first lowest light, and the mean b over all pairs of ties."""
+    """Mean over all pairs of lowest and highest lights: whether solved, the first lowest, b."""
     lights = images.shape[0]
-    dark = np.float32(0.0) if ambient is None else np.float32(ambient[r, c])
     count, first = 0, lights
     bx, by, bz = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for i in range(lights):
-        if (np.float32(images[i, r, c]) - dark) * gains[i] > lowest:
+        if (images[i, r, c] - dark) * gains[i] > lowest:
             continue
         first = min(first, i)
         for j in range(lights):
-            if (np.float32(images[j, r, c]) - dark) * gains[j] < highest:
+            if (images[j, r, c] - dark) * gains[j] < highest:
                 continue
             inverse = inverses[i, j]
             if not np.isnan(inverse[0, 0]):

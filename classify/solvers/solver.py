@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
-from classify.images.stack import Images, checked_ambient, checked_stack
+from classify.images.noise import SensorNoise
+from classify.images.stack import Images, ImageStack
 from classify.lighting import Lighting
-from classify.lights.algebra import (
-    drop_one_constants,
-    drop_two_inverses,
-    least_squares_weights,
-    three_of_ring,
-)
-from classify.lights.balance import light_balance
 from classify.methods import METHODS, Method
-from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import SurfaceEstimate
 
-from . import robust
-from .drbohlav import drbohlav, gates
-from .in_fill import in_fill
-from .linear import linear
-from .ps4 import drop_darkest
-from .rushmeier import rushmeier
+from .drbohlav import solve_drbohlav
+from .linear import solve_least_squares, solve_three_of_ring
+from .problem import Maps, Problem
+from .ps4 import solve_ps4
+from .robust import solve_ps4_robust
+from .rushmeier import solve_rushmeier
 
 __all__ = ["photometric_stereo"]
 
-# A slope known no better than this is not worth having: most surfaces are flatter.
-_MAX_SLOPE_ERROR = 0.5
+_SOLVERS: Mapping[Method, Callable[[Problem], Maps]] = {
+    "ps3a": partial(solve_three_of_ring, method="ps3a"),
+    "ps3b": partial(solve_three_of_ring, method="ps3b"),
+    "ps3c": partial(solve_three_of_ring, method="ps3c"),
+    "ps3d": partial(solve_three_of_ring, method="ps3d"),
+    "ps4": solve_ps4,
+    "least_squares": solve_least_squares,
+    "rushmeier": solve_rushmeier,
+    "drbohlav": solve_drbohlav,
+    "ps4_robust": solve_ps4_robust,
+}
 
 
 def photometric_stereo(
@@ -90,110 +93,23 @@ def photometric_stereo(
     (0.2, -0.1)
     """
     chosen = method or ("least_squares" if len(lighting) > 4 else "ps4_robust")
-    if chosen not in METHODS:
+    if chosen not in _SOLVERS:
         raise InputError(f"unknown method {chosen!r}; choose one of {', '.join(METHODS)}")
-    stack = checked_stack(images, len(lighting))
-    dark = None if ambient is None else checked_ambient(ambient, stack)
-    scale = 1.0 if full_scale is None else float(full_scale)
-    if not 0.0 < scale < np.inf:
+    stack = ImageStack.checked(images, len(lighting), ambient)
+    if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
-    saturation = np.float32(np.inf if full_scale is None else scale)
-    gains = (1.0 / (scale * lighting.intensities)).astype(np.float32)
-    directions = lighting.directions.astype(np.float32)
-
-    shape = stack.shape[1:]
-    p, q, albedo = (np.empty(shape, np.float32) for _ in range(3))
-    valid = np.empty(shape, np.bool_)
-    maps = (p, q, albedo, valid)
-    given = (stack, dark, gains, saturation)
-    # What the solution does not say by itself.
-    dropped: npt.NDArray[np.uint8] | None = None
-    specular: npt.NDArray[np.bool_] | None = None
-    # A map without a pixel, which takes no memory.
-    repaired = nowhere = np.broadcast_to(np.False_, shape)
-
-    def sigma() -> float:
-        if noise is None:
-            return noise_of_images(stack, dark, gains, lighting)
-        return noise_of_sensor(noise, dark, gains)
-
-    def variance() -> npt.NDArray[np.float32]:
-        """A, b and black of the variance a + b (v - black) of a pixel value."""
-        if noise is not None:
-            return noise.coefficients()
-        a = sigma() ** 2 / np.mean(gains.astype(np.float64) ** 2)
-        return np.array([a, 0.0, 0.0], dtype=np.float32)
-
-    if chosen == "ps4_robust":
-        pinv, null = drop_one_constants(lighting, chosen)
-        of_pixel = variance()
-        balance = light_balance(stack, dark, gains, float(saturation), of_pixel, null)
-        lighting = Lighting(lighting.directions, lighting.intensities / balance)
-        given = (stack, dark, gains * balance, saturation)
-        unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
-        dropped, specular = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-        repaired = np.zeros(shape, np.bool_)
-        robust.gated(
-            *given, of_pixel, _slope_noise(pinv), pinv.astype(np.float32),
-            (pinv / null).astype(np.float32), null.astype(np.float32),
-            *maps, dropped, specular, unlit, row_counts,
-        )  # fmt: skip
-        in_fill(*given, lighting, unlit, row_counts, *maps, dropped, repaired)
-    elif chosen == "ps4":
-        pinv, null = drop_one_constants(lighting, chosen)
-        floor = np.float32(sigma()) * _slope_noise(pinv)
-        of_three = np.linalg.inv(lighting.directions[:3]).astype(np.float32)
-        same = np.ptp(gains) == 0.0
-        gain = gains[0] if same else np.float32(1.0)
-        drop_darkest(
-            stack, dark, None if same else gains, gain, saturation,
-            floor / gain, of_three, null.astype(np.float32), *maps,
-        )  # fmt: skip
-        # What the three brightest give is taken for the surface.
-        specular = nowhere
-    elif chosen == "rushmeier":
-        inverses = drop_two_inverses(lighting)
-        weights = least_squares_weights(lighting, chosen)
-        floor = np.float32(sigma()) * _slope_noise(weights)
-        dropped = np.empty(shape, np.uint8)
-        rushmeier(*given, floor, inverses, directions, *maps, dropped)
-    elif chosen == "drbohlav":
-        weights = least_squares_weights(lighting, chosen)
-        dropped, specular = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-        drbohlav(
-            *given, variance(), _slope_noise(weights), gates(len(lighting)),
-            weights, directions, *maps, dropped, specular,
-        )  # fmt: skip
-    else:
-        used = np.ones(len(lighting), dtype=bool)
-        unused = NO_DROPPED_LIGHT
-        if chosen == "least_squares":
-            weights = least_squares_weights(lighting, chosen)
-        else:
-            weights, unused = three_of_ring(lighting, chosen)
-            used[unused] = False
-        floor = np.float32(sigma()) * _slope_noise(weights)
-        linear(*given, floor, weights, directions, used, *maps)
-        dropped = np.broadcast_to(np.uint8(unused), shape)
+    maps = _SOLVERS[chosen](Problem(stack, lighting, full_scale, noise))
     return SurfaceEstimate(
-        p=p,
-        q=q,
-        albedo=albedo,
-        valid=valid,
+        p=maps.p,
+        q=maps.q,
+        albedo=maps.albedo,
+        valid=maps.valid,
         method=chosen,
-        images=stack,
-        ambient=dark,
+        images=stack.images,
+        ambient=stack.ambient,
         full_scale=full_scale,
-        lighting=lighting,
-        left_out=dropped,
-        highlights=specular,
-        repaired=repaired,
+        lighting=maps.lighting,
+        left_out=maps.left_out,
+        highlights=maps.highlights,
+        repaired=maps.repaired,
     )
-
-
-def _slope_noise(weights: npt.NDArray[Any]) -> np.float32:
-    """C of the rule b_z^2 >= c sigma rho, below which the slopes are mostly noise.
-
-    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2.
-    """
-    return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
 __all__ = ["compare_with_prediction", "find_darkest", "fit_residual"]
@@ -20,50 +19,47 @@ Array = npt.NDArray[Any]
 _HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def fit_residual(
-    images: Array, ambient: Array | None, gains: Array, weights: Array, directions: Array,
+    images: Array, ambient: Array, gains: Array, weights: Array, directions: Array,
     residual: Array,
 ) -> None:  # fmt: skip
     """The rms difference between the lights and the nearest Lambertian surface, b = weights i."""
     lights = images.shape[0]
     rows, columns = residual.shape
     share = np.float32(1.0 / lights)
-    for r in prange(rows):
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
         squares = np.zeros(columns, np.float32)
         for k in range(lights):
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
+                v = (images[k, r, c] - dark[c]) * gains[k]
                 bx[c] += weights[0, k] * v
                 by[c] += weights[1, k] * v
                 bz[c] += weights[2, k] * v
         for k in range(lights):
             x, y, z = directions[k]
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                error = v * gains[k] - (x * bx[c] + y * by[c] + z * bz[c])
+                v = (images[k, r, c] - dark[c]) * gains[k]
+                error = v - (x * bx[c] + y * by[c] + z * bz[c])
                 squares[c] += error * error
         for c in range(columns):
             residual[r, c] = np.sqrt(squares[c] * share)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def compare_with_prediction(
-    images: Array, ambient: Array | None, gains: Array, directions: Array,
+    images: Array, ambient: Array, gains: Array, directions: Array,
     p: Array, q: Array, albedo: Array, shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
     """How many lights give half of what p, q and albedo predict or less, and if one gives more."""
     rows, columns = p.shape
     one = np.float32(1.0)
-    for r in prange(rows):
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         scales = np.empty(columns, np.float32)
         for c in range(columns):
             scales[c] = albedo[r, c] / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
@@ -72,27 +68,22 @@ def compare_with_prediction(
         for k in range(images.shape[0]):
             x, y, z = directions[k]
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
+                v = (images[k, r, c] - dark[c]) * gains[k]
                 s = scales[c] * (z - x * p[r, c] - y * q[r, c])
                 rho = albedo[r, c]
                 shadow_count[r, c] += v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho)
                 highlights[r, c] |= v >= _HIGHLIGHT_FRACTION * max(s, _HIGHLIGHT_FLOOR * rho)
 
 
-@njit(parallel=True, cache=True)
-def find_darkest(images: Array, ambient: Array | None, gains: Array, darkest: Array) -> None:
+@kernel
+def find_darkest(images: Array, ambient: Array, gains: Array, darkest: Array) -> None:
     """Index of the light with the lowest value, the first of those that are equally low."""
     rows, columns = darkest.shape
-    for r in prange(rows):
+    for r in range(rows):
+        dark = ambient[min(r, len(ambient) - 1)]
         least = np.full(columns, np.float32(np.inf))
         for k in range(images.shape[0]):
             for c in range(columns):
-                v = np.float32(images[k, r, c])
-                if ambient is not None:
-                    v -= np.float32(ambient[r, c])
-                v *= gains[k]
+                v = (images[k, r, c] - dark[c]) * gains[k]
                 darkest[r, c] = np.uint8(k) if v < least[c] else darkest[r, c]
                 least[c] = min(least[c], v)

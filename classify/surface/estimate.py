@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
+from classify.images.stack import ImageStack
 from classify.lighting import Lighting
+from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual
 
@@ -78,9 +80,13 @@ class SurfaceEstimate:
         """
         if self.left_out is not None:
             return self.left_out
-        images, _ = self._images_and_lights
+        stack, _ = self._stack_and_lights
         darkest = np.zeros(self.shape, np.uint8)
-        find_darkest(images, self.ambient, self._gains, darkest)
+
+        def find(first: int, last: int) -> None:
+            find_darkest(*stack.float_rows(first, last), self._gains, darkest[first:last])
+
+        run_on_rows(find, self.shape)
         return darkest
 
     @cached_property
@@ -90,13 +96,16 @@ class SurfaceEstimate:
         That of the least squares fit to all lights, whatever the method, in units of the albedo.
         Shadow, highlight, noise and wrong light order all raise it.
         """
-        images, lighting = self._images_and_lights
-        directions = lighting.directions
-        weights = np.linalg.pinv(directions).astype(np.float32)
+        stack, lighting = self._stack_and_lights
+        directions = lighting.directions.astype(np.float32)
+        weights = np.linalg.pinv(lighting.directions).astype(np.float32)
         residual = np.empty(self.shape, np.float32)
-        fit_residual(
-            images, self.ambient, self._gains, weights, directions.astype(np.float32), residual
-        )
+
+        def fit(first: int, last: int) -> None:
+            block = stack.float_rows(first, last)
+            fit_residual(*block, self._gains, weights, directions, residual[first:last])
+
+        run_on_rows(fit, self.shape)
         return residual
 
     @property
@@ -117,9 +126,9 @@ class SurfaceEstimate:
     @cached_property
     def saturated(self) -> npt.NDArray[np.bool_]:
         """(H, W) bool, true where any image reached full scale."""
-        images, _ = self._images_and_lights
+        stack, _ = self._stack_and_lights
         limit = np.inf if self.full_scale is None else self.full_scale
-        saturated: npt.NDArray[np.bool_] = images.max(axis=0) >= limit
+        saturated: npt.NDArray[np.bool_] = stack.images.max(axis=0) >= limit
         return saturated
 
     @property
@@ -150,25 +159,31 @@ class SurfaceEstimate:
 
     @cached_property
     def _shadows_and_highlights(self) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.bool_]]:
-        images, lighting = self._images_and_lights
-        maps = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
-        compare_with_prediction(
-            images, self.ambient, self._gains, lighting.directions.astype(np.float32),
-            self.p, self.q, self.albedo, *maps,
-        )  # fmt: skip
-        return maps
+        stack, lighting = self._stack_and_lights
+        directions = lighting.directions.astype(np.float32)
+        shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
+
+        def compare(first: int, last: int) -> None:
+            rows = slice(first, last)
+            compare_with_prediction(
+                *stack.float_rows(first, last), self._gains, directions,
+                self.p[rows], self.q[rows], self.albedo[rows], shadow_count[rows], highlights[rows],
+            )  # fmt: skip
+
+        run_on_rows(compare, self.shape)
+        return shadow_count, highlights
 
     @property
-    def _images_and_lights(self) -> tuple[npt.NDArray[Any], Lighting]:
+    def _stack_and_lights(self) -> tuple[ImageStack, Lighting]:
         if self.images is None or self.lighting is None:
             raise InputError(
-                "this estimate has no images with their lights; what the lights say of it (shadow, "
-                "residual, saturation) is known of what `photometric_stereo` solved"
+                "this estimate has no images with their lights, from which shadow, residual and "
+                "saturation are computed; only `photometric_stereo` provides them"
             )
-        return self.images, self.lighting
+        return ImageStack(self.images, self.ambient), self.lighting
 
     @property
     def _gains(self) -> FloatMap:
         """(N,) factors from pixel values to units of the albedo."""
-        intensities = self._images_and_lights[1].intensities
+        intensities = self._stack_and_lights[1].intensities
         return (1.0 / ((self.full_scale or 1.0) * intensities)).astype(np.float32)

@@ -1,6 +1,5 @@
 """Powers of segments: what plain transforms give, whatever the threads."""
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +8,7 @@ from hypothesis import strategies as st
 from classify.texture.fields import TextureFields
 from classify.texture.segment_powers import _circular_hann, _starts, segment_powers
 from classify.texture.spectra import MIN_SEGMENT_PX
+from classify.threads import set_thread_count
 
 
 def noise_fields(shape: tuple[int, int]) -> TextureFields:
@@ -49,14 +49,10 @@ def test_powers_are_those_of_plain_transforms(shape: tuple[int, int], side: int)
 
 def test_threads_change_no_digit() -> None:
     fields = noise_fields((300, 260))
-    before = numba.get_num_threads()
     powers = []
-    try:
-        for threads in (1, numba.config.NUMBA_NUM_THREADS):
-            numba.set_num_threads(threads)
-            powers.append(segment_powers(fields, 128))
-    finally:
-        numba.set_num_threads(before)
+    for threads in (1, 3):
+        set_thread_count(threads)
+        powers.append(segment_powers(fields, 128))
     np.testing.assert_array_equal(*powers)
 
 

@@ -1,0 +1,150 @@
+"""What every solver is given and what it returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
+from classify.images.stack import ImageStack
+from classify.lighting import Lighting
+
+__all__ = ["Maps", "Problem", "nowhere", "slope_noise"]
+
+# A slope with a larger standard error is not valid. Most surfaces are flatter than this, so that
+# such a slope says less than the mean of the surface.
+_MAX_SLOPE_ERROR = 0.5
+
+Array = npt.NDArray[Any]
+FloatArray = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Maps:
+    """What a solver finds, each (H, W); see `SurfaceEstimate` for their meaning.
+
+    Attributes
+    ----------
+    p, q, albedo, valid
+        Written by every solver.
+    left_out
+        uint8 index of the light left out at each pixel; None for the darkest one everywhere.
+    highlights
+        bool; None where highlights are to be told from the prediction of the solution.
+    repaired
+        bool.
+    lighting
+        The lights with the intensities that were used.
+    """
+
+    p: FloatArray
+    q: FloatArray
+    albedo: FloatArray
+    valid: npt.NDArray[np.bool_]
+    left_out: npt.NDArray[np.uint8] | None
+    highlights: npt.NDArray[np.bool_] | None
+    repaired: npt.NDArray[np.bool_]
+    lighting: Lighting
+
+    def slope_rows(self, first: int, last: int) -> tuple[Array, Array, Array, Array]:
+        """Some rows of p, q, albedo and valid."""
+        rows = slice(first, last)
+        return self.p[rows], self.q[rows], self.albedo[rows], self.valid[rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Images under known lights, checked, to be solved for slopes and albedo.
+
+    Attributes
+    ----------
+    stack
+        The images and the ambient image.
+    lighting
+        The N lights.
+    full_scale
+        Pixel value at which the sensor saturates, or None.
+    sensor_noise
+        Of the sensor that took the images; None is estimated from the images.
+    """
+
+    stack: ImageStack
+    lighting: Lighting
+    full_scale: float | None
+    sensor_noise: SensorNoise | None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.stack.shape
+
+    @cached_property
+    def directions(self) -> FloatArray:
+        """(N, 3) unit light vectors."""
+        return self.lighting.directions.astype(np.float32)
+
+    @cached_property
+    def gains(self) -> FloatArray:
+        """(N,) factors from pixel values to units of the albedo."""
+        scale = 1.0 if self.full_scale is None else self.full_scale
+        return (1.0 / (scale * self.lighting.intensities)).astype(np.float32)
+
+    @property
+    def saturation(self) -> np.float32:
+        """Pixel value from which on a pixel is saturated."""
+        return np.float32(np.inf if self.full_scale is None else self.full_scale)
+
+    @cached_property
+    def sigma(self) -> float:
+        """Standard deviation of an image value times its gain, at a pixel without light."""
+        if self.sensor_noise is None:
+            return noise_of_images(self.stack.images, self.stack.ambient, self.gains, self.lighting)
+        return noise_of_sensor(self.sensor_noise, self.stack.ambient, self.gains)
+
+    @cached_property
+    def variance(self) -> FloatArray:
+        """(3,) a, b and black level of the variance a + b (value - black) of a pixel value."""
+        if self.sensor_noise is not None:
+            return self.sensor_noise.coefficients()
+        a = self.sigma**2 / np.mean(self.gains.astype(np.float64) ** 2)
+        return np.array([a, 0.0, 0.0], dtype=np.float32)
+
+    @property
+    def frames(self) -> np.float32:
+        """Number of frames whose noise is in an image value: 2 where an ambient is subtracted."""
+        return np.float32(1.0 if self.stack.ambient is None else 2.0)
+
+    def new_maps(
+        self,
+        left_out: npt.NDArray[np.uint8] | None = None,
+        highlights: npt.NDArray[np.bool_] | None = None,
+        repaired: npt.NDArray[np.bool_] | None = None,
+    ) -> Maps:
+        """Maps for a solver to write; nothing is repaired unless that map is given."""
+        p, q, albedo = (np.empty(self.shape, np.float32) for _ in range(3))
+        valid = np.empty(self.shape, np.bool_)
+        if repaired is None:
+            repaired = nowhere(self.shape)
+        return Maps(p, q, albedo, valid, left_out, highlights, repaired, self.lighting)
+
+    def noise_floor(self, weights: npt.NDArray[Any]) -> np.float32:
+        """Least b_z^2 / rho of a valid slope, for b = weights i."""
+        return np.float32(self.sigma) * slope_noise(weights)
+
+
+def nowhere(shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """(H, W) False, without memory of its own."""
+    return np.broadcast_to(np.False_, shape)
+
+
+def slope_noise(weights: npt.NDArray[Any]) -> np.float32:
+    """Factor c of the rule b_z^2 >= c sigma rho for a valid slope, where b = weights i.
+
+    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2, and it
+    may be 0.5 at most.
+    """
+    return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

@@ -1,0 +1,43 @@
+"""Kernels are cached where a folder can be written to, and work without a cache."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = """
+import numpy as np
+from classify import Lighting, photometric_stereo
+from classify.compiling import kernel_cache_folder
+
+lighting = Lighting.ring(45.0)
+images = np.full((4, 8, 8), 100, np.uint8)
+assert photometric_stereo(images, lighting, "ps4").valid.all()
+print(kernel_cache_folder())
+"""
+
+
+def run(**variables: str) -> str:
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables
+    command = [sys.executable, "-c", PROGRAM]
+    done = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.strip()
+
+
+def test_kernels_are_cached_in_the_folder_that_is_told(tmp_path: Path) -> None:
+    folder = Path(run(NUMBA_CACHE_DIR=str(tmp_path)))
+    assert folder.parent == tmp_path
+    assert list(tmp_path.rglob("ps4.*.nbc"))
+
+
+@pytest.mark.parametrize("folder", ["/dev/null/cache", "/proc/cache"])
+def test_kernels_run_without_a_cache_where_no_folder_can_be_written(folder: str) -> None:
+    only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    assert run(NUMBA_CACHE_DIR=folder, **only) == "None"
+
+
+def test_a_cache_folder_that_cannot_be_written_is_replaced_by_another() -> None:
+    assert Path(run(NUMBA_CACHE_DIR="/dev/null/cache")).is_dir()
