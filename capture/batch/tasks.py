@@ -1,7 +1,7 @@
-"""What a batch does with one captured set.
+"""The functions that batches call for one captured set.
 
-Each task reads its set from the file, wherever it runs, and gives back what is small: no pixels.
-The paths must be absolute, because a worker of a cluster has a working folder of its own.
+Each function reads the set from its file and returns a small result without pixels. Paths must be
+absolute, because a worker of a cluster has another working folder.
 """
 
 from __future__ import annotations
@@ -12,13 +12,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from capture.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet
+from capture.sets.metadata import SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
+from classify.labels import checked_label
 from classify.library.training import TrainingRow, common_lighting, observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
@@ -38,7 +41,10 @@ __all__ = [
 
 @dataclass(frozen=True)
 class SetHeader:
-    """What training asks of a set before its pixels; `segment_px` is what its size allows."""
+    """What training needs of a set apart from its pixels.
+
+    `segment_px` is the largest size of segments that the images allow.
+    """
 
     label: str
     orientation_deg: float | None
@@ -49,16 +55,18 @@ class SetHeader:
 
 
 def read_header(path: Path) -> SetHeader:
-    """Look at a labelled set without reading its pixels.
+    """Read the header of a labelled set without its pixels.
 
     Raises
     ------
     InputError
-        If it cannot be read, has no label, or is too small for a texture.
+        If the set cannot be read, has no label, has fewer than four lights, or is too small for a
+        texture.
     """
     metadata, shape = ome_tiff.read_header(path)
-    label = _required(metadata.label, path)
     with _naming(path):
+        label = _required(metadata.label)
+        _check_lights(metadata)
         segment_px = segment_for(shape)
     return SetHeader(
         label,
@@ -71,7 +79,7 @@ def read_header(path: Path) -> SetHeader:
 
 
 def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER) -> Observation:
-    """What training keeps of a set.
+    """Solve a set and compute the observation that training keeps of it.
 
     Raises
     ------
@@ -90,9 +98,14 @@ def library_of(
     classifier: str = DEFAULT_CLASSIFIER,
     sources: Sequence[str] = (),
 ) -> TextureLibrary:
-    """The library of sets that were observed with one size of segments.
+    """Train a library from the headers and observations of sets.
 
-    `sources` are the places of the sets as the library is to remember them.
+    Parameters
+    ----------
+    segment_px
+        The size of segments of all observations.
+    sources
+        The paths of the sets as the library stores them.
     """
     rows = [
         TrainingRow(header.label, observed, header.orientation_deg)
@@ -111,7 +124,7 @@ def library_of(
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """What a library says of a set, and what was known of it."""
+    """The match of a set, with the label and the orientation in its metadata."""
 
     match: Match
     label: str | None
@@ -120,19 +133,21 @@ class ClassifiedSet:
 
 
 def classify_set(path: Path, library: Path, label_required: bool = False) -> ClassifiedSet:
-    """Solve a set and look its surface up in a library file.
+    """Solve a set and classify its surface with a library file.
 
     Raises
     ------
     InputError
-        If the set or the library cannot be read, or the one does not fit the other.
+        If the set or the library cannot be read, the library does not fit the set, or the set has
+        fewer than four lights or lacks a required label.
     """
     captured = CapturedSet.load(path)
     metadata = captured.metadata
-    if label_required:
-        _required(metadata.label, path)
     trained = _library(library)
     with _naming(path):
+        if label_required:
+            _required(metadata.label)
+        _check_lights(metadata)
         match = trained.classify(captured.solve())
     return ClassifiedSet(match, metadata.label, metadata.orientation_deg, metadata.simulated)
 
@@ -150,7 +165,7 @@ class SolveTask:
 
 @dataclass(frozen=True)
 class SolvedSet:
-    """The names of the maps that were written, and shares of the pixels."""
+    """The names of the written files, and shares of the pixels from 0 to 1."""
 
     files: tuple[str, ...]
     valid: float
@@ -166,24 +181,39 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
     ------
     InputError
         If the set cannot be read or solved, or the maps cannot be written.
+    SetRejected
+        If no pixel is valid; nothing is written.
     """
     captured = CapturedSet.load(task.path)
     with _naming(task.path):
         surface = captured.solve(method)
+    saturated = float(surface.saturated.mean())
+    shadowed = float(surface.shadow_mask.mean())
+    if not surface.valid.any():
+        raise SetRejected(
+            f"{task.path}: no pixel can be solved: {saturated:.0%} are saturated, {shadowed:.0%} "
+            "are dark under a light; check exposure and lights"
+        )
     written = write_maps(captured, surface, task.folder, light=light)
     return SolvedSet(
         files=tuple(path.name for path in written),
         valid=float(surface.valid.mean()),
-        saturated=float(surface.saturated.mean()),
-        shadowed=float(surface.shadow_mask.mean()),
+        saturated=saturated,
+        shadowed=shadowed,
         simulated=captured.metadata.simulated,
     )
 
 
-def _required(label: str | None, path: Path) -> str:
+def _required(label: str | None) -> str:
     if not label:
-        raise InputError(f"{path}: has no label; capture or import it with --label")
-    return label
+        raise InputError("has no label; capture or import it with --label")
+    return checked_label(label)
+
+
+def _check_lights(metadata: SetMetadata) -> None:
+    count = len(metadata.lighting.directions)
+    if count < 4:
+        raise InputError(f"has {count} lights; textures are compared in sets of 4 or more lights")
 
 
 def _library(path: Path) -> TextureLibrary:
@@ -198,7 +228,7 @@ def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Put the file in front of what is wrong with its content."""
+    """Put the name of the file in front of the message of an InputError."""
     try:
         yield
     except InputError as error:

@@ -43,9 +43,12 @@ def train_library(
     Raises
     ------
     InputError
-        If a set cannot be read or solved, or has no label.
+        If a set cannot be read or solved, has no label, or its path is not valid UTF-8.
     """
     absolute = [path.absolute() for path in paths]
+    for path in absolute:
+        if str(path).encode(errors="replace").decode() != str(path):
+            raise InputError(f"{path}: not valid UTF-8, and the library stores the path; rename it")
     headers = list(progress(batch.map(read_header, absolute), len(paths), "read labels"))
     segment_px = min(header.segment_px for header in headers)
     task = partial(observe_set, segment_px=segment_px, classifier=classifier)

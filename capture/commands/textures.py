@@ -144,16 +144,8 @@ def evaluate_(
     if json:
         print_json(_as_json(result))
         return
-    table = new_table(
-        "class",
-        "sets",
-        "right",
-        "accuracy",
-        "deg off",
-        "95 %",
-        "classified as",
-        prose="classified as",
-    )
+    columns = ("class", "sets", "right", "accuracy", "median error", "95 % error", "wrong answers")
+    table = new_table(*columns, prose="wrong answers")
     for label, row in result.per_class.items():
         errors = row.orientation_error_deg
         others = {

@@ -88,6 +88,7 @@ def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) ->
         ("name = ''\n" + SIMULATED, "name"),
         ("nam = 'x'\n" + SIMULATED, "nam"),
         ("[lights\n", "not valid TOML"),
+        ('[lights]\nport = "a\\u0000b"', "lights.port"),
     ],
 )
 def test_a_wrong_value_is_refused_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:
