@@ -1,4 +1,4 @@
-"""What a camera is to the rest of the program, whichever backend it has."""
+"""The camera protocol: what the rest of the program knows of any camera."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
 class FrameFlag(IntFlag):
-    """What the driver says is wrong with a frame; 0 is a good one."""
+    """Errors that the driver reports for a frame; 0 is a good frame."""
 
     GOOD = 0
     CORRUPT = 1
@@ -24,18 +24,18 @@ class FrameFlag(IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One image as it came from the camera.
+    """One image of the camera.
 
     Attributes
     ----------
     pixels
         (H, W) uint8 or uint16, row 0 at the top.
     bit_depth
-        True depth: the sensor saturates at 2^bit_depth - 1 whatever the width of a word.
+        True depth: the sensor saturates at 2^bit_depth - 1.
     exposure_start_s, exposure_end_s
-        On the rig's monotonic clock. Of the first row, where rows are exposed one after the other.
+        On the rig's monotonic clock; of the first row, if rows are exposed one after the other.
     sequence
-        Number the camera gave it. A gap is a frame that was lost.
+        The camera's count. A gap is a lost frame.
     flags
         `FrameFlag`.
     """
@@ -50,24 +50,24 @@ class Frame:
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What holds for every frame of an open camera.
+    """Properties of every frame of an open camera.
 
     Attributes
     ----------
     kind, name
         Backend, and the device's own name.
     width_px, height_px, bit_depth
-        Of the frames.
+        Size and depth of the frames.
     frame_period_s, exposure_s
         As read back from the camera.
     queue_length
-        Frames the driver keeps: as many may be older than the last request.
+        Frames that the driver keeps; as many may be stale after a switch.
     readout_s
-        From the exposure of the first row to that of the last, at most; None where nobody knows.
+        Longest time from the exposure of the first row to that of the last; None if unknown.
     start_known_to_s
-        By how much later than a frame's `exposure_start_s` its exposure may have begun.
+        Longest time by which an exposure may start after the frame's `exposure_start_s`.
     gain_e_per_dn, read_noise_dn, black_level_dn
-        Noise model of the sensor, None where it is not known.
+        Noise model of the sensor, None if unknown.
     controls
         All further settings, as read back.
     """
@@ -91,16 +91,16 @@ class CameraInfo:
 class Camera(Protocol):
     """An open, streaming camera.
 
-    `read` hands out frames in the order of their exposure, the oldest in the driver's queue first.
-    It is the caller who decides by `exposure_start_s` whether a frame is new enough.
+    `read` returns frames in the order of their exposure, the oldest in the driver's queue first.
+    The caller decides by `exposure_start_s` whether a frame is fresh.
     """
 
     @property
     def info(self) -> CameraInfo:
-        """What holds for every frame."""
+        """Properties of every frame."""
 
     def read(self, timeout_s: float) -> Frame:
-        """The next frame; raises `CameraError` when none comes within `timeout_s`."""
+        """The next frame; raises `CameraError` if none arrives within `timeout_s`."""
 
     def close(self) -> None:
         """Stop streaming and release the device; a second call does nothing."""

@@ -1,4 +1,4 @@
-"""When a frame was exposed, from what its driver stamped on it."""
+"""Exposure start of a frame from its driver's time stamp."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ def exposure_start_s(
     period_s: float,
     exposure_s: float,
 ) -> float:
-    """When the exposure of the first row began, at the earliest.
+    """Earliest possible start of the first row's exposure.
 
     Parameters
     ----------
     stamp_s
         The driver's time stamp.
     claims_start
-        Whether the driver calls it the start of exposure; else it is the frame's end.
+        Whether the driver declares it as the start of exposure, else as the frame's end.
     config
-        What is known of the stamp, and whether the driver is believed.
+        Measured offset and uncertainty of the stamp, and whether the driver is believed.
     period_s, exposure_s
         As read back from the camera.
     """
     stamp_s += (config.timestamp_offset_ms - config.timestamp_uncertainty_ms) / 1e3
-    # The driver of USB cameras claims the start of exposure and stamps the arrival of data, so
-    # the claim counts only where somebody has tried it.
+    # The kernel's driver for USB cameras declares the start of exposure and stamps the arrival of
+    # the data, so a declaration counts only if the configuration confirms it.
     if config.believes_driver and claims_start:
         return stamp_s
     readout_s = period_s if config.readout_ms is None else config.readout_ms / 1e3
@@ -38,21 +38,21 @@ def exposure_start_s(
 
 
 def start_known_to_s(config: StampedCameraConfig) -> float:
-    """By how much later than `exposure_start_s` says an exposure may have begun."""
+    """Longest time by which an exposure may start after `exposure_start_s`."""
     return 2.0 * config.timestamp_uncertainty_ms / 1e3
 
 
 def require_measured_mode(config: StampedCameraConfig) -> None:
-    """Refuse a timing that was measured in another mode of the camera.
+    """Reject a timing that was measured in another mode of the camera.
 
     Raises
     ------
     ConfigError
-        If `timing_measured_at` is given and not the configured mode.
+        If `timing_measured_at` is another mode than the configured one.
     """
     if config.timing_measured_at not in (None, config.mode):
         raise ConfigError(
             f"camera.timing_measured_at = {config.timing_measured_at!r}, but the camera is set to "
-            f"{config.mode!r}; run ps4rig rig latency again, or take timing_measured_at, "
-            "timestamp_offset_ms, timestamp_uncertainty_ms and readout_ms away"
+            f"{config.mode!r}; run ps4rig rig latency again, or remove timing_measured_at, "
+            "timestamp_offset_ms, timestamp_uncertainty_ms and readout_ms"
         )

@@ -1,4 +1,4 @@
-"""A camera through OpenCV, for where there is no V4L2; it knows less, so less is believed."""
+"""A camera through OpenCV, for systems without V4L2; its frame times are only bounded."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ from .v4l2.camera_list import device_path
 
 __all__ = ["OpencvCamera"]
 
-# What OpenCV's backends keep at most, where one does not say.
+# Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
 _UNKNOWN_BUFFERS = 10
+# How long `close` waits for a read that blocks, before the thread is left to end by itself.
 _CLOSE_TIMEOUT_S = 2.0
+# Relative, as in `V4l2Device.set_frame_rate`.
 _RATE_TOLERANCE = 0.01
-# Of its V4L2 backend the values are the driver's own: manual exposure is 1, a unit is 100 us.
+# OpenCV's V4L2 backend passes the driver's values on: manual exposure is 1, a unit is 100 us.
 _V4L2 = "V4L2"
 _MANUAL = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
@@ -32,28 +34,30 @@ _EXPOSURE_UNITS_PER_MS = 10.0
 @dataclass(frozen=True, eq=False)
 class _Grabbed:
     pixels: Pixels
-    came_s: float
+    arrived_s: float
 
 
 class OpencvCamera:
     """An open camera of ``cv2.VideoCapture``.
 
-    OpenCV gives no time stamp of the driver, no sequence number and no error flag, and a read
-    that may block for ten seconds. So a thread reads, and frames are numbered as they come: one
-    that was lost is not missed. Of the time of a frame only this is known: the driver has so many
-    buffers, and one that was handed back can be filled only later. A frame is said to be exposed
-    one exposure and one period before that frame came which came one more than all buffers
-    earlier. That is never later than the truth, and costs as many frames per light.
+    OpenCV provides no time stamps, sequence numbers or error flags, and a read may block for ten
+    seconds. So a thread reads the frames and numbers them as they arrive; a lost frame goes
+    unnoticed.
+
+    The exposure start is bounded by the number of buffers n: a buffer can only be filled again
+    after it was returned. So frame k was exposed no earlier than one exposure and one period before
+    frame k - n - 1 arrived, and this time is reported. It is never later than the true start, and
+    costs n frames per light.
 
     Parameters
     ----------
     config
-        With ``kind = "opencv"``. `device` may be what else OpenCV opens, such as a film.
+        `device` may be anything that OpenCV opens, such as a video file.
 
     Raises
     ------
     CameraError
-        If it cannot be opened, has not the size or rate, or its exposure cannot be set by hand.
+        If it cannot be opened, lacks the size or rate, or its exposure cannot be set.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:
@@ -62,13 +66,13 @@ class OpencvCamera:
         opened_s = time.monotonic()
         self._video = _opened(self._path)
         try:
-            self._set_up()
+            self._configure()
         except BaseException:
             self._video.release()
             raise
         reported = int(self._video.get(cv2.CAP_PROP_BUFFERSIZE))
         self._buffers = reported if 0 < reported <= _UNKNOWN_BUFFERS else _UNKNOWN_BUFFERS
-        self._came_s = deque([opened_s] * (self._buffers + 2), maxlen=self._buffers + 2)
+        self._arrived_s = deque([opened_s] * (self._buffers + 2), maxlen=self._buffers + 2)
         self._sequence = 0
         self._frames: queue.Queue[_Grabbed | CameraError] = queue.Queue(maxsize=1)
         self._closing = threading.Event()
@@ -77,7 +81,7 @@ class OpencvCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """What holds for every frame."""
+        """Properties of every frame."""
         config = self._config
         return CameraInfo(
             kind="opencv",
@@ -87,7 +91,7 @@ class OpencvCamera:
             bit_depth=8,
             frame_period_s=1.0 / config.frame_rate_hz,
             exposure_s=config.exposure_ms / 1e3,
-            # Those in the driver, one that waits for us, and one in the thread's hand.
+            # In the driver, in the queue, and in the thread.
             queue_length=self._buffers + 2,
             controls={
                 "opencv": {
@@ -101,7 +105,7 @@ class OpencvCamera:
         )
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame that OpenCV has, or the next to come."""
+        """The oldest frame that OpenCV has, or the next one to arrive."""
         if self._closing.is_set():
             raise CameraError(f"{self._path}: the camera is closed")
         try:
@@ -109,13 +113,13 @@ class OpencvCamera:
         except queue.Empty:
             raise CameraError(f"{self._path}: no frame in {timeout_s:g} s") from None
         if isinstance(grabbed, CameraError):
-            # It stays the answer to every further call.
+            # Every later call raises it again.
             with suppress(queue.Full):
                 self._frames.put_nowait(grabbed)
             raise CameraError(str(grabbed)) from grabbed
         exposure_s = self._config.exposure_ms / 1e3
-        self._came_s.append(grabbed.came_s)
-        start_s = self._came_s[0] - exposure_s - 1.0 / self._config.frame_rate_hz
+        self._arrived_s.append(grabbed.arrived_s)
+        start_s = self._arrived_s[0] - exposure_s - 1.0 / self._config.frame_rate_hz
         self._sequence += 1
         return Frame(grabbed.pixels, 8, start_s, start_s + exposure_s, self._sequence)
 
@@ -124,7 +128,7 @@ class OpencvCamera:
         self._closing.set()
         with suppress(queue.Empty):
             self._frames.get_nowait()
-        # A read that blocks is left to end by itself: the thread then releases the device.
+        # A read that still blocks ends by itself, and the thread then releases the device.
         self._thread.join(_CLOSE_TIMEOUT_S)
 
     def _grab(self) -> None:
@@ -137,18 +141,20 @@ class OpencvCamera:
             self._video.release()
 
     def _next(self) -> _Grabbed:
-        taken, image = self._video.read()
-        came_s = time.monotonic()
-        if not taken or image is None:
+        is_read, image = self._video.read()
+        arrived_s = time.monotonic()
+        if not is_read or image is None:
             raise CameraError(
-                f"{self._path}: gives no more frames (unplugged, used by another program, or the "
-                "film is over)"
+                f"{self._path}: no more frames; the camera is unplugged or used by another "
+                "program, or the video has ended"
             )
         if image.ndim == 3 and image.shape[2] == 3:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         if image.ndim != 2 or image.dtype != np.uint8:
-            raise CameraError(f"{self._path}: gives {image.shape} {image.dtype}, not 8 bit images")
-        return _Grabbed(image.astype(np.uint8, copy=False), came_s)
+            raise CameraError(
+                f"{self._path}: OpenCV delivers {image.shape} {image.dtype} instead of 8-bit images"
+            )
+        return _Grabbed(image.astype(np.uint8, copy=False), arrived_s)
 
     def _put(self, item: _Grabbed | CameraError) -> None:
         while not self._closing.is_set():
@@ -156,7 +162,7 @@ class OpencvCamera:
                 self._frames.put(item, timeout=0.1)
                 return
 
-    def _set_up(self) -> None:
+    def _configure(self) -> None:
         video, config = self._video, self._config
         self._video_backend = video.getBackendName()
         self._read_back: dict[str, float] = {}
@@ -181,32 +187,32 @@ class OpencvCamera:
         self._compressed = fourcc.to_bytes(4, "little") in (b"MJPG", b"JPEG")
         if self._compressed and not config.allow_compressed:
             raise CameraError(
-                f"{self._path}: OpenCV takes the camera's MJPG, which is lossy; use kind = 'v4l2', "
+                f"{self._path}: OpenCV uses the camera's MJPG, which is lossy; use kind = 'v4l2', "
                 "or set camera.allow_compressed = true"
             )
         faults = [] if config.fixed_exposure else self._set_exposure()
-        # Off where the camera has it; what has no such control says nothing.
+        # Turned off if the camera has them; otherwise `set` has no effect.
         for name in ("AUTO_WB", "AUTOFOCUS", "BACKLIGHT", "SHARPNESS"):
             video.set(getattr(cv2, f"CAP_PROP_{name}"), 0.0)
         for name, value in (("GAIN", config.gain), ("GAMMA", config.gamma)):
             if value is not None:
-                faults += self._hold(name, float(value))
+                faults += self._set(name, float(value))
         if faults:
             raise ControlError(self._path, *faults)
 
     def _set_exposure(self) -> list[ControlFault]:
         if self._video_backend != _V4L2:
             raise CameraError(
-                f"{self._path}: how OpenCV's backend {self._video_backend} switches automatic "
-                "exposure off is not known; if the camera has none, set camera.exposure_ms to what "
-                "it does and camera.fixed_exposure = true"
+                f"{self._path}: automatic exposure cannot be turned off through OpenCV's backend "
+                f"{self._video_backend}; if the camera has none, set camera.exposure_ms to its "
+                "exposure and camera.fixed_exposure = true"
             )
         return [
-            *self._hold("AUTO_EXPOSURE", _MANUAL),
-            *self._hold("EXPOSURE", round(self._config.exposure_ms * _EXPOSURE_UNITS_PER_MS)),
+            *self._set("AUTO_EXPOSURE", _MANUAL),
+            *self._set("EXPOSURE", round(self._config.exposure_ms * _EXPOSURE_UNITS_PER_MS)),
         ]
 
-    def _hold(self, name: str, value: float) -> list[ControlFault]:
+    def _set(self, name: str, value: float) -> list[ControlFault]:
         key = getattr(cv2, f"CAP_PROP_{name}")
         obeyed = self._video.set(key, value)
         held = self._video.get(key)
@@ -219,7 +225,7 @@ class OpencvCamera:
 
 
 def _opened(path: str) -> cv2.VideoCapture:
-    # Its own complaints would stand beside our one line.
+    # OpenCV would print messages of its own.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:

@@ -1,1 +1,1 @@
-"""How late things are: a switch until it is acknowledged, light until it is in a frame."""
+"""Measure latencies: from a command to its acknowledge, from a switch to the frames."""

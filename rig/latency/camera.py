@@ -1,4 +1,4 @@
-"""How late the camera is: an LED is switched and the change awaited in the picture."""
+"""Measure the camera's timing: switch an LED, and see when the change is in the frames."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ from rig.rig import Rig
 from .fit import StepFit
 from .recording import evaluate, record_steps
 
-__all__ = ["CameraLatency", "Whole", "measure_latency", "without_timing"]
+__all__ = ["CameraLatency", "CompleteChange", "measure_latency", "without_timing"]
 
-# A picture in which other light flickers does not follow the model.
-_MOST_MISFIT = 0.08
-_LEAST_CAUGHT = 6
-# Of a change, when the picture is called whole.
-_WHOLE = 0.98
-# ln 1000 time constants: what is missing then is a thousandth.
+# Largest rms residual of the shares of light. Jitter of 3 ms leaves less (test_camera.py, where
+# flickering light leaves more).
+_MAX_MISFIT = 0.08
+# Fewest frames that caught a switch: with fewer, their scatter is not known.
+_MIN_CAUGHT = 6
+# Share of a change from which a row counts as completely changed, within its noise.
+_COMPLETE = 0.98
+# Settle time within a thousandth of the level, ln 1000 time constants, by the 10 to 90 % time, ln 9
+# time constants.
 _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 
 @dataclass(frozen=True)
-class Whole:
-    """How long it takes from the acknowledge until a row has the change and no part of the old.
+class CompleteChange:
+    """Time from the acknowledge to the first frame in which a row has changed completely.
 
-    `typical_ms` is the median until a program holds such a frame, `most_ms` the worst, and
-    `most_frames` how many frames a program was given before it, those in the queue included.
+    `typical_ms` and `most_ms` are the median and the maximum until the program has the frame,
+    `most_frames` is the largest number of frames received before it, including stale ones.
     """
 
     typical_ms: float
@@ -44,37 +47,37 @@ class Whole:
 
 @dataclass(frozen=True)
 class CameraLatency:
-    """What ``ps4rig rig latency`` finds, in the terms of ``rig.toml``.
+    """The result of ``ps4rig rig latency``, by the keys of ``rig.toml``.
 
     Attributes
     ----------
     camera
-        The keys of ``[camera]`` that hold it.
+        Keys and values for ``[camera]``.
     settle_ms
-        What the light takes to be within a thousandth of its level.
+        Time until the light is within a thousandth of its level.
     first_row, last_row
-        When the change is in the picture, in the order of their exposure.
+        When the rows that are exposed first and last have changed completely.
     fit
-        What was fitted to the frames.
+        The model fitted to the frames.
     switches
-        How many times the LED was switched, on or off.
+        Number of switches, on and off.
     """
 
     camera: dict[str, str | float]
     settle_ms: float
-    first_row: Whole
-    last_row: Whole
+    first_row: CompleteChange
+    last_row: CompleteChange
     fit: StepFit
     switches: int
 
 
 def without_timing(config: RigConfig) -> RigConfig:
-    """The configuration with nothing known of the camera's time stamps.
+    """The configuration without any timing of the camera, to measure it anew.
 
     Raises
     ------
     ConfigError
-        If the camera has none.
+        If the camera has no time stamps.
     """
     if isinstance(config.camera, OpencvCameraConfig):
         raise ConfigError("camera.kind = 'opencv' has no time stamps to measure; use 'v4l2'")
@@ -86,7 +89,7 @@ def without_timing(config: RigConfig) -> RigConfig:
             "readout_ms": None,
             "timing_measured_at": None,
         },
-        # It is we who switch, and the camera does not wait for it.
+        # This program switches, and the camera runs free.
         lights={"synchronisation": "software"},
     )
 
@@ -98,50 +101,50 @@ def measure_latency(
     each: Callable[[range], Iterable[int]] = iter,
     seed: int = 1,
 ) -> CameraLatency:
-    """Switch an LED on and off `steps` times against the frames, and see when it shows.
+    """Switch an LED on and off `steps` times, and measure when the frames show it.
 
     Parameters
     ----------
     rig
         Opened with `without_timing` of its configuration.
     led
-        Which LED.
+        Number of the LED.
     steps
-        Each is one on and one off.
+        Number of switches on, each followed by one off.
     each
-        Goes through the numbers of all switches; a progress bar, for example.
+        Wraps the numbers of all switches, such as a progress bar.
     seed
-        Of the phases.
+        Of the random phases of the switches against the frames.
 
     Raises
     ------
     CameraError
-        If the picture does not follow the LED, or follows something else as well.
+        If the frames do not follow the LED, or other light changes too.
     HardwareError
         If the controller or the camera fails.
     """
     recording = record_steps(rig, led, each(range(2 * steps)), 2 * steps, random.Random(seed))
     seen = evaluate(rig, recording)
     fit = seen.fit
-    if fit.misfit > _MOST_MISFIT:
+    if fit.misfit > _MAX_MISFIT:
         raise CameraError(
-            f"the picture does not follow LED {led} as light that is switched does (misfit "
-            f"{fit.misfit:.1%}); does other light change, does the camera expose by itself, or do "
-            "its time stamps jitter by as much as it exposes?"
+            f"the frames do not follow LED {led} (misfit {fit.misfit:.1%}); does other light "
+            "change, is the exposure automatic, or do the time stamps jitter by as much as the "
+            "exposure?"
         )
-    if fit.caught < _LEAST_CAUGHT:
+    if fit.caught < _MIN_CAUGHT:
         raise CameraError(
-            f"only {fit.caught} frames caught LED {led} being switched, at least {_LEAST_CAUGHT} "
-            "are needed; ask for more steps, or lengthen the exposure"
+            f"only {fit.caught} exposures caught a switch of LED {led}, at least {_MIN_CAUGHT} "
+            "are needed; use more --steps, or lengthen the exposure"
         )
-    # Of the switches at all phases: how long it takes where nobody aims.
+    # By the first half of the switches, which are at all phases of the frames.
     anywhere = seen.of_step < steps
     done = np.where(seen.steps.rising[:, None], seen.steps.shares, 1.0 - seen.steps.shares)[
         anywhere
     ]
     rows = (-1, 0) if fit.bottom_up else (0, -1)
     first_row, last_row = (
-        _whole(done[:, row] >= _WHOLE, seen.after_s[anywhere], seen.of_step[anywhere])
+        _complete_change(done[:, row] >= _COMPLETE, seen.after_s[anywhere], seen.of_step[anywhere])
         for row in rows
     )
     return CameraLatency(
@@ -157,10 +160,10 @@ def measure_latency(
 def _camera_keys(
     config: CameraConfig, fit: StepFit, unknown_s: float, period_s: float
 ) -> dict[str, str | float]:
-    """What was found, as keys; what had to be rounded was rounded towards the earlier start."""
+    """The keys of ``[camera]``, rounded towards the earlier start."""
     readout_ms = round(1e3 * min(fit.readout_s, period_s), 2)
-    # Without timing a frame is taken to begin one period and one exposure before its stamp, with
-    # these keys one readout and one exposure before the stamp and its offset.
+    # Without timing the start is taken as one period and one exposure before the stamp; with these
+    # keys it is one readout and one exposure before the stamp plus its offset.
     offset_ms = 1e3 * (fit.start_s - period_s) + readout_ms
     return {
         "timestamp_marks": "frame_end",
@@ -171,21 +174,21 @@ def _camera_keys(
     }
 
 
-def _whole(
+def _complete_change(
     done: npt.NDArray[np.bool_], after_s: npt.NDArray[np.float64], of_step: npt.NDArray[np.intp]
-) -> Whole:
+) -> CompleteChange:
     times_s, frames = [], []
     for step in np.unique(of_step):
         chosen = np.flatnonzero(of_step == step)
-        # From the last frame on that had not all of it.
+        # The first frame after the last incomplete one.
         missing = np.flatnonzero(~done[chosen])
         first = int(missing[-1]) + 1 if len(missing) else 0
         if first < len(chosen):
             times_s.append(float(after_s[chosen[first]]))
             frames.append(first)
     if not times_s:
-        raise CameraError("the change was never whole in the picture; does other light change?")
-    return Whole(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
+        raise CameraError("no frame shows a complete change; does other light change?")
+    return CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
 
 
 def _rounded_up(value_ms: float) -> float:

@@ -1,16 +1,16 @@
-"""From the light of many steps to what the camera's time stamp means.
+"""Fit the meaning of a camera's time stamps to the light of many LED steps.
 
-An LED is switched at a known time and the frames around it are looked at in bands of rows. Of a
-row that was exposed from S to S + e, a share F of the step's light is in the picture; with a
-light that approaches its level exponentially, time constant tau, and x = S + e - a the time that
-row had left when the LED was switched at a,
+An LED is switched at a known time a, and the frames around it are averaged in bands of rows. A row
+that was exposed from S to S + e holds a share F of the step's light. For light that approaches its
+level exponentially with time constant tau, and x = S + e - a, the rest of the exposure after the
+switch,
 
     F = (G(x) - G(x - e)) / e,    G(x) = x+ - tau (1 - exp(-x+ / tau)),    x+ = max(x, 0),
 
-and 1 - F of it is left after a step down. Band b of the frame begins at S = s + D + b R, where s
-is when the stamp says that the exposure began. D, R and both time constants are fitted to all
-bands of all frames at once. Then each frame that caught a step is asked for its own D: how far
-these differ is how far one stamp may be trusted.
+and the share after a step down is 1 - F. Band b, from 0 to 1, starts at S = s + D + b R, where s is
+the reported start of the exposure. D, R and both time constants are fitted to all bands of all
+frames. Each frame that caught a step then gives a D of its own; their scatter is the uncertainty of
+one stamp.
 """
 
 from __future__ import annotations
@@ -25,14 +25,19 @@ __all__ = ["StepFit", "Steps", "fit_steps", "lit_share"]
 
 Floats = npt.NDArray[np.float64]
 
-# Shares between these are of a frame that caught the step.
+# Shares of light in a band that caught the step; beyond them noise would decide when it came.
 _CAUGHT = (0.03, 0.97)
+# The fit starts from the best point of a grid over the first and the last band: D in steps of this
+# many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
+# right minimum; test_any_camera in tests/rig/latency holds that for random cameras.
 _GRID_PERIODS = 0.04
 _GRID_READOUTS = 9
-_FEW = [0, -1]
+_GRID_BANDS = [0, -1]
 _GRID_TAU_S = 0.0003
+# Far beyond any LED, so that the fit stays finite.
 _TAU_LIMITS_S = (1e-6, 0.1)
-# From this difference on a share counts less: a frame whose stamp jittered, or a cloud.
+# Residual from which a share has less weight (soft L1), several times the noise of a band: a frame
+# with a jittering stamp, or other light.
 _SOFT_SHARE = 0.01
 _RISE_10_90 = math.log(9.0)
 
@@ -44,13 +49,13 @@ class Steps:
     Attributes
     ----------
     reported_s
-        (F,) when each frame's exposure began, by its stamp, counted from its step.
+        (F,) reported exposure start of each frame, from its step on.
     rising
-        (F,) bool, whether its step was one up.
+        (F,) bool, whether the LED was switched on.
     shares
-        (F, B) how much of the LED's full light is in each band of rows, 0 to 1.
+        (F, B) share of the LED's full light in each band of rows, 0 to 1.
     bands
-        (B,) where the bands are: 0 is the first row, 1 the last.
+        (B,) position of each band from the first row, 0, to the last, 1.
     exposure_s, period_s
         Of the camera.
     """
@@ -65,25 +70,25 @@ class Steps:
 
 @dataclass(frozen=True)
 class StepFit:
-    """What follows from the steps.
+    """The fitted model.
 
     Attributes
     ----------
     start_s
-        From the reported to the true start of the exposure of the row that comes first.
+        From the reported to the true exposure start of the row that is exposed first.
     deviation_s
-        The most by which a frame's own value differed from it, and their standard deviation on
-        top, for frames that were not seen.
+        Largest deviation of a frame's own start from it, plus one standard deviation for frames
+        that were not measured.
     readout_s, readout_error_s
-        From the row that comes first to the one that comes last, with its standard error.
+        From the row that is exposed first to the last one, with its standard error.
     bottom_up
-        Whether the last row of the picture comes first.
+        Whether the bottom row is exposed first.
     rise_s, fall_s
         10 % to 90 % times of the light.
     caught
-        Frames that caught a step.
+        Number of frames that caught a step.
     misfit
-        Root mean square of what the model leaves of the shares.
+        Root mean square residual of the shares.
     """
 
     start_s: float
@@ -98,7 +103,7 @@ class StepFit:
 
 
 def lit_share(left_s: Floats, exposure_s: float, tau_s: float) -> Floats:
-    """F of the module's formula: the share of a step's light in rows with `left_s` to go."""
+    """F of the module's formula, for rows with `left_s` = x."""
 
     def collected(x: Floats) -> Floats:
         lit = np.maximum(x, 0.0)
@@ -109,12 +114,12 @@ def lit_share(left_s: Floats, exposure_s: float, tau_s: float) -> Floats:
 
 
 def fit_steps(steps: Steps) -> StepFit:
-    """Fit the model to all frames; see the module."""
+    """Fit the module's model to all frames."""
     from scipy.optimize import least_squares
 
     log_tau = math.log(_GRID_TAU_S)
     low, high = (math.log(limit) for limit in _TAU_LIMITS_S)
-    few = replace(steps, shares=steps.shares[:, _FEW], bands=steps.bands[_FEW])
+    few = replace(steps, shares=steps.shares[:, _GRID_BANDS], bands=steps.bands[_GRID_BANDS])
     begin = min(
         (
             np.array([start_s, readout_s, log_tau, log_tau])
@@ -134,28 +139,28 @@ def fit_steps(steps: Steps) -> StepFit:
     )
     start_s, readout_s = (float(value) for value in found.x[:2])
     rise_s, fall_s = (math.exp(float(value)) for value in found.x[2:])
-    left = _misfit_of_start(steps, start_s, readout_s, rise_s, fall_s)
+    offsets = _frame_offsets(steps, start_s, readout_s, rise_s, fall_s)
     residual = _misfit(steps, found.x).ravel()
-    if len(left):
-        start_s += float(np.median(left))
-        left = left - np.median(left)
-    # What one frame's stamp is off by all its bands are off by.
+    if len(offsets):
+        start_s += float(np.median(offsets))
+        offsets = offsets - np.median(offsets)
+    # The bands of one frame share the error of its stamp, so that they count as one.
     readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, found.jac, residual)
     return StepFit(
         start_s=start_s + min(readout_s, 0.0),
-        deviation_s=float(np.abs(left).max(initial=0.0) + np.std(left)) if len(left) else 0.0,
+        deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
         readout_s=abs(readout_s),
         readout_error_s=readout_error_s,
         bottom_up=readout_s < 0.0,
         rise_s=rise_s * _RISE_10_90,
         fall_s=fall_s * _RISE_10_90,
-        caught=len(left),
+        caught=len(offsets),
         misfit=float(np.sqrt(np.mean(residual**2))),
     )
 
 
 def _misfit(steps: Steps, values: Floats) -> Floats:
-    """(F, B) model less measurement, for D, R and the logarithms of both time constants."""
+    """(F, B) model minus measurement, for D, R and the logarithms of both time constants."""
     start_s, readout_s, log_rise, log_fall = (float(value) for value in values)
     left = _left_s(steps, start_s, readout_s)
     rising = steps.rising[:, None]
@@ -166,15 +171,15 @@ def _misfit(steps: Steps, values: Floats) -> Floats:
 
 
 def _left_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
-    """(F, B): how long each band is still exposed after its step; below 0 it was over."""
+    """(F, B) x of the module's formula: rest of each band's exposure after the step."""
     begins = steps.reported_s[:, None] + start_s + steps.bands * readout_s
     return begins + steps.exposure_s
 
 
-def _misfit_of_start(
+def _frame_offsets(
     steps: Steps, start_s: float, readout_s: float, rise_s: float, fall_s: float
 ) -> Floats:
-    """By how much each frame that caught a step has its own start, from its bands' median."""
+    """Offset of the start of each frame that caught a step, the median of its bands."""
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
     expected = _left_s(steps, start_s, readout_s)
     differences = []

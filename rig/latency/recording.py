@@ -1,4 +1,4 @@
-"""Switching an LED against the frames of a camera, and what the frames had of it."""
+"""Record the frames around switches of an LED, and evaluate the light in them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from rig.acceptance import MAX_SATURATED_SHARE
 from rig.camera import Frame, FrameFlag
 from rig.errors import CameraError
 from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
@@ -20,17 +21,20 @@ __all__ = ["Recording", "Seen", "evaluate", "record_steps"]
 
 Floats = npt.NDArray[np.float64]
 
+# Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
-# Periods of frames looked at after a step, beyond those that may be older than it.
+# Periods of frames recorded after a step, on top of stale frames: the step and its end.
 _PERIODS_AFTER = 2.0
-# A band whose light changes by less than this share of the range says nothing.
-_LEAST_CONTRAST = 0.01
-_MOST_SATURATED = 0.01
-# Quartz against quartz.
+# Least change of a band's light as a share of the range: with less, noise decides.
+_MIN_CONTRAST = 0.01
+# Drift of the controller's crystal against this computer's: common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
+# Exchanges before and after one whose bounds are combined: enough for a fast one among them, few
+# enough for drift.
 _NEIGHBOURS = 8
-# Of an exposure, how far it is aimed beyond its ends.
-_BEYOND = 0.1
+# How far beyond the ends of an exposure the switches are aimed, as a share of it: the ends are
+# known only roughly after the first half.
+_AIM_BEYOND = 0.1
 
 
 @dataclass(frozen=True)
@@ -43,18 +47,28 @@ class _Step:
 
 @dataclass
 class Recording:
-    """Switches, and frames as they came with the light in bands of their rows."""
+    """Switches, and for each frame its times and the light in bands of its rows."""
 
     switches: list[_Step] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
-    came_s: list[float] = field(default_factory=list)
+    arrived_s: list[float] = field(default_factory=list)
     of_step: list[int] = field(default_factory=list)
     levels: list[Floats] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What a recording tells; `delay_s` is from the question to the switch."""
+    """A recording as evaluated.
+
+    Attributes
+    ----------
+    steps, fit
+        Light in the frames, and the model fitted to it.
+    of_step, after_s
+        (F,) number of each frame's switch, and the frame's arrival after the acknowledge.
+    delay_s, unknown_s
+        From the command to the switch; uncertainty of the times of the switches.
+    """
 
     steps: Steps
     fit: StepFit
@@ -66,7 +80,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class _Aim:
-    """When to ask, so that the switch falls into an exposure."""
+    """When to send a command, so that the switch falls into an exposure."""
 
     after_report_s: float
     exposed_s: float
@@ -75,15 +89,14 @@ class _Aim:
     @classmethod
     def at(cls, seen: Seen) -> _Aim:
         exposed_s = seen.steps.exposure_s + seen.fit.readout_s
-        # A little beyond both ends: where they are is known only roughly.
         return cls(
-            seen.fit.start_s - seen.delay_s - _BEYOND * exposed_s,
-            (1.0 + 2.0 * _BEYOND) * exposed_s,
+            seen.fit.start_s - seen.delay_s - _AIM_BEYOND * exposed_s,
+            (1.0 + 2.0 * _AIM_BEYOND) * exposed_s,
             seen.steps.period_s,
         )
 
     def wait_s(self, place: float, now_s: float, reported_s: float) -> float:
-        """From now to `place`, 0 to 1, in an exposure that is to come."""
+        """Time from now to `place`, 0 to 1, in a coming exposure."""
         due_s = reported_s + self.after_report_s + place * self.exposed_s
         return (due_s - now_s) % self.period_s
 
@@ -91,14 +104,14 @@ class _Aim:
 def record_steps(
     rig: Rig, led: int, numbers: Iterable[int], count: int, rng: random.Random
 ) -> Recording:
-    """Every frame from each switch until the change must be long over.
+    """Record every frame from each switch until its change is complete.
 
-    The first half of the switches are at all phases of the frames. Where exposures are short few
-    of them fall into one, so the others are aimed at the exposures that the first half has found.
+    The first half of the switches are at all phases of the frames. If exposures are short, few of
+    these fall into one. So the second half is aimed at the exposures that the first has found.
     """
     info, clock, recording = rig.camera.info, rig.clock, Recording()
     after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
-    # One in each part, in no order, so that no phase is missed.
+    # One switch in each part of the period, in random order, so that no phase is missed.
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
     next_fresh_frame(rig, dark_s + after_s)
@@ -120,7 +133,7 @@ def record_steps(
             if frame.flags != FrameFlag.GOOD:
                 continue
             recording.reported_s.append(frame.exposure_start_s)
-            recording.came_s.append(clock.now_s())
+            recording.arrived_s.append(clock.now_s())
             recording.of_step.append(number)
             recording.levels.append(_band_levels(frame))
         rig.lights.confirm(led if rising else None)
@@ -129,7 +142,7 @@ def record_steps(
 
 
 def evaluate(rig: Rig, recording: Recording) -> Seen:
-    """What the frames so far tell."""
+    """Evaluate the frames recorded so far."""
     info, switches = rig.camera.info, recording.switches
     switched_s, unknown_s = _switch_times(switches)
     of_step = np.array(recording.of_step)
@@ -151,14 +164,14 @@ def evaluate(rig: Rig, recording: Recording) -> Seen:
         steps,
         fit_steps(steps),
         of_step,
-        after_s=np.array(recording.came_s) - acknowledged_s[of_step],
+        after_s=np.array(recording.arrived_s) - acknowledged_s[of_step],
         delay_s=float(np.median(switched_s - asked_s)),
         unknown_s=unknown_s,
     )
 
 
 def _band_places(rows: int) -> Floats:
-    """Where the bands' middles are between the first row, 0, and the last, 1."""
+    """Positions of the bands' centres from the first row, 0, to the last, 1."""
     edges = np.linspace(0, rows, min(_BANDS, rows) + 1).round()
     places: Floats = ((edges[:-1] + edges[1:] - 1.0) / 2.0) / (rows - 1)
     return places
@@ -168,10 +181,10 @@ def _band_levels(frame: Frame) -> Floats:
     """Mean pixel value in each band of rows."""
     full = (1 << frame.bit_depth) - 1
     saturated = np.count_nonzero(frame.pixels >= full) / frame.pixels.size
-    if saturated > _MOST_SATURATED:
+    if saturated > MAX_SATURATED_SHARE:
         raise CameraError(
-            f"{saturated:.0%} of the pixels are saturated, and do not show how much light there "
-            "was; shorten the exposure, or take the LED's level down"
+            f"{saturated:.0%} of the pixels are saturated and do not measure the light; shorten "
+            "the exposure, or reduce the LED's level"
         )
     rows = frame.pixels.mean(axis=1, dtype=np.float64)
     edges = np.linspace(0, len(rows), min(_BANDS, len(rows)) + 1).round().astype(np.intp)
@@ -180,11 +193,11 @@ def _band_levels(frame: Frame) -> Floats:
 
 
 def _switch_times(switches: list[_Step]) -> tuple[Floats, float]:
-    """When each step was, on the rig's clock, and how uncertain that is.
+    """Time of each switch on the rig's clock, and the uncertainty.
 
-    It was between question and answer, and when exactly the controller says on its own clock. How
-    that clock stands to ours lies between bounds that each exchange gives, and its neighbours'
-    bounds are narrower than its own.
+    The controller reports the time of a switch on its own clock. Each exchange bounds the
+    difference of the clocks by the times of command and answer; the bounds of neighbouring
+    exchanges are combined.
     """
     asked, answered, theirs = (
         np.array([getattr(step, name) for step in switches])
@@ -196,7 +209,7 @@ def _switch_times(switches: list[_Step]) -> tuple[Floats, float]:
         low, high = float((asked - theirs)[near].max()), float((answered - theirs)[near].min())
         drift_s = _CLOCK_DRIFT * float(answered[near].max() - asked[near].min())
         if low > high + drift_s:
-            # Its clock was set, or it restarted: what is left are this exchange's own bounds.
+            # The clock was set or restarted: only the bounds of this exchange hold.
             low, high = asked[index] - theirs[index], answered[index] - theirs[index]
         switched[index] = theirs[index] + (low + high) / 2.0
         unknown_s = max(unknown_s, abs(high - low) / 2.0 + drift_s)
@@ -206,14 +219,14 @@ def _switch_times(switches: list[_Step]) -> tuple[Floats, float]:
 def _shares(
     levels: Floats, of_step: npt.NDArray[np.intp], rising: npt.NDArray[np.bool_], values: int
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """(F, B) how much of the LED's light is in each band, and (all bands,) which show it at all."""
+    """(F, B) share of the LED's light in each band, and which of all bands show it."""
     last = np.append(np.diff(of_step) > 0, True)
     lit = np.median(levels[last & rising[of_step]], axis=0)
     dark = np.median(levels[last & ~rising[of_step]], axis=0)
-    kept = lit - dark > _LEAST_CONTRAST * values
+    kept = lit - dark > _MIN_CONTRAST * values
     if np.count_nonzero(kept) < 2:
         raise CameraError(
-            "the LED makes no difference in the picture; is it the right one, and does the camera "
-            "see something bright?"
+            "the LED makes no difference in the frames; is it the right one, and does the camera "
+            "see a bright surface?"
         )
     return (levels[:, kept] - dark[kept]) / (lit - dark)[kept], kept

@@ -1,4 +1,4 @@
-"""How long a switch takes: from writing the command until it is acknowledged."""
+"""Measure the time of a switch, from writing the command to its acknowledge."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["SwitchLatency", "measure_switch_latency"]
 
 @dataclass(frozen=True)
 class SwitchLatency:
-    """Of so many switches, on the rig's clock."""
+    """Median and worst time of a number of switches, on the rig's clock."""
 
     median_ms: float
     worst_ms: float
@@ -23,20 +23,20 @@ class SwitchLatency:
 def measure_switch_latency(
     lights: LightController, clock: Clock, switches: int = 40
 ) -> SwitchLatency:
-    """Switch through all LEDs and to darkness, and put them out.
+    """Switch through all LEDs and off, and leave them off.
 
     Raises
     ------
     LightControllerError
         If a switch fails.
     """
-    taken_ms = []
+    times_ms = []
     try:
         for number in range(switches):
             led = number % (lights.led_count + 1)
             asked_s = clock.now_s()
             switch = lights.off() if led == lights.led_count else lights.select(led)
-            taken_ms.append(1e3 * (switch.acknowledged_s - asked_s))
+            times_ms.append(1e3 * (switch.acknowledged_s - asked_s))
     finally:
         lights.off()
-    return SwitchLatency(statistics.median(taken_ms), max(taken_ms), switches)
+    return SwitchLatency(statistics.median(times_ms), max(times_ms), switches)

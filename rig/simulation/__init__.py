@@ -1,5 +1,5 @@
-"""What is hardware in a real rig: board and LEDs, camera and sensor, and what goes wrong with them.
+"""Simulated hardware of a rig: board and LEDs, camera and sensor, and their faults.
 
-What the camera looks at is in `scene`, the controller in `firmware_sim`. The drivers above are the
-real ones; `devices` puts the same below real device files, for other programs.
+The drivers above are the real ones. `scene` has the parts that the camera sees, `firmware_sim` the
+controller; `devices` puts the simulated rig behind real device files.
 """

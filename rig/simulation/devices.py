@@ -1,6 +1,6 @@
 """The simulated rig as devices: its firmware on a serial line, its frames in a loopback device.
 
-Any program that opens the other end of the line and the loopback device finds a rig there.
+Any program can open the other end of the line and the loopback device as a rig.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ __all__ = ["DeviceSimulation", "FrameCount"]
 
 @dataclass(frozen=True)
 class FrameCount:
-    """How many frames were written, and how many were left out because they came too late."""
+    """Number of frames written, and of frames left out because they were late."""
 
     written: int = 0
     late: int = 0
 
 
 class DeviceSimulation:
-    """A simulated rig in real time, below devices of this machine.
+    """A simulated rig in real time, behind devices of this machine.
 
     Parameters
     ----------
     config
-        Where the lights stand, the camera, the part. Ports and devices in it are not looked at.
+        The rig. Its ports and devices are ignored.
     serial
-        The serial device at which the firmware answers, such as ``/dev/ttyGS0``; None makes a
+        Serial device at which the firmware answers, such as ``/dev/ttyGS0``; None creates a
         pseudo-terminal.
     video
-        The loopback device that the frames are written into; None writes none.
+        Loopback device for the frames; None for no frames.
 
     Raises
     ------
     LightControllerError, CameraError
-        If a device is missing, in use, or not of the kind that is needed.
+        If a device is missing, in use, or of the wrong kind.
     ConfigError
-        For a pixel format that cannot be written, or a camera that is triggered or replays.
+        If the pixel format cannot be written, or the camera is triggered or replays a set.
     """
 
     def __init__(self, config: RigConfig, *, serial: str | None, video: str | None) -> None:
         if config.lights.synchronisation == "trigger":
             raise ConfigError(
-                "lights.synchronisation = 'trigger', but frames come out of a loopback device at "
+                "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
                 "their own rate; set 'software' or 'strobe'"
             )
         self.count = FrameCount()
@@ -78,7 +78,7 @@ class DeviceSimulation:
 
     @property
     def port(self) -> str:
-        """Where the firmware answers: the serial device, or the pseudo-terminal to open."""
+        """The serial device or pseudo-terminal at which the firmware answers."""
         return self._simulation.port
 
     @property
@@ -93,10 +93,10 @@ class DeviceSimulation:
         return tuple(led for led in range(board.led_count) if board.output(led, now_s) > 0.5)
 
     def step(self) -> None:
-        """Wait for the end of the next frame and write it; without a video device just wait.
+        """Wait for the end of the next frame and write it; without a video device only wait.
 
-        The frames follow the camera's own clock, so that delays do not add up. One that could
-        only be written more than a frame period late is left out: no burst follows a delay.
+        Frames follow the camera's clock, so that delays do not add up. A frame that is more than a
+        period late is left out, so that no burst follows a delay.
         """
         if self._output is None:
             self._simulation.clock.sleep_s(self._period_s)
@@ -110,7 +110,7 @@ class DeviceSimulation:
         self.count = FrameCount(self.count.written + 1, self.count.late)
 
     def close(self) -> None:
-        """Take the devices away: LEDs out, no more frames. A second call does nothing."""
+        """Put the LEDs out and release the devices; a second call does nothing."""
         try:
             self._simulation.close()
         finally:
@@ -131,8 +131,7 @@ class DeviceSimulation:
 def _pixel_format(camera: CameraConfig) -> str:
     if isinstance(camera, ReplayCameraConfig):
         raise ConfigError(
-            "camera.kind = 'replay' shows a set again and cannot be simulated as a device; set "
-            "'v4l2' or 'simulated'"
+            "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
         )
     if not isinstance(camera, V4l2CameraConfig):
         return "GREY" if camera.bits == 8 else "Y16"

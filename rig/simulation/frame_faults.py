@@ -1,4 +1,4 @@
-"""Faults on purpose in the frames of a simulated camera, below whoever reads them."""
+"""Faults in the frames of a simulated camera, on purpose and before any program reads them."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ __all__ = ["FaultyCamera"]
 
 
 class FaultyCamera:
-    """A camera whose frames suffer faults before anybody sees them.
+    """A camera with faulty frames.
 
     Parameters
     ----------
-    camera
-        The one that takes the frames.
-    clock
-        The rig's.
+    camera, clock
+        The camera without faults, and the rig's clock.
     faults
-        All of them befall a frame, one after the other.
+        All of them apply to a frame, one after the other.
+    seed
+        Of the faults' probabilities.
     """
 
     def __init__(
@@ -52,15 +52,15 @@ class FaultyCamera:
         return self._camera.info
 
     def read(self, timeout_s: float) -> Frame:
-        """The next frame that the faults let through."""
+        """The next frame that no fault drops."""
         if self._again is not None:
             frame, self._again = self._again, None
             return frame
         deadline_s = self._clock.now_s() + timeout_s
         while True:
             frame = self._camera.read(max(0.0, deadline_s - self._clock.now_s()))
-            kept = self._through(frame)
-            # What the buffers hold is what the sensor saw.
+            kept = self._faulty(frame)
+            # Faults repeat what the sensor saw, not the result of earlier faults.
             self._before.append(frame)
             if kept is not None:
                 return kept
@@ -69,7 +69,7 @@ class FaultyCamera:
         """Close the camera."""
         self._camera.close()
 
-    def _through(self, frame: Frame) -> Frame | None:
+    def _faulty(self, frame: Frame) -> Frame | None:
         since_s = frame.exposure_start_s - self._started_s
         result = frame
         for index, fault in enumerate(self._faults):

@@ -1,8 +1,4 @@
-"""A captured set read to be played back: its pages, and what a camera needs to know of them.
-
-The file is written by ``capture``; here stands what its README promises every reader: 16-bit pages,
-the lights in order and then the ambient image, and JSON in an annotation of the OME-XML.
-"""
+"""A captured set that a simulated camera replays."""
 
 from __future__ import annotations
 
@@ -21,15 +17,15 @@ from rig.set_file import Planes, read_set_file
 
 __all__ = ["RecordedPixels", "RecordedSet", "read_recorded_set"]
 
-# A direction that was stored and one that is computed differ by rounding only.
+# Stored and configured directions differ by the rounding of angles only, 0.05 degrees.
 _SAME_DIRECTION = 1e-3
 
 
 @dataclass(frozen=True)
 class RecordedPixels:
-    """In place of a sensor: pixel values as they were recorded, their noise with them.
+    """Takes the place of a sensor: recorded pixel values, which have their noise already.
 
-    A frame that a light was on for half of is half of what the light made, as in a camera.
+    A light that is on for half of an exposure adds half of its recorded values.
     """
 
     bit_depth: int
@@ -48,16 +44,18 @@ class RecordedPixels:
 
 @dataclass(frozen=True, eq=False)
 class RecordedSet:
-    """What a camera would have to show for a set to come out again.
+    """A set as the scene of a simulated camera.
 
     Attributes
     ----------
     lights, ambient
-        (N, H, W) and (H, W) float32 pixel values: what each light adds, and what is there without.
+        (N, H, W) and (H, W) float32 pixel values: what each light adds, and the ambient image.
     lighting
-        Where the lights stood.
+        The lights of the set.
+    full_scale, noise
+        Pixel value of saturation, and the fields of the noise model.
     origin
-        Which set it was, for the metadata of what is made of it.
+        Identity of the set, for the metadata of what is captured from it.
     """
 
     lights: FloatImage
@@ -68,23 +66,23 @@ class RecordedSet:
     origin: dict[str, Any]
 
     def require_lighting(self, lighting: Lighting) -> None:
-        """Raise `InputError` if the rig's lights stand elsewhere than those of the set."""
+        """Raise `InputError` if the rig's lights have other directions than those of the set."""
         mine, theirs = self.lighting.directions, lighting.directions
         if mine.shape != theirs.shape or np.abs(mine - theirs).max() > _SAME_DIRECTION:
             raise InputError(
                 f"{self.origin['set_file']}: was lit from tilts "
                 f"{_degrees(self.lighting.tilts_deg)} at slants "
                 f"{_degrees(self.lighting.slants_deg)}; set lights.tilts_deg and lights.slant_deg "
-                "to that"
+                "to these"
             )
 
     def pixels(self, exposure_ms: float) -> RecordedPixels:
-        """What makes frames of this exposure look like the recorded ones."""
+        """The sensor that turns an exposure of `exposure_ms` into the recorded pixel values."""
         return RecordedPixels(self.full_scale.bit_length(), exposure_ms, **self.noise)
 
 
 def read_recorded_set(path: Path) -> RecordedSet:
-    """Read a captured set to play it back.
+    """Read a captured set to replay it.
 
     Raises
     ------
@@ -95,7 +93,7 @@ def read_recorded_set(path: Path) -> RecordedSet:
     try:
         return _recorded(path, planes, fields)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: cannot be played back: metadata: {error}") from error
+        raise InputError(f"{path}: cannot be replayed: metadata: {error}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -110,7 +108,7 @@ def _recorded(path: Path, planes: Planes, fields: dict[str, Any]) -> RecordedSet
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
-    # The noise is said in the camera's own pixel values, an average is stretched from there.
+    # The noise is in the camera's own pixel values, from which an average is stretched.
     own_scale = full_scale == (1 << int(fields["bit_depth"])) - 1
     names = ("gain_e_per_dn", "read_noise_dn", "black_level_dn")
     return RecordedSet(

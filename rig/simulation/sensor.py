@@ -1,4 +1,4 @@
-"""From light to digital numbers: full well, gain, shot and read noise, black level, saturation."""
+"""A sensor: full well, gain, shot and read noise, black level, saturation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Sensor", "SensorModel"]
 
 
 class Sensor(Protocol):
-    """What makes pixel values of light; the noise model is None where it is not known."""
+    """Makes pixel values of light; the noise model is None if unknown."""
 
     @property
     def bit_depth(self) -> int: ...
@@ -86,8 +86,8 @@ class SensorModel:
             (H, W) float32 irradiance integrated over the exposure; 1.0 is a white surface that
             faces one LED at full level for one millisecond.
         rng
-            Source of the noise. Shot noise is drawn as Gaussian, which from some ten electrons
-            on differs from Poisson by less than the read noise.
+            Source of the noise. Shot noise is drawn as Gaussian, which above ten electrons
+            differs from Poisson by less than the read noise.
 
         Returns
         -------

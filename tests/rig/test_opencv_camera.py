@@ -1,6 +1,6 @@
-"""A camera through OpenCV: its real code, on pictures and a film instead of a device.
+"""A camera through OpenCV, on image files and a video instead of a device.
 
-On a device it is tested in tests/hil.
+tests/hil tests it on a device.
 """
 
 import time
@@ -20,11 +20,11 @@ BUFFERS = 10
 
 
 @pytest.fixture(scope="module")
-def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("pictures")
+def image_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("images")
     for number in range(COUNT):
-        picture = np.full((ROWS, COLUMNS, 3), (5 * number, 5 * number, 5 * number), np.uint8)
-        cv2.imwrite(str(folder / f"frame{number:03d}.png"), picture)
+        image = np.full((ROWS, COLUMNS, 3), (5 * number, 5 * number, 5 * number), np.uint8)
+        cv2.imwrite(str(folder / f"frame{number:03d}.png"), image)
     return folder / "frame%03d.png"
 
 
@@ -34,7 +34,7 @@ def config(device: Path, **changes: object) -> OpencvCameraConfig:
         "device": str(device),
         "width_px": COLUMNS,
         "height_px": ROWS,
-        # What OpenCV says of pictures.
+        # OpenCV's rate for image files.
         "frame_rate_hz": 25.0,
         "fixed_exposure": True,
     }
@@ -42,8 +42,8 @@ def config(device: Path, **changes: object) -> OpencvCameraConfig:
 
 
 @pytest.fixture
-def camera(pictures: Path) -> Iterator[OpencvCamera]:
-    opened = OpencvCamera(config(pictures))
+def camera(image_files: Path) -> Iterator[OpencvCamera]:
+    opened = OpencvCamera(config(image_files))
     yield opened
     opened.close()
 
@@ -63,37 +63,37 @@ def test_frames_are_grey_and_in_order(camera: OpencvCamera) -> None:
         assert frame.sequence == number + 1
 
 
-def test_a_frame_is_believed_to_be_as_old_as_it_may_be(camera: OpencvCamera) -> None:
+def test_the_reported_start_is_bounded_by_the_number_of_buffers(camera: OpencvCamera) -> None:
     opened_s = time.monotonic()
-    came_s = []
+    arrived_s = []
     for number in range(BUFFERS + 6):
         time.sleep(0.01)
         frame = camera.read(2.0)
-        came_s.append(time.monotonic())
+        arrived_s.append(time.monotonic())
         assert frame.exposure_end_s <= time.monotonic()
         earlier = number - BUFFERS - 1
-        # One exposure and one period before the frame came that all buffers separate from it.
-        latest_s = (opened_s if earlier < 0 else came_s[earlier]) - 0.020 - 1 / 25
+        # One exposure and one period before the arrival of the frame one more than all buffers ago.
+        latest_s = (opened_s if earlier < 0 else arrived_s[earlier]) - 0.020 - 1 / 25
         assert frame.exposure_start_s <= latest_s
     assert frame.exposure_start_s > opened_s - 0.061
 
 
-def test_its_metadata_say_how_little_is_known(camera: OpencvCamera) -> None:
+def test_its_metadata_state_that_there_are_no_time_stamps(camera: OpencvCamera) -> None:
     record = camera.info.controls["opencv"]
     assert "no time stamps" in record["time"]
     assert record["fixed_exposure"]
     assert camera.info.queue_length == BUFFERS + 2
 
 
-def test_the_end_of_the_pictures_is_an_error_and_stays_one(camera: OpencvCamera) -> None:
+def test_the_end_of_the_images_is_an_error_each_time(camera: OpencvCamera) -> None:
     for _ in range(COUNT):
         camera.read(2.0)
     for _ in range(3):
-        with pytest.raises(CameraError, match="gives no more frames"):
+        with pytest.raises(CameraError, match="no more frames; the camera is unplugged"):
             camera.read(2.0)
 
 
-def test_close_may_be_called_again_and_ends_the_frames(camera: OpencvCamera) -> None:
+def test_close_ends_the_frames_and_may_be_repeated(camera: OpencvCamera) -> None:
     camera.read(2.0)
     camera.close()
     camera.close()
@@ -104,19 +104,22 @@ def test_close_may_be_called_again_and_ends_the_frames(camera: OpencvCamera) -> 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"fixed_exposure": False}, r"automatic exposure off is not known.*fixed_exposure = true"),
+        (
+            {"fixed_exposure": False},
+            r"automatic exposure cannot be .*fixed_exposure = true",
+        ),
         ({"width_px": 80}, r"80 x 48 px were asked for, OpenCV gives 64 x 48"),
         ({"gain": 3}, r"gain was set to 3 through OpenCV and reads"),
     ],
 )
-def test_what_it_cannot_do_is_refused(
-    pictures: Path, changes: dict[str, object], message: str
+def test_an_impossible_setting_is_refused(
+    image_files: Path, changes: dict[str, object], message: str
 ) -> None:
     with pytest.raises(CameraError, match=message):
-        OpencvCamera(config(pictures, **changes))
+        OpencvCamera(config(image_files, **changes))
 
 
-def test_a_camera_that_is_not_there_is_one_line(
+def test_a_missing_camera_is_one_error_without_output(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(CameraError, match="OpenCV cannot open it"):
@@ -124,12 +127,12 @@ def test_a_camera_that_is_not_there_is_one_line(
     assert capfd.readouterr().err == ""
 
 
-def test_a_film_is_read_through_the_same_class(tmp_path: Path) -> None:
-    path = tmp_path / "film.avi"
-    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (COLUMNS, ROWS))
+def test_a_video_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "video.avi"
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (COLUMNS, ROWS))
     for number in range(5):
-        film.write(np.full((ROWS, COLUMNS, 3), 40 * number, np.uint8))
-    film.release()
+        video.write(np.full((ROWS, COLUMNS, 3), 40 * number, np.uint8))
+    video.release()
     with pytest.raises(CameraError, match="MJPG, which is lossy"):
         OpencvCamera(config(path))
     camera = OpencvCamera(config(path, allow_compressed=True))

@@ -1,4 +1,4 @@
-"""`rig latency` on simulated cameras of which all is known, and the rule that comes of it."""
+"""`rig latency` on simulated cameras with known timing, and frames selected by its result."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ SIZE = {"width_px": 32, "height_px": 48}
 
 @dataclass(frozen=True)
 class Truth:
-    """A camera, and what is true of it."""
+    """The true timing of a simulated camera."""
 
     rate_hz: float = 30.0
     exposure_ms: float = 20.0
@@ -44,7 +44,7 @@ class Truth:
 
     @property
     def offset_ms(self) -> float:
-        """From the stamp, if it comes as early as it may, to the end of the last row's exposure."""
+        """From the earliest possible stamp to the end of the last row's exposure."""
         return self.exposure_ms + self.readout_ms - self.lag_ms
 
 
@@ -69,20 +69,22 @@ def check_stored_values(truth: Truth, found: CameraLatency) -> None:
         number(found, f"timestamp_{name}_ms") for name in ("offset", "uncertainty")
     )
     earliest_ms, latest_ms = truth.offset_ms - truth.jitter_ms, truth.offset_ms
-    # Never later than the truth, whatever the jitter, and not earlier by more than is said.
+    # Never later than the truth for any jitter, and earlier by no more than the uncertainty.
+    # 0.02 ms is twice the rounding of the keys.
     assert offset_ms - uncertainty_ms <= earliest_ms + 0.02
     assert offset_ms + uncertainty_ms >= latest_ms - 0.02
     error_ms = max(5.0 * 1e3 * found.fit.readout_error_s, 0.1)
     assert number(found, "readout_ms") == pytest.approx(truth.readout_ms, abs=error_ms)
     rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
-    # Jitter looks like light that is slow, by up to twice of it in few steps of a short exposure.
+    # Jitter looks like slow light: by up to twice as much with few steps of a short exposure, see
+    # the example of test_any_camera.
     within_ms = 0.3 + 2.0 * truth.jitter_ms
     assert rise_ms == pytest.approx(truth.rise_ms, abs=within_ms, rel=0.3)
     assert fall_ms == pytest.approx(truth.fall_ms, abs=within_ms, rel=0.3)
 
 
 def light_in(rig: Rig, frame: Frame, readout_ms: float) -> np.ndarray:
-    """(4, 2): share of each LED's light in the first and the last row, by the board's account."""
+    """(4, 2) true share of each LED's light in the first and the last row."""
     assert rig.simulation is not None
     info = rig.camera.info
     begun_s = rig.simulation.camera.exposures.start_s(frame.sequence)
@@ -100,7 +102,7 @@ def light_in(rig: Rig, frame: Frame, readout_ms: float) -> np.ndarray:
 
 
 def check_no_frame_is_stale_or_mixed(truth: Truth, config: RigConfig, switches: int) -> list[int]:
-    """Take the first frame that the rule believes after each of many switches; count frames."""
+    """Take the first fresh frame after each of many switches; return the frames needed for each."""
     rng = np.random.default_rng(3)
     frames_per_switch = []
     with open_rig(config) as rig:
@@ -110,16 +112,16 @@ def check_no_frame_is_stale_or_mixed(truth: Truth, config: RigConfig, switches: 
             rig.clock.sleep_s(rng.uniform(0.0, period_s))
             switch = rig.lights.off() if led is None else rig.lights.select(led)
             not_before_s = switch.acknowledged_s + config.lights.settle_ms / 1e3
-            taken = 1
+            received = 1
             while (frame := rig.camera.read(1.0)).exposure_start_s < not_before_s:
-                taken += 1
+                received += 1
             light = light_in(rig, frame, truth.readout_ms)
             expected = np.zeros((4, 2))
             if led is not None:
                 expected[led] = 1.0
-            # Settled is a thousandth; over an exposure far less than that is missing.
+            # Settled means within a thousandth at the start of the exposure.
             np.testing.assert_allclose(light, expected, atol=1.1e-3)
-            frames_per_switch.append(taken)
+            frames_per_switch.append(received)
     return frames_per_switch
 
 
@@ -141,7 +143,7 @@ MORE_CAMERAS = [
     [*CAMERAS, *(pytest.param(truth, marks=pytest.mark.slow) for truth in MORE_CAMERAS)],
     ids=str,
 )
-def test_what_is_stored_is_true_and_no_stale_or_mixed_frame_passes(truth: Truth) -> None:
+def test_the_measured_timing_is_true_and_lets_no_stale_frame_pass(truth: Truth) -> None:
     found = measured(truth)
     check_stored_values(truth, found)
     check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 25)
@@ -176,51 +178,51 @@ def test_on_the_real_clock() -> None:
     check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
 
 
-def test_a_measured_camera_needs_fewer_frames_than_one_of_which_nothing_is_known() -> None:
+def test_a_measured_camera_needs_fewer_frames_for_each_switch() -> None:
     truth = Truth()
     unknown = check_no_frame_is_stale_or_mixed(truth, without_timing(truth.config), 25)
     known = check_no_frame_is_stale_or_mixed(truth, calibrated(truth, measured(truth)), 25)
     assert np.mean(known) <= np.mean(unknown) - 0.8
 
 
-def test_first_and_last_row_are_told_apart() -> None:
+def test_first_and_last_row_change_one_readout_apart() -> None:
     found = measured(Truth(readout_ms=15.0))
-    # The last row is exposed 15 ms later, so it sooner has a change that came within the frame.
+    # The last row is exposed 15 ms later, so more of its exposure follows the switch.
     difference_ms = found.first_row.typical_ms - found.last_row.typical_ms
     assert difference_ms == pytest.approx(15.0, abs=4.0)
     assert found.first_row.most_ms <= 2 * 1e3 / 30 + 20.0 + 15.0 + 4.0
     assert found.first_row.most_frames <= 3
 
 
-def test_lights_that_a_controller_switches_by_itself_are_switched_by_us() -> None:
+def test_a_triggered_rig_is_measured_by_software() -> None:
     truth = Truth()
     config = truth.config.with_changes(lights={"synchronisation": "trigger"})
     with open_rig(without_timing(config)) as rig:
         check_stored_values(truth, measure_latency(rig))
 
 
-def test_a_led_that_the_camera_does_not_see_is_no_measurement() -> None:
+def test_an_led_that_the_camera_does_not_see_is_refused() -> None:
     config = without_timing(RigConfig().with_changes(camera=SIZE))
     with open_rig(config) as rig:
         rig.lights.set_level(0, 0)
-        with pytest.raises(CameraError, match="makes no difference in the picture"):
+        with pytest.raises(CameraError, match="makes no difference in the frames"):
             measure_latency(rig, steps=5)
 
 
-def test_a_saturated_picture_is_no_measurement() -> None:
+def test_saturated_frames_are_refused() -> None:
     config = without_timing(RigConfig().with_changes(camera={**SIZE, "exposure_ms": 33.0}))
     with open_rig(config) as rig, pytest.raises(CameraError, match=r"saturated.*shorten"):
         measure_latency(rig, steps=5)
 
 
-def test_other_light_that_changes_is_found_out() -> None:
+def test_other_light_that_changes_is_refused() -> None:
     plan = {"leds": [{"kind": "unsteady", "led": 0}]}
     config = without_timing(RigConfig().with_changes(camera=SIZE, simulation={"faults": plan}))
-    with open_rig(config) as rig, pytest.raises(CameraError, match="does not follow LED 0"):
+    with open_rig(config) as rig, pytest.raises(CameraError, match="do not follow LED 0"):
         measure_latency(rig, steps=10)
 
 
-def test_a_camera_without_time_stamps_cannot_be_measured() -> None:
+def test_a_camera_without_time_stamps_is_refused() -> None:
     config = RigConfig.model_validate(
         {"lights": {"port": "/dev/ttyACM0"}, "camera": {"kind": "opencv", "device": 0}}
     )
@@ -232,7 +234,7 @@ def test_a_camera_without_time_stamps_cannot_be_measured() -> None:
 def test_the_share_of_a_step_is_the_integral_over_the_exposure(
     left_ms: float, exposure_ms: float, tau: float
 ) -> None:
-    # Time since the step at 2000 places of the exposure.
+    # Time since the step at 2000 points of the exposure.
     since = left_ms - exposure_ms * (np.arange(2000) + 0.5) / 2000
     mean = float(np.where(since > 0, -np.expm1(-np.maximum(since, 0.0) / tau), 0.0).mean())
     share = float(lit_share(np.array([left_ms]), exposure_ms, tau)[0])
