@@ -43,7 +43,7 @@ STOREYS = {
         {"config"},
         {"frame_time"},
         {"lights", "v4l2"},
-        {"opencv_camera", "simulation"},
+        {"initial_config", "opencv_camera", "simulation"},
         {"rig"},
         {"fresh_frame"},
         {"latency"},

@@ -172,7 +172,9 @@ def load_config(path: Path) -> RigConfig:
     ConfigError
         If it is missing, not TOML, has an unknown key or a value out of range.
     """
-    values = _read_toml(path, "no such rig configuration (or use --rig sim)")
+    values = _read_toml(
+        path, "no such rig configuration; write one with ps4rig rig init, or use --rig sim"
+    )
     simulation = values.get("simulation", {})
     camera = values.get("camera")
     if isinstance(camera, dict) and isinstance(camera.get("set_file"), str):

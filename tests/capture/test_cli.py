@@ -102,7 +102,9 @@ def test_the_rig_is_the_one_in_rig_toml_and_nothing_becomes_simulated(
     ps4rig: Command, refused: Refused, in_folder: Path
 ) -> None:
     line = refused("capture", "a.ome.tif")
-    assert line == "rig.toml: no such rig configuration (or use --rig sim)"
+    assert line == (
+        "rig.toml: no such rig configuration; write one with ps4rig rig init, or use --rig sim"
+    )
     Path("rig.toml").write_text('name = "bench"\n')
     assert "lights.port is missing" in refused("capture", "a.ome.tif")
     Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n')

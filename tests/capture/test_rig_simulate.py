@@ -49,7 +49,7 @@ def null_modem() -> Iterator[tuple[str, str]]:
 @pytest.mark.slow
 def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> None:
     with null_modem() as (port, far_end):
-        process = spawn("rig", "simulate", "--rig", "sim", "--size", 32, "--serial", far_end)
+        process = spawn("rig", "simulate", "--size", 32, "--serial", far_end)
         assert process.stdout.readline() == f"lights: {far_end}\n"
         with LightController(port) as lights:
             assert lights.select(2).led == 2
@@ -59,7 +59,7 @@ def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> N
 
 
 def test_a_simulation_of_nothing_says_what_to_give(refused: Refused) -> None:
-    line = refused("rig", "simulate", "--rig", "sim")
+    line = refused("rig", "simulate")
     assert "--serial DEV" in line
     assert "modprobe v4l2loopback" in line
 
@@ -77,7 +77,7 @@ def test_a_device_that_cannot_be_used_is_named(
     cause: str,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    line = refused("rig", "simulate", "--rig", "sim", "--size", "32", *options, status=3)
+    line = refused("rig", "simulate", "--size", "32", *options, status=3)
     assert cause in line
 
 

@@ -1,14 +1,15 @@
-"""``ps4rig rig``: a file a command, registered here."""
+"""``ps4rig rig``: one file per command, registered here."""
 
 import typer
 
-from . import doctor, flash, latency, lights, preview, simulate, timing
+from . import doctor, flash, init, latency, lights, preview, simulate, timing
 
 __all__ = ["rig_app"]
 
-_HELP = "Look after the rig itself: find it, check it, switch it by hand."
+_HELP = "Set up and check the rig itself, and switch its lights by hand."
 
 rig_app = typer.Typer(help=_HELP)
+rig_app.command()(init.init)
 rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
 rig_app.command()(lights.lights)

@@ -33,26 +33,24 @@ _REPORT_EVERY_S = 5.0
 
 @reported
 def simulate(
-    rig: RigOption = "rig.toml",
+    rig: RigOption = "sim",
     serial: Annotated[
         str | None,
         typer.Option(
             help="Serial device at which the firmware answers: the far end of a USB gadget or of "
-            "a null modem. Left out, a pseudo-terminal is made.",
+            "a null modem. Without it a pseudo-terminal is made.",
             metavar="DEV",
         ),
     ] = None,
     video: Annotated[
         str | None,
-        typer.Option(
-            help="v4l2loopback device that the camera's frames are written into.", metavar="DEV"
-        ),
+        typer.Option(help="v4l2loopback device for the camera's frames.", metavar="DEV"),
     ] = None,
     surface: SurfaceOption = None,
     rotate: Annotated[
         float | None,
         typer.Option(
-            help="Degrees the surface is turned, anticlockwise.",
+            help="Orientation of the surface in degrees, anticlockwise.",
             rich_help_panel=SIMULATION,
             metavar="DEG",
         ),
@@ -63,10 +61,10 @@ def simulate(
     bits: BitsOption = None,
     size: SizeOption = None,
 ) -> None:
-    """Be a rig for other programs: the firmware on a serial line, frames in a video device.
+    """Simulate a rig as devices: the firmware on a serial line, frames in a video device.
 
-    Runs until Ctrl-C. Only the controller's serial number, SIM-0001, tells it from a real one;
-    sets that ps4rig captures from it say that they are simulated.
+    Runs until Ctrl-C. Only the controller's serial number, SIM-0001, distinguishes it from a real
+    one; sets that ps4rig captures from it are marked as simulated.
     """
     if serial is None and video is None:
         raise InputError(
@@ -98,8 +96,7 @@ def simulate(
         sys.stdout.flush()
         _run(simulation)
     except KeyboardInterrupt:
-        # The one way to end it.
-        print(_said(simulation), file=sys.stderr)
+        print(_status(simulation), file=sys.stderr)  # the ordinary end
     finally:
         simulation.close()
 
@@ -110,10 +107,10 @@ def _run(simulation: DeviceSimulation) -> None:
         simulation.step()
         if sys.stderr.isatty() and time.monotonic() >= next_report_s:
             next_report_s += _REPORT_EVERY_S
-            print(_said(simulation), file=sys.stderr)
+            print(_status(simulation), file=sys.stderr)
 
 
-def _said(simulation: DeviceSimulation) -> str:
+def _status(simulation: DeviceSimulation) -> str:
     lit = ", ".join(f"LED {led}" for led in simulation.lit) or "no LED"
     if not simulation.writes_frames:
         return f"{lit} lit"

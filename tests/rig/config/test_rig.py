@@ -98,7 +98,10 @@ def test_a_wrong_value_is_refused_by_file_and_field(tmp_path: Path, text: str, f
 
 
 def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"no such rig configuration \(or use --rig sim\)"):
+    with pytest.raises(
+        ConfigError,
+        match=r"no such rig configuration; write one with ps4rig rig init, or use --rig sim",
+    ):
         load_config(tmp_path / "rig.toml")
 
 

@@ -1,0 +1,47 @@
+"""``ps4rig rig init``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import out, reported
+from capture.outputs import ForceOption, check_output
+
+__all__ = ["init"]
+
+
+@reported
+def init(
+    file: Annotated[Path, typer.Argument(help="The file to write.")] = Path("rig.toml"),
+    port: Annotated[
+        str | None,
+        typer.Option(help="Port of the light controller.", show_default="searched", metavar="PORT"),
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Write a commented rig.toml from the light controllers and cameras that are plugged in.
+
+    Without --port, each serial port of a known board is asked for a light controller. Keys whose
+    device is not found are comments that tell how to fill them in.
+    """
+    from classify.durable_file import durable_file
+    from rig import list_cameras
+    from rig.initial_config import answering_controllers, initial_config
+    from rig.lights.discovery import SerialPort, list_serial_ports
+
+    check_output(file, suffix=".toml", force=force)
+    if port is not None:
+        ports = [SerialPort(port)]
+    else:
+        ports = [each for each in list_serial_ports() if each.may_be_a_microcontroller]
+    controllers, cameras = answering_controllers(ports), list_cameras()
+    with durable_file(file) as temporary:
+        temporary.write_text(initial_config(controllers, cameras), encoding="utf-8")
+    out.print(
+        f"{file}: light controllers found: {len(controllers)}, cameras found: {len(cameras)}; "
+        f"look through it, then run ps4rig rig doctor --rig {file}",
+        soft_wrap=True,
+    )
