@@ -2,6 +2,7 @@
 
 import os
 import stat
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -156,3 +157,64 @@ def test_many_writers_of_one_file_leave_one_whole_file(tmp_path: Path) -> None:
     assert len(text) == 10_000
     assert len(set(text)) == 1
     assert names(tmp_path) == ["a.txt"]
+
+
+def test_a_link_is_followed_and_stays_a_link(tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    link = tmp_path / "a.txt"
+    link.symlink_to("shared/b.txt")
+    for text in ("new", "newer"):  # the target is missing at first
+        with durable_file(link) as temporary:
+            assert temporary.parent == shared
+            temporary.write_text(text)
+        assert (shared / "b.txt").read_text() == text
+        assert link.is_symlink()
+    assert names(shared) == ["b.txt"]
+
+
+def test_a_link_to_itself_is_an_input_error(tmp_path: Path) -> None:
+    link = tmp_path / "a.txt"
+    link.symlink_to(link)
+    with pytest.raises(InputError, match="cannot be written"), durable_file(link):
+        pytest.fail("the block must not begin")
+
+
+@pytest.mark.parametrize("through_link", [False, True])
+def test_a_device_or_pipe_is_not_replaced(tmp_path: Path, through_link: bool) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    path = tmp_path / "link" if through_link else pipe
+    if through_link:
+        path.symlink_to(pipe)
+    with pytest.raises(InputError, match="not a regular file"), durable_file(path):
+        pytest.fail("the block must not begin")
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_the_file_of_a_killed_writer_is_removed_by_the_next(tmp_path: Path) -> None:
+    program = (
+        "import os, signal, sys\n"
+        "from pathlib import Path\n"
+        "from classify.durable_file import durable_file\n"
+        "with durable_file(Path(sys.argv[1])) as temporary:\n"
+        "    temporary.write_text('half')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    path = tmp_path / "a.tif"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", program, path], env=environment, check=False)
+    assert len(names(tmp_path)) == 1
+    with durable_file(path) as temporary:
+        temporary.write_text("new")
+        assert names(tmp_path) == [temporary.name]
+    assert names(tmp_path) == ["a.tif"]
+
+
+def test_the_file_of_a_writer_at_work_stays(tmp_path: Path) -> None:
+    with durable_file(tmp_path / "a.txt") as slow:
+        slow.write_text("slow")
+        with durable_file(tmp_path / "b.txt") as quick:
+            quick.write_text("quick")
+        assert slow.exists()
+    assert sorted(names(tmp_path)) == ["a.txt", "b.txt"]
