@@ -1,15 +1,20 @@
-"""What all tests share: suites and their needs, and threads."""
+"""What all tests share: the needs of suites, threads, and no deadlines for examples."""
 
 import os
 import signal
 
+import hypothesis
 import pytest
 from _pytest.mark.expression import Expression
 
 from .suites import NEEDS, missing
 
-# The rig and its libraries are imported by the fixtures that use them, because
-# `pytest_configure` comes after the imports and reports what is missing within a second.
+# ps4rig is imported by the fixture that uses it: `pytest_configure` runs after the imports here, and
+# reports within a second what is missing.
+
+# The time of an example depends on what else the machine does.
+hypothesis.settings.register_profile("any machine", deadline=None)
+hypothesis.settings.load_profile("any machine")
 
 # Test frames are small: a second OpenBLAS thread gains nothing and waits for a busy core.
 # OpenBLAS reads this when it is loaded.
