@@ -9,8 +9,8 @@ from _pytest.mark.expression import Expression
 
 from .suites import NEEDS, missing
 
-# ps4rig is imported by the fixture that uses it: `pytest_configure` runs after the imports here, and
-# reports within a second what is missing.
+# ps4rig is imported by the fixture that uses it, because `pytest_configure` runs after the imports
+# here and reports within a second what is missing.
 
 # The time of an example depends on what else the machine does.
 hypothesis.settings.register_profile("any machine", deadline=None)
