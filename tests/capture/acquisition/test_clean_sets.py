@@ -1,4 +1,4 @@
-"""No set of a rig without faults is rejected, for any surface, slant and camera."""
+"""No set of a rig without faults is rejected, for any surface, slant and bit depth."""
 
 from pathlib import Path
 

@@ -1,10 +1,10 @@
-"""Every fault on purpose, against `capture_set`: a good set, or a refused one with its cause.
+"""Every injected fault leads to a good set, or to a rejected one with its cause.
 
-An accepted set is wrong if one of its images, ambient light subtracted, differs from what a rig
-without fault and without noise would have given by more than `TOLERANCE` of its signal, rms over
-the frame, beyond what noise explains: its own, and that of the strengths of the lights, which are
-known from flat, dark, small pictures to the error only that stands in the set. One factor for all
-images of the set is free: how bright a surface is only a reference could tell.
+An accepted set is wrong if one of its images, minus the ambient image, differs from that of a rig
+without faults and noise by more than `TOLERANCE` of its signal, rms over the frame, beyond noise.
+Where flat, dark, small images leave LED levels uncertain, five of the standard errors that the set
+records are allowed. One factor for all images of a set is free, because only a reference could tell
+how bright a surface is.
 
     pytest tests/capture/acquisition/test_fault_matrix.py  # prints the table of the random sets
 """
@@ -32,29 +32,29 @@ def rig_with(plan: dict[str, Any], **camera: object) -> RigConfig:
 
 
 def error_of(captured: CapturedSet, rig: Rig) -> float:
-    """The largest relative rms error of an image."""
+    """Largest relative rms error of an image."""
     assert rig.simulation is not None
     assert captured.ambient is not None
     camera = rig.simulation.camera
     sensor, scene = camera.sensor, camera.scene
     dn_per_light = 1e3 * camera.info.exposure_s * sensor.white_e_per_ms / sensor.gain_e_per_dn
     truth = dn_per_light * scene.lights.astype(np.float64)
-    taken = captured.images.astype(np.float64) - captured.ambient
-    truth *= (taken * truth).sum() / (truth * truth).sum()
+    signals = captured.images.astype(np.float64) - captured.ambient
+    truth *= (signals * truth).sum() / (truth * truth).sum()
     both = captured.images + captured.ambient.astype(np.float64) - 2.0 * sensor.black_level_dn
     noise = 2.0 * (sensor.read_noise_dn**2 + 1 / 12) + np.maximum(both, 0) / sensor.gain_e_per_dn
-    beyond = ((taken - truth) ** 2 - noise).mean(axis=(1, 2)) / (truth**2).mean(axis=(1, 2))
+    beyond = ((signals - truth) ** 2 - noise).mean(axis=(1, 2)) / (truth**2).mean(axis=(1, 2))
     return float(np.sqrt(np.maximum(beyond, 0.0)).max())
 
 
 def outcome(config: RigConfig) -> tuple[str, str, float]:
-    """(good, retried, rejected or wrong; the causes; the error of an accepted set)."""
+    """The end (good, retried, rejected or wrong), the causes, and an accepted set's error."""
     try:
         with open_rig(config) as rig:
             captured = capture_set(rig)
             error = error_of(captured, rig)
-    except (SetRejected, HardwareError) as refusal:
-        return "rejected", str(refusal), 0.0
+    except (SetRejected, HardwareError) as rejection:
+        return "rejected", str(rejection), 0.0
     causes = "; ".join(captured.metadata.failed_attempts)
     assert captured.metadata.checks is not None
     if error > max(TOLERANCE, 5.0 * (captured.metadata.checks.light_levels_error or 0.0)):
@@ -134,7 +134,7 @@ MATRIX: list[tuple[str, dict[str, Any], str, str]] = [
 
 @pytest.mark.parametrize(("plan", "end", "cause"), [case[1:] for case in MATRIX],
                          ids=[case[0] for case in MATRIX])  # fmt: skip
-def test_each_fault_ends_as_it_should(plan: dict[str, Any], end: str, cause: str) -> None:
+def test_each_fault_has_its_end_and_cause(plan: dict[str, Any], end: str, cause: str) -> None:
     ended, causes, error = outcome(rig_with(plan))
     assert re.fullmatch(end, ended), (ended, causes, error)
     assert re.search(cause, causes), (ended, causes, error)
@@ -156,7 +156,7 @@ def random_when(chance: random.Random) -> dict[str, Any]:
 
 
 def random_line_fault(chance: random.Random) -> dict[str, Any]:
-    # A line that is lost costs the driver's whole patience, in real time.
+    # A lost line costs a whole time-out of the driver, in real time.
     kinds = ["garble", "double", "lose_byte", "double_byte", "truncate", "delay", "reboot", "lose"]
     kind = chance.choices([*kinds, "late"], [4, 4, 2, 4, 1, 3, 1, 1, 1])[0]
     to_host = kind != "reboot" and chance.random() < 0.5
@@ -200,7 +200,7 @@ FAMILIES = {"lines": random_line_fault, "leds": random_led_fault, "frames": rand
 
 
 def random_set(seed: int) -> tuple[str, RigConfig]:
-    """One fault, or two, on some surface under some camera."""
+    """One or two faults, with a random surface and camera."""
     chance = random.Random(seed)
     plan: dict[str, Any] = {"seed": seed}
     names = []
@@ -232,7 +232,7 @@ def test_no_random_fault_makes_a_wrong_set(capsys: pytest.CaptureFixture[str]) -
         if end == "wrong":
             wrong.append((seed, kinds, round(error, 3), causes))
     columns = ("good", "retried", "rejected", "wrong")
-    # Whoever reads the output of CI sees what was tried.
+    # Printed also without -s, for the log of CI.
     with capsys.disabled():
         print(f"\n{'fault':18}" + "".join(f"{column:>10}" for column in columns))
         for kinds, counts in [*sorted(ends.items()), ("all", sum(ends.values(), Counter()))]:

@@ -1,4 +1,4 @@
-"""Which images are refused, by name and cause."""
+"""Saturated and dark images are rejected by name and cause."""
 
 import numpy as np
 import pytest
@@ -20,21 +20,21 @@ def test_even_light_passes() -> None:
     check((2000, 1800, 2100, 1500))
 
 
-def test_a_few_saturated_pixels_are_left_to_the_solver() -> None:
+def test_one_percent_of_saturated_pixels_passes() -> None:
     check((2000,) * 4, saturated_pixels=10)  # 1 % of 1000
 
 
-def test_more_saturated_pixels_than_that_are_not() -> None:
+def test_more_saturated_pixels_are_rejected() -> None:
     with pytest.raises(SetRejected, match=r"^set rejected: LED 1: 1\.1% of the pixels are satur"):
         check((2000,) * 4, saturated_pixels=11)
 
 
-def test_darkness_is_measured_above_the_ambient_light() -> None:
+def test_darkness_is_measured_above_the_ambient_image() -> None:
     with pytest.raises(SetRejected, match=r"LED 2: dark, 5\.0 of 4095 above ambient"):
         check((2000, 2000, 1005, 2000), ambient=1000)
 
 
-def test_an_image_darker_than_the_ambient_one_is_dark() -> None:
+def test_an_image_darker_than_the_ambient_image_is_dark() -> None:
     with pytest.raises(SetRejected, match=r"LED 0: dark, -30\.0 of 4095"):
         check((50, 2000, 2000, 2000))
 

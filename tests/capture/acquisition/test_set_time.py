@@ -1,4 +1,4 @@
-"""How long a set takes: at most two frame periods per image and one more."""
+"""A set takes at most two frame periods for each image, and one more."""
 
 from dataclasses import dataclass, replace
 
@@ -23,7 +23,7 @@ class Bench:
 
     @property
     def config(self) -> RigConfig:
-        """With the timing that `rig latency` finds."""
+        """The rig with the timing that `rig latency` measures."""
         config = RigConfig().with_changes(
             camera={
                 "width_px": 32,
@@ -44,33 +44,33 @@ class Bench:
 
 
 def frames_apart(captured: CapturedSet) -> np.ndarray:
-    """Frames from each image to the next; there is a second ambient one in the middle."""
+    """Frames from each image to the next; a second ambient image is in the middle."""
     sequences = np.sort([image.frames[0].sequence for image in captured.metadata.images])
     first, second, both, last = np.diff(sequences)
     return np.array([first, second, both / 2, both / 2, last])
 
 
 def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
-    """(sets, lights) frame periods per image, and (sets,) of whole sets; both are printed."""
+    """(sets, images) and (sets,) frame periods of images and of sets; both are printed."""
     config = bench.config
     period_s = 1.0 / bench.rate_hz
-    apart, wholes = [], []
+    apart, durations = [], []
     with open_rig(config) as rig:
         for number in range(SETS):
-            # At all phases of the frames, with old ones in the queue.
+            # At all phases of the frames, with stale ones in the queue.
             rig.clock.sleep_s(0.3 + number / SETS * period_s)
             begun_s = rig.clock.now_s()
             captured = capture_set(rig)
             if captured.metadata.failed_attempts:
-                continue  # a machine that does other things as well answered too late
+                continue  # on the real clock, a busy machine may answer too late
             apart.append(frames_apart(captured))
-            wholes.append((rig.clock.now_s() - begun_s) / period_s)
+            durations.append((rig.clock.now_s() - begun_s) / period_s)
     print(
         f"\n{bench}: {np.mean(apart):.2f} frame periods per image, at most {np.max(apart)}; a set "
-        f"{np.mean(wholes):.2f} ({1e3 * np.mean(wholes) * period_s:.0f} ms), at most "
-        f"{max(wholes):.2f} ({1e3 * max(wholes) * period_s:.0f} ms)"
+        f"{np.mean(durations):.2f} ({1e3 * np.mean(durations) * period_s:.0f} ms), at most "
+        f"{max(durations):.2f} ({1e3 * max(durations) * period_s:.0f} ms)"
     )
-    return np.array(apart), np.array(wholes)
+    return np.array(apart), np.array(durations)
 
 
 @pytest.mark.parametrize(
@@ -87,27 +87,27 @@ def set_times(bench: Bench) -> tuple[np.ndarray, np.ndarray]:
     ids=str,
 )
 def test_a_measured_camera_takes_two_frames_per_image_at_most(bench: Bench) -> None:
-    apart, wholes = set_times(bench)
-    assert len(wholes) == SETS
+    apart, durations = set_times(bench)
+    assert len(durations) == SETS
     assert apart.max() <= 2
-    # All frames there are from the ambient one to the last, and around them: the wait until an
-    # exposure begins in known darkness, transfer, and six exchanges of 1 ms.
+    # Two periods for each image, one for the exposure before the first, one for the last to arrive,
+    # and around them: settle time, readout, 4 ms of transfer, and six exchanges of 1 ms.
     around_ms = bench.config.lights.settle_ms + bench.readout_ms + 4.0 + 6.0
-    assert wholes.max() <= 2 * apart.shape[1] + 1 + 1 + around_ms * bench.rate_hz / 1e3
+    assert durations.max() <= 2 * apart.shape[1] + 1 + 1 + around_ms * bench.rate_hz / 1e3
 
 
 @pytest.mark.parametrize("bench", [Bench(30.0, 20.0, 24.0), Bench(60.0, 4.0, 8.0)], ids=str)
-def test_where_exposure_and_switch_fit_into_a_period_an_image_takes_one(bench: Bench) -> None:
-    apart, wholes = set_times(bench)
-    # The first image is awaited to its arrival: the beat of the frames is not known before.
+def test_an_image_takes_one_period_if_exposure_and_switch_fit_into_it(bench: Bench) -> None:
+    apart, durations = set_times(bench)
+    # The first image is awaited until it arrives, because no earlier frame predicts it.
     assert apart[:, 1:].max() <= 1
-    # All of a set, with both ambient images: two periods for each light, and one.
-    assert wholes.max() <= 2 * 4 + 1
+    # With both ambient images: two periods for each light, and one.
+    assert durations.max() <= 2 * 4 + 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bench", [Bench(30.0, 20.0, 24.0, 0.5), Bench(60.0, 10.0, 14.0, 0.5)])
 def test_on_the_real_clock(bench: Bench) -> None:
     apart, _ = set_times(replace(bench, clock="real"))
-    # A machine that does other things as well stands still now and then.
-    assert np.median(apart) <= 2
+    # A busy machine pauses now and then, but not during every set.
+    assert apart.max(axis=1).min() <= 2
