@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
 from classify.classifiers import Comparison
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.surface.estimate import FloatMap
+from classify.threads import run_on_rows
 
 __all__ = ["Indices", "Sieve"]
 
@@ -55,7 +56,8 @@ class Sieve:
     def bounds(self, invariants: FloatMap) -> Bounds:
         """(n,) bounds on the distances of a test with the invariants (k + 1,)."""
         bounds = np.empty(len(self._invariants), np.float64)
-        _bounds(self._invariants, invariants, bounds)
+        references = self._invariants
+        run_on_rows(partial(_bounds, references, invariants, bounds), references.shape)
         # NaN, which a mapped file may contain, gives no bound.
         return np.fmax(bounds, 0.0, out=bounds)
 
@@ -92,17 +94,16 @@ class Sieve:
         return indices[order], _joined(found, compare(more), order)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _bounds(references: Array, test: Array, bounds: Array) -> None:
+@kernel
+def _bounds(references: Array, test: Array, bounds: Array, first: int, stop: int) -> None:
     """Squared distances, less the rounding error, over the divisor of the test."""
-    count, numbers = references.shape
-    last = numbers - 1
+    last = references.shape[1] - 1
     energy = np.float32(0.0)
     for k in range(last):
         energy += test[k] * test[k]
     # The energy of a reference differs from the test's only where the distance is large.
     rounding = _ROUNDING * np.sqrt(energy)
-    for n in prange(count):
+    for n in range(first, stop):
         square = np.float32(0.0)
         for k in range(last):
             difference = references[n, k] - test[k]

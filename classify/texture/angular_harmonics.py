@@ -8,15 +8,16 @@ guessed beforehand. The moduli do not turn at all, and give a bound from below f
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.surface.estimate import FloatMap
+from classify.threads import run_on_rows
 
 __all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "shift_invariant_norms"]
 
@@ -67,7 +68,8 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     """
     cross = np.empty((len(references), HARMONICS), np.complex128)
     energies = np.empty(cross.shape, np.float64)
-    _products(test, references, cross, energies)
+    count, maps, length = references.shape
+    run_on_rows(partial(_products, test, references, cross, energies), (count, maps * length))
     padded = np.zeros((len(cross), _TURNS // 2 + 1), np.complex128)
     padded[:, :HARMONICS] = cross
     padded[:, 1:] *= 0.5
@@ -107,11 +109,13 @@ def _squares(series: Complex) -> npt.NDArray[np.float32]:
     return series.real**2 + series.imag**2
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _products(test: Array, references: Array, cross: Array, energies: Array) -> None:
+@kernel
+def _products(
+    test: Array, references: Array, cross: Array, energies: Array, first: int, stop: int
+) -> None:
     """Sums over k of test times conjugate reference, and of the reference's squares, (n, 16)."""
-    count, maps, length = references.shape
-    for n in prange(count):
+    _, maps, length = references.shape
+    for n in range(first, stop):
         sums = np.zeros((3, length), np.float64)
         for k in range(maps):
             for h in range(length):

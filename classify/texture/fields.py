@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.threads import run_on_rows
 
 __all__ = ["TextureFields", "texture_fields"]
 
@@ -55,8 +56,12 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     # One block of memory and not three: a large one is used again once it was given back, while
     # the pages of small ones are each asked of the system anew.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)
-    sums = np.empty((-(-surface.shape[0] // _ROWS), 4), np.float64)
-    _bounded(surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums)
+    rows, columns = surface.shape
+    sums = np.empty((-(-rows // _ROWS), 4), np.float64)
+    bounded = partial(
+        _bounded, surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums
+    )
+    run_on_rows(bounded, (len(sums), _ROWS * columns))
     count, p_sum, q_sum, albedo_sum = sums.sum(axis=0)
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
@@ -65,19 +70,19 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     if not albedo_sum > 0.0:
         raise InputError("the valid pixels of this surface reflect nothing; check exposure")
     means = (np.array([p_sum, q_sum, albedo_sum]) / count).astype(np.float32)
-    _complete(surface.valid, means, p, q, albedo)
+    run_on_rows(partial(_complete, surface.valid, means, p, q, albedo), surface.shape)
     return TextureFields(p, q, albedo)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _bounded(
     p: Array, q: Array, albedo: Array, valid: Array,
-    p_out: Array, q_out: Array, albedo_out: Array, sums: Array,
+    p_out: Array, q_out: Array, albedo_out: Array, sums: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Valid pixels with bounded slopes, 0 elsewhere; their count and sums per block of rows."""
     rows, columns = p.shape
     zero, one = np.float32(0.0), np.float32(1.0)
-    for block in prange(len(sums)):
+    for block in range(first, stop):
         # Column by column, which can be done eight at a time in the order it is written.
         lines = np.zeros((4, columns), np.float32)
         for r in range(block * _ROWS, min((block + 1) * _ROWS, rows)):
@@ -100,14 +105,17 @@ def _bounded(
             sums[block, index] = total
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
-def _complete(valid: Array, means: Array, p: Array, q: Array, albedo: Array) -> None:
+@kernel
+def _complete(
+    valid: Array, means: Array, p: Array, q: Array, albedo: Array, first: int, stop: int
+) -> None:
     """Means where nothing is known, and albedo in units of its mean."""
-    rows, columns = p.shape
+    columns = p.shape[1]
     one = np.float32(1.0)
-    inverse = one / means[2]
-    for r in prange(rows):
+    # Read outside the loop: elements of an array that may overlap another prevent vectorisation.
+    p_mean, q_mean, inverse = means[0], means[1], one / means[2]
+    for r in range(first, stop):
         for c in range(columns):
-            p[r, c] = p[r, c] if valid[r, c] else means[0]
-            q[r, c] = q[r, c] if valid[r, c] else means[1]
+            p[r, c] = p[r, c] if valid[r, c] else p_mean
+            q[r, c] = q[r, c] if valid[r, c] else q_mean
             albedo[r, c] = min(albedo[r, c] * inverse, _MAX_ALBEDO) if valid[r, c] else one

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.surface.estimate import FloatMap
 
 __all__ = [
@@ -48,7 +47,7 @@ Complex = npt.NDArray[np.complex128]
 Floats = npt.NDArray[np.float64]
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def add_row(
     p: Array, q: Array, z: Array, a: Array, p_mean: np.float32, q_mean: np.float32,
     begin: int, end: int, sums: Array,

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, partial
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import get_num_threads, njit
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
+from classify.threads import map_in_threads
 
 from .fields import TextureFields
 
@@ -66,7 +65,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     if len(corners) * side * side < _FEW_PX:
         sums = list(map(summed, lanes))
     else:
-        sums = list(_kept_threads(get_num_threads()).map(summed, lanes))
+        sums = map_in_threads(summed, lanes)
     powers = sums[0]
     for lane in sums[1:]:
         powers += lane
@@ -87,12 +86,6 @@ def _starts(length: int, side: int) -> list[int]:
     """First pixels of segments that cover `length` evenly and overlap by half or more."""
     count = -(-2 * length // side) - 1
     return [round(i * (length - side) / max(count - 1, 1)) for i in range(count)]
-
-
-@lru_cache(maxsize=1)
-def _kept_threads(count: int) -> ThreadPoolExecutor:
-    """Threads like those of numba's: to start some anew takes as long as a small frame."""
-    return ThreadPoolExecutor(count)
 
 
 @lru_cache(maxsize=8)
@@ -119,7 +112,7 @@ def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[
     return sums
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _cut(
     planes: tuple[Array, ...], corners: Array, window: Array, weight: np.float32,
     slopes: Array, albedos: Array,
@@ -133,7 +126,7 @@ def _cut(
         albedos[:, :, 1] = np.float32(0.0)
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _pair(
     real: Array, real_corner: Array, imaginary: Array, imaginary_corner: Array,
     window: Array, weight: np.float32, target: Array,
@@ -149,7 +142,7 @@ def _pair(
             target[r, c, 1] = (there[c] - imaginary_mean) * window[r, c]
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _weighted_mean(plane: Array, corner: Array, window: Array, weight: np.float32) -> np.float32:
     # Sums of columns: these can be done eight at a time in the order they are written.
     side = len(window)
@@ -161,13 +154,13 @@ def _weighted_mean(plane: Array, corner: Array, window: Array, weight: np.float3
     return np.float32(sums.sum() / weight)
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _line(plane: Array, corner: Array, r: int, side: int) -> Array:
     row, column = corner
     return plane[row + r, column : column + side]
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
     """Add the powers of one segment or two to those of others.
 
@@ -188,7 +181,7 @@ def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
             _add_line(parts, albedos[n], sums[r])
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _untwine(here: Array, there: Array, parts: Array) -> None:
     side = len(here)
     for c in range(side // 2 + 1):
@@ -201,7 +194,7 @@ def _untwine(here: Array, there: Array, parts: Array) -> None:
         parts[3, c] = there[side - c, 1]
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _separate(parts: Array) -> None:
     """Of C(k) and C(-k) make X(k) and Y(k)."""
     half = np.float32(0.5)
@@ -213,7 +206,7 @@ def _separate(parts: Array) -> None:
         parts[3, c] = half * (opposite_re - re)
 
 
-@njit(nogil=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _add_line(slopes: Array, albedo: Array, sums: Array) -> None:
     # Arrays with two indices, not lines of them by name: of these the compiler would not know
     # that they lie apart, and do one number at a time.

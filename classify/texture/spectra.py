@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
-from numba import njit
 
-from classify.compiling import FAST
+from classify.compiling import kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
@@ -215,7 +214,7 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
     return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _amplitudes(powers: Array, directions: Array) -> Array:
     """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum, zero frequency in the middle.
 

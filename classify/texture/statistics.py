@@ -9,14 +9,15 @@ responses that have no direction, so it does not change when the surface turns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
 
-from classify.compiling import FAST
+from classify.compiling import kernel
+from classify.threads import run_on_rows
 
 from .fields import TextureFields
 from .heading import HEADING_SUMS, add_row, heading_moments
@@ -113,7 +114,8 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         row_sums = np.zeros((rows, 2, _SUMS), np.float64)
         # The finest level is four times the work, and mostly noise where three numbers multiply.
         odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
-        _respond(planes[0], planes[1], planes[2], p_mean, q_mean, energy, row_sums, odd)
+        respond = partial(_respond, *planes, p_mean, q_mean, energy, row_sums, odd)
+        run_on_rows(respond, (rows, columns))
         sums.append(_of_parts(row_sums))
         if level:
             odd_sums.append(_of_parts(odd))
@@ -178,26 +180,26 @@ def statistics_length(levels: int) -> int:
     return 9 * levels + levels * (2 * levels - 1)
 
 
-@njit(parallel=True, fastmath=FAST, cache=True, error_model="numpy")
+@kernel
 def _respond(
     p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32,
-    energy: Array, sums: Array, odd: Array,
+    energy: Array, sums: Array, odd: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Responses of one level: their squares per pixel, sums of their powers per row and side.
+    """Responses of rows of one level: squares per pixel, sums of their powers per row and side.
 
     Powers are summed in single precision along a row, in double over the rows.
     """
     rows, columns = p.shape
-    middle, last = columns // 2, columns - 1
+    middle = columns // 2
     zero = np.float32(0.0)
-    for r in prange(rows):
-        above, below = max(r - 1, 0), min(r + 1, rows - 1)
-        responses = np.empty((3, columns), np.float32)
-        z, a, e = responses[0], responses[1], responses[2]
-        z[0], a[0], e[0] = _responses(p, q, albedo, above, r, below, 0, 0, 1)
-        for c in range(1, last):
-            z[c], a[c], e[c] = _responses(p, q, albedo, above, r, below, c - 1, c, c + 1)
-        z[last], a[last], e[last] = _responses(p, q, albedo, above, r, below, last - 1, last, last)
+    window = np.empty((3, 3, columns + 2), np.float32)
+    responses = np.empty((3, columns), np.float32)
+    z, a, e = responses[0], responses[1], responses[2]
+    for r in range(first, stop):
+        _copy_rows(p, r, window[0])
+        _copy_rows(q, r, window[1])
+        _copy_rows(albedo, r, window[2])
+        _respond_row(window[0], window[1], window[2], responses)
         for c in range(columns):
             energy[r, c, 0] = z[c] * z[c]
             energy[r, c, 1] = a[c] * a[c]
@@ -228,36 +230,46 @@ def _respond(
                 add_row(p[r], q[r], z, a, p_mean, q_mean, begin, end, odd[r, side])
 
 
-@njit(fastmath=FAST, cache=True, error_model="numpy")
-def _responses(
-    p: Array, q: Array, albedo: Array,
-    above: int, r: int, below: int, left: int, c: int, right: int,
-) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
-    """Relief, albedo and curl responses at a pixel.
+@kernel
+def _copy_rows(plane: Array, r: int, target: Array) -> None:
+    """Rows r - 1, r and r + 1 of a plane; its outermost pixels are repeated beyond its edges."""
+    rows, columns = plane.shape
+    for n in range(3):
+        row = min(max(r + n - 1, 0), rows - 1)
+        for c in range(columns):
+            target[n, c + 1] = plane[row, c]
+        target[n, 0], target[n, columns + 1] = plane[row, 0], plane[row, columns - 1]
 
-    Derivatives are those of Scharr (2000), the Laplacian the one of nine points: of 3 x 3 pixels
-    the most even in direction.
+
+@kernel
+def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
+    """Relief, albedo and curl responses of the middle of three rows.
+
+    The derivatives are those of Scharr (2000), the Laplacian the one of nine points: of all 3 x 3
+    stencils these depend least on the direction.
     """
     near, far = np.float32(10.0 / 32.0), np.float32(3.0 / 32.0)
-    dp_dx = near * (p[r, right] - p[r, left]) + far * (
-        p[above, right] - p[above, left] + p[below, right] - p[below, left]
-    )
-    dq_dx = near * (q[r, right] - q[r, left]) + far * (
-        q[above, right] - q[above, left] + q[below, right] - q[below, left]
-    )
-    dp_dy = near * (p[above, c] - p[below, c]) + far * (
-        p[above, left] - p[below, left] + p[above, right] - p[below, right]
-    )
-    dq_dy = near * (q[above, c] - q[below, c]) + far * (
-        q[above, left] - q[below, left] + q[above, right] - q[below, right]
-    )
-    corners = (
-        albedo[above, left] + albedo[above, right] + albedo[below, left] + albedo[below, right]
-    )
-    sides = albedo[above, c] + albedo[below, c] + albedo[r, left] + albedo[r, right]
-    centre = np.float32(20.0) * albedo[r, c]
-    laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides - centre)
-    return -(dp_dx + dq_dy), -laplacian, dq_dx - dp_dy
+    for left in range(p.shape[1] - 2):
+        c, right = left + 1, left + 2
+        dp_dx = near * (p[1, right] - p[1, left]) + far * (
+            p[0, right] - p[0, left] + p[2, right] - p[2, left]
+        )
+        dq_dx = near * (q[1, right] - q[1, left]) + far * (
+            q[0, right] - q[0, left] + q[2, right] - q[2, left]
+        )
+        dp_dy = near * (p[0, c] - p[2, c]) + far * (
+            p[0, left] - p[2, left] + p[0, right] - p[2, right]
+        )
+        dq_dy = near * (q[0, c] - q[2, c]) + far * (
+            q[0, left] - q[2, left] + q[0, right] - q[2, right]
+        )
+        corners = albedo[0, left] + albedo[0, right] + albedo[2, left] + albedo[2, right]
+        sides = albedo[0, c] + albedo[2, c] + albedo[1, left] + albedo[1, right]
+        centre = np.float32(20.0) * albedo[1, c]
+        laplacian = np.float32(1.0 / 6.0) * (corners + np.float32(4.0) * sides - centre)
+        responses[0, left] = -(dp_dx + dq_dy)
+        responses[1, left] = -laplacian
+        responses[2, left] = dq_dx - dp_dy
 
 
 def _of_parts(row_sums: Array) -> Moments:
