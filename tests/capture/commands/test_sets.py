@@ -1,0 +1,427 @@
+"""The commands capture, import and solve."""
+
+import json
+import re
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from capture import CapturedSet
+from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def photographs(tmp_path: Path) -> list[Path]:
+    paths = [tmp_path / f"image{light}.png" for light in range(4)]
+    for light, path in enumerate(paths):
+        cv2.imwrite(str(path), np.full((20, 30), 100 + light, np.uint8))
+    return paths
+
+
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make an empty folder the working folder."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+# capture
+
+
+def test_capture_prints_its_time_and_that_it_is_simulated(ps4rig: Command, tmp_path: Path) -> None:
+    out = tmp_path / "a.ome.tif"
+    result = ps4rig("capture", "--rig", "sim", "--size", 64, "--label", "oak", out)
+    assert result.exit_code == 0
+    # Six frames of ambient light and LEDs at 30 Hz: five periods and an exposure of 20 ms.
+    assert result.stdout.startswith(f"{out}: 4 lights in 6 frames, 18")
+    assert result.stdout.endswith(" ms (simulated)\n")
+    assert result.stderr == ""
+    assert CapturedSet.load(out).metadata.simulated
+
+
+def test_the_set_contains_the_options_of_the_simulated_rig(ps4rig: Command, tmp_path: Path) -> None:
+    out = tmp_path / "a.ome.tif"
+    result = ps4rig(
+        "capture", "--rig", "sim", "--surface", "sand", "--rotate", 33, "--slant", 30, "--shift-px",
+        5, -7, "--seed", 9, "--bits", 10, "--size", 96, "--average", 2, "--label", "sand 1",
+        "--json", out,
+    )  # fmt: skip
+    assert json.loads(result.stdout) == [{"set": str(out), "simulated": True}]
+    metadata = CapturedSet.load(out).metadata
+    assert metadata.placement is not None
+    assert metadata.placement.model_dump() == {
+        "surface": "sand", "rotate_deg": 33.0, "shift_px": (5.0, -7.0), "seed": 9,
+    }  # fmt: skip
+    assert (metadata.label, metadata.orientation_deg, metadata.bit_depth) == ("sand 1", 33.0, 10)
+    assert CapturedSet.load(out).lighting.slants_deg.tolist() == [30.0] * 4
+    assert CapturedSet.load(out).images.shape == (4, 96, 96)
+    assert all(len(image.frames) == 2 for image in metadata.images)
+
+
+def test_orientations_and_counts_write_numbered_files(ps4rig: Command, tmp_path: Path) -> None:
+    result = ps4rig(
+        "capture", "--rig", "sim", "--size", 64, "--rotate", 0, "--rotate", 90, "--count", 2,
+        tmp_path / "a.ome.tif",
+    )  # fmt: skip
+    assert result.exit_code == 0
+    names = [f"a-00{number}.ome.tif" for number in (1, 2, 3, 4)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    sets = [CapturedSet.load(tmp_path / name) for name in names]
+    assert [each.metadata.orientation_deg for each in sets] == [0.0, 0.0, 90.0, 90.0]
+    # The noise of all sets differs; the surface of the first two sets is the same.
+    assert len({each.metadata.pixels_sha256 for each in sets}) == 4
+    first, second, rotated = (each.images.astype(float) for each in sets[:3])
+    assert abs(first - second).mean() < 0.3 * abs(first - rotated).mean()
+
+
+@pytest.mark.parametrize("wrong", ["1e9", "nan"])
+def test_a_wrong_orientation_fails_before_the_first_set(
+    refused: Refused, tmp_path: Path, wrong: str
+) -> None:
+    path = tmp_path / "a.ome.tif"
+    line = refused("capture", "--rig", "sim", "--rotate", 0, "--rotate", wrong, path)
+    assert "placement.rotate_deg" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_file_among_the_numbered_ones_fails_before_the_first_set(
+    ps4rig: Command, refused: Refused, tmp_path: Path
+) -> None:
+    (tmp_path / "a-002.ome.tif").touch()
+    arguments = ("capture", "--rig", "sim", "--size", 64, "--count", 2, tmp_path / "a.ome.tif")
+    assert "a-002.ome.tif: exists already" in refused(*arguments)
+    assert len(list(tmp_path.iterdir())) == 1
+    assert ps4rig(*arguments, "--force").exit_code == 0
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_the_default_rig_is_rig_toml_and_never_the_simulated_rig(
+    ps4rig: Command, refused: Refused, in_folder: Path
+) -> None:
+    line = refused("capture", "a.ome.tif")
+    assert line == (
+        "rig.toml: no such rig configuration; write one with ps4rig rig init, or use --rig sim"
+    )
+    Path("rig.toml").write_text('name = "bench"\n')
+    assert "lights.port is missing" in refused("capture", "a.ome.tif")
+    Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n')
+    assert refused("capture", "a.ome.tif").startswith("rig.toml: camera.device is missing")
+    Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n[camera]\ndevice = 0\n')
+    assert refused("capture", "a.ome.tif", status=3).startswith("/dev/ttyNONE: no such port")
+    assert "for a simulated rig" in refused("capture", "--surface", "rock", "a.ome.tif")
+    assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
+    Path("rig.toml").write_text(
+        '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 48\n'
+    )
+    assert ps4rig("capture", "a.ome.tif").exit_code == 0
+
+
+def test_a_real_controller_with_a_simulated_camera_is_refused(
+    refused: Refused, in_folder: Path
+) -> None:
+    clock = VirtualClock()
+    with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
+        Path("rig.toml").write_text(
+            f'[lights]\nport = "{server.address}"\n[camera]\nkind = "simulated"\n'
+        )
+        assert "cannot see the LEDs" in refused("capture", "a.ome.tif")
+    assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
+
+
+@pytest.mark.parametrize(
+    ("config", "status", "message"),
+    [
+        ("frame_rate_hz = 10\nexposure_ms = 100", 1, "set rejected: LED 0 .* saturated"),
+        ("exposure_ms = 0.001", 1, "set rejected: LED 0 .* dark"),
+        ("[simulation]\nambient = 0.9", 1, "set rejected: ambient light fills"),
+        ("bits = 9", 2, "camera.bits"),
+        ("bits = ", 2, "not valid TOML"),
+        ("[simulation.placement]\nsurface = 'none'", 2, "surface 'none' is neither a material"),
+    ],
+)
+def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
+    refused: Refused, in_folder: Path, config: str, status: int, message: str
+) -> None:
+    camera = "[camera]\nwidth_px = 64\nheight_px = 64"
+    Path("rig.toml").write_text(f'[lights]\nport = "simulated"\n{camera}\n{config}\n')
+    line = refused("capture", "a.ome.tif", status=status)
+    assert re.search(message, line)
+    assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a.tif"], "a.tif: the name of the output must end in .ome.tif"),
+        (["--bits", "9", "a.ome.tif"], "camera.bits"),
+        (["--size", "8", "a.ome.tif"], "camera.width_px"),
+        (["--slant", "90", "a.ome.tif"], "lights.slant_deg"),
+        (
+            ["--size", "64", "--average", "1025", "a.ome.tif"],
+            "average is 1025; it must be 1 to 1024",
+        ),
+        (["--seed", "-1", "a.ome.tif"], "placement.seed"),
+        (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
+        (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
+        (
+            ["--size", "64", "--label", "two\nlines", "a.ome.tif"],
+            r"label 'two\nlines': use printable",
+        ),
+        (
+            ["--size", "64", "none/a.ome.tif"],
+            "none/a.ome.tif: cannot be written: there is no folder",
+        ),
+    ],
+)
+def test_a_wrong_option_of_capture_is_one_line(
+    refused: Refused, in_folder: Path, arguments: list[str], message: str
+) -> None:
+    assert message in refused("capture", "--rig", "sim", *arguments)
+    assert list(in_folder.iterdir()) == []
+
+
+def test_names_that_look_like_markup_are_printed_unchanged(
+    ps4rig: Command, in_folder: Path
+) -> None:
+    for name in ("[oak].ome.tif", "[bold]x.ome.tif", ":smile:.ome.tif", "x[~].ome.tif"):
+        result = ps4rig("capture", "--rig", "sim", "--size", 64, name)
+        assert result.stdout.startswith(f"{name}: 4 lights in ")
+        assert (in_folder / name).is_file()
+
+
+# import
+
+
+def test_photographs_become_a_set(ps4rig: Command, photographs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "a.ome.tif"
+    result = ps4rig("import", *photographs, "--slant", 40, "--label", "oak", "--json", out)
+    assert json.loads(result.stdout) == {"set": str(out), "lights": 4}
+    captured = CapturedSet.load(out)
+    assert captured.lighting.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
+    assert captured.lighting.slants_deg.tolist() == [40.0] * 4
+    assert [int(image[0, 0]) for image in captured.images] == [100, 101, 102, 103]
+    assert not captured.metadata.simulated
+
+
+def test_tilts_belong_to_the_photographs_in_their_order(
+    ps4rig: Command, photographs: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "a.ome.tif"
+    result = ps4rig("import", *photographs[:3], "--tilts", "10,130,-110", "--slant", 40, out)
+    assert result.stdout == f"{out}: 3 lights\n"
+    assert CapturedSet.load(out).lighting.tilts_deg.tolist() == [10.0, 130.0, 250.0]
+
+
+def test_a_light_list_replaces_the_names_of_photographs(
+    ps4rig: Command, photographs: list[Path], tmp_path: Path
+) -> None:
+    rows = [f"{path.name} {0.1 * light} 0.2 1" for light, path in enumerate(photographs)]
+    (tmp_path / "lights.lp").write_text("\r\n".join(["4", *rows]))
+    out = tmp_path / "a.ome.tif"
+    assert ps4rig("import", "--lights", tmp_path / "lights.lp", out).exit_code == 0
+    assert [image.source_file for image in CapturedSet.load(out).metadata.images] == [
+        path.name for path in photographs
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "give --slant DEG of the lights, or --lights FILE"),
+        (["--slant", "95"], "slant 95.0 is outside 0 to 89.9"),
+        (["--slant", "nan"], "slant nan is outside"),
+        (["--slant", "45", "--tilts", "0,90,180"], "4 images for 3 lights"),
+        (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west: give degrees"),
+        (["--slant", "45", "--tilts", "0,90,180,inf"], "--tilts 0,90,180,inf: give degrees"),
+        (["--slant", "45", "--lights", "x.lp"], "--lights gives the directions; leave out --slant"),
+        (["--tilts", "0,90", "--lights", "x.lp"], "leave out --slant and --tilts"),
+        (["--lights", "x.lp"], "x.lp: no such file"),
+        (["--slant", "45", "--ambient", "none.png"], "none.png: no such file"),
+        (["--slant", "45", "--label", "\x07"], "use printable characters"),
+        (["--slant", "45", "--label", "Unknown"], "stands for a surface that matches no class"),
+    ],
+)
+def test_a_wrong_option_of_import_is_one_line(
+    refused: Refused, photographs: list[Path], tmp_path: Path, options: list[str], message: str
+) -> None:
+    assert message in refused("import", *photographs, *options, tmp_path / "a.ome.tif")
+    assert not (tmp_path / "a.ome.tif").exists()
+
+
+def test_a_wrong_photograph_is_one_line(
+    refused: Refused, photographs: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "a.ome.tif"
+    line = refused("import", *photographs, "--slant", 45)
+    assert "image3.png: the name of the output must end in .ome.tif" in line
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((5, 5), np.uint8))
+    (tmp_path / "cut.png").write_bytes(photographs[0].read_bytes()[:60])
+    tifffile.imwrite(tmp_path / "nan.tif", np.full((20, 30), np.nan, np.float32))
+    cv2.imwrite(str(tmp_path / "a.jpg"), np.zeros((20, 30), np.uint8))
+    for name, message in (
+        ("small.png", "small.png: 5 x 5 px, but"),
+        ("cut.png", "cut.png: not a complete PNG image"),
+        ("nan.tif", "nan.tif: float32 pixels"),
+        ("a.jpg", "a.jpg: a JPEG does not say"),
+        ("none.png", "none.png: no such file"),
+    ):
+        line = refused("import", *photographs[:3], tmp_path / name, "--slant", 45, out)
+        assert message in line
+    assert not out.exists()
+
+
+# solve
+
+
+def test_solve_writes_its_maps_and_prints_shares_of_pixels(
+    ps4rig: Command, sets: Path, tmp_path: Path
+) -> None:
+    source = sets / "rock-001.ome.tif"
+    result = ps4rig("solve", source, "--out", tmp_path / "maps", "--json")
+    answer = json.loads(result.stdout)
+    assert set(answer) == {"set", "files", "valid", "saturated", "shadowed", "simulated"}
+    assert answer["simulated"] is True
+    assert {Path(name).name for name in answer["files"]} >= {
+        "p.tif", "q.tif", "albedo.tif", "normals.tif", "height.tif", "residual.tif", "shadow.png",
+        "preview.png",
+    }  # fmt: skip
+    assert all(Path(name).stat().st_size > 0 for name in answer["files"])
+    assert 0.9 < answer["valid"] <= 1.0
+    plain = ps4rig("solve", source, "--out", tmp_path / "maps")
+    assert plain.stdout.splitlines()[0] == (
+        f"{tmp_path / 'maps'}: {len(answer['files'])} files (of a simulated set)"
+    )
+
+
+def test_three_lights_need_the_method_least_squares(
+    ps4rig: Command, refused: Refused, photographs: list[Path], tmp_path: Path
+) -> None:
+    out, maps = tmp_path / "a.ome.tif", tmp_path / "maps"
+    ps4rig("import", *photographs[:3], "--tilts", "0,120,240", "--slant", 40, out)
+    line = refused("solve", out, "--out", maps)
+    assert "needs exactly 4 lights, this set has 3; use least_squares" in line
+    assert not maps.exists()
+    assert ps4rig("solve", out, "--method", "least_squares", "--out", maps).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("level", "cause"), [(0, "100% are dark under a light"), (255, "100% are saturated")]
+)
+def test_a_set_without_a_valid_pixel_is_status_1_and_writes_nothing(
+    ps4rig: Command, refused: Refused, tmp_path: Path, level: int, cause: str
+) -> None:
+    photographs = [tmp_path / f"{light}.png" for light in range(4)]
+    for path in photographs:
+        cv2.imwrite(str(path), np.full((20, 30), level, np.uint8))
+    out = tmp_path / "a.ome.tif"
+    assert ps4rig("import", *photographs, "--slant", 45, out).exit_code == 0
+    line = refused("solve", out, "--out", tmp_path / "maps", status=1)
+    assert line.startswith(f"{out}: no pixel can be solved: ")
+    assert cause in line
+    assert not (tmp_path / "maps").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--method", "ps5", "--out", "maps"], "--method ps5: choose one of ps3a"),
+        (["--relight", "45", "--out", "maps"], "--relight 45: give tilt and slant"),
+        (["--out", "file"], "file: cannot be made"),
+    ],
+)
+def test_a_wrong_option_of_solve_is_one_line(
+    refused: Refused, sets: Path, in_folder: Path, options: list[str], message: str
+) -> None:
+    (in_folder / "file").touch()
+    assert message in refused("solve", sets / "rock-001.ome.tif", *options)
+    assert [path.name for path in in_folder.iterdir()] == ["file"]
+
+
+# in a process of its own, where other libraries could print too
+
+
+@pytest.mark.slow
+def test_a_damaged_file_is_one_line_and_libraries_print_nothing(
+    spawn: Command, sets: Path, photographs: list[Path], tmp_path: Path
+) -> None:
+    whole = (sets / "rock-001.ome.tif").read_bytes()
+    cut = tmp_path / "cut.ome.tif"
+    cut.write_bytes(whole[:1000])
+    bad = tmp_path / "bad.png"
+    content = bytearray(photographs[0].read_bytes())
+    content[len(content) // 2] ^= 1
+    bad.write_bytes(content)
+    commands = (
+        ["solve", cut, "--out", tmp_path / "o"],
+        ["import", bad, *photographs[1:], "--slant", 45, tmp_path / "a.ome.tif"],
+    )
+    for process in [spawn(*arguments) for arguments in commands]:
+        stdout, stderr = process.communicate(timeout=30)
+        assert (process.returncode, stdout) == (2, "")
+        assert len(stderr.splitlines()) == 1, stderr
+        assert stderr.startswith("ps4rig: ")
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> None:
+    process = spawn(
+        "capture", "--rig", "sim", "--size", 256, tmp_path / "a.ome.tif",
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
+    )  # fmt: skip
+    stdout, stderr = process.communicate(timeout=30)
+    assert (process.returncode, stdout) == (2, "")
+    (line,) = stderr.splitlines()
+    assert f"{tmp_path}/a.ome.tif: cannot be written" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_maps_name_the_set_that_they_come_from(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
+    rock = next(sets.glob("rock-001*"))
+    assert ps4rig("solve", rock, "--out", tmp_path).exit_code == 0
+    with tifffile.TiffFile(tmp_path / "p.tif") as tiff:
+        origin = json.loads(tiff.pages.first.description)
+    assert origin["simulated"] is True
+    assert (origin["method"], origin["label"]) == (CapturedSet.load(rock).solve().method, "rock")
+    assert origin["pixels_sha256"] == CapturedSet.load(rock).metadata.pixels_sha256
+
+
+# real photographs: tests/data/butterfly_crop/README.md
+
+
+def test_four_of_eight_photographs_give_the_gradients_of_all_eight(
+    ps4rig: Command, tmp_path: Path
+) -> None:
+    data = Path(__file__).parents[2] / "data" / "butterfly_crop"
+    options = ("--lights", data / "lights.json", "--ambient", data / "ambient.png")
+    # The lights nearest to tilt 0, 90, 180 and 270.
+    picked = [data / f"image{number}.png" for number in (6, 0, 2, 4)]
+    for arguments in (
+        ("import", *picked, *options, tmp_path / "four.ome.tif"),
+        ("import", *options, tmp_path / "eight.ome.tif"),
+        ("solve", tmp_path / "four.ome.tif", "--method", "ps4", "--out", tmp_path / "four"),
+        ("solve", tmp_path / "eight.ome.tif", "--method", "least_squares", "--out",
+         tmp_path / "eight"),
+    ):  # fmt: skip
+        assert ps4rig(*arguments).exit_code == 0
+    valid = np.logical_and.reduce(
+        [cv2.imread(str(tmp_path / name / "valid.png"), 0) > 0 for name in ("four", "eight")]
+    )
+    for name in ("p", "q"):
+        four = tifffile.imread(tmp_path / "four" / f"{name}.tif")[valid]
+        eight = tifffile.imread(tmp_path / "eight" / f"{name}.tif")[valid]
+        assert np.corrcoef(four, eight)[0, 1] >= 0.97
+    object_ = cv2.imread(str(data / "mask.png"), 0) > 0
+    assert valid[object_].mean() > 0.95
+    # The board is too dark for a gradient, so most of its pixels are not valid.
+    assert valid[~object_].mean() < 0.2

@@ -1,0 +1,184 @@
+"""The commands train, classify and evaluate."""
+
+import json
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture import CapturedSet
+from classify import TextureLibrary
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+
+
+def test_train_counts_the_sets_of_each_class(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
+    library = tmp_path / "t.ps4lib"
+    result = ps4rig("train", sets, "--library", library, "--json")
+    assert json.loads(result.stdout) == {
+        "library": str(library), "classes": {"rock": 2, "sand": 2}, "simulated": True,
+    }  # fmt: skip
+    assert TextureLibrary.load(library).simulated
+
+
+def test_train_replaces_a_library_with_force_only_and_never_a_set(
+    ps4rig: Command, refused: Refused, sets: Path, tmp_path: Path
+) -> None:
+    rock, library = sets / "rock-001.ome.tif", tmp_path / "t.ps4lib"
+    library.write_text("old")
+    arguments = ("train", rock, sets / "sand-001.ome.tif", "--library")
+    assert "t.ps4lib: exists already" in refused(*arguments, library)
+    assert library.read_text() == "old"
+    assert ps4rig(*arguments, library, "--force").exit_code == 0
+    assert TextureLibrary.load(library).classes == ("rock", "sand")
+    before = rock.read_bytes()
+    assert "end in .ps4lib" in refused(*arguments, rock, "--force")
+    assert rock.read_bytes() == before
+
+
+def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, library: Path) -> None:
+    paths = [sets / "rock-002.ome.tif", sets / "sand-002.ome.tif"]
+    result = ps4rig("classify", *paths, "--library", library, "--json")
+    assert result.stderr == ""
+    rock, sand = json.loads(result.stdout)
+    assert list(rock) == [
+        "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
+        "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "simulated",
+    ]  # fmt: skip
+    assert 0.0 <= rock["distance"] <= rock["limit"]
+    assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
+    assert rock["reason"].startswith("rock is ")
+    assert (rock["set"], rock["label"], rock["runner_up"]) == (str(paths[0]), "rock", "sand")
+    assert (sand["label"], sand["nearest"], sand["simulated"]) == ("sand", "sand", True)
+    assert sand["orientation_deg"] == pytest.approx(50.0, abs=5.0)
+    assert 0.0 <= sand["distance"] < sand["runner_up_distance"]
+    assert sand["margin"] == pytest.approx(1 - sand["distance"] / sand["runner_up_distance"])
+
+
+@pytest.mark.parametrize("columns", [20, 80])
+def test_no_word_of_a_table_is_broken(
+    ps4rig: Command, sets: Path, library: Path, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.chdir(sets.parent)
+    path = Path(sets.name) / "sand-002.ome.tif"
+    result = ps4rig("classify", path, "--library", library)
+    (match,) = json.loads(ps4rig("classify", path, "--library", library, "--json").stdout)
+    words = [str(path), "(simulated)", f"{match['limit']:.4f}", *match["reason"].split()]
+    assert set(words) <= set(result.stdout.split())
+    if columns == 80:
+        assert all(len(line) <= columns for line in result.stdout.splitlines())
+
+
+def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, library: Path) -> None:
+    answer = json.loads(ps4rig("evaluate", sets, "--library", library, "--json").stdout)
+    assert list(answer) == [
+        "sets", "accuracy", "per_class", "confusion", "orientation_error_deg", "unknown",
+        "headings", "reversed",
+    ]  # fmt: skip
+    assert (answer["sets"], answer["accuracy"], answer["unknown"]) == (4, 1.0, 0)
+    assert answer["confusion"] == {"rock": {"rock": 2}, "sand": {"sand": 2}}
+    assert answer["per_class"]["sand"]["sets"] == 2
+    assert answer["per_class"]["sand"]["accuracy"] == 1.0
+    assert set(answer["orientation_error_deg"]) == {"median", "p95"}
+    assert 0.0 <= answer["orientation_error_deg"]["median"] <= 90.0
+    table = ps4rig("evaluate", sets, "--library", library)
+    assert "4 of 4 right (100.00%), 0 unknown" in table.stdout
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"label": None}, "has no label; capture or import it with --label"),
+        ({"label": "Unknown"}, "label 'Unknown': 'unknown' stands for a surface"),
+    ],
+)
+def test_a_set_without_a_usable_label_is_named(
+    refused: Refused,
+    sets: Path,
+    library: Path,
+    tmp_path: Path,
+    fields: dict[str, Any],
+    message: str,
+) -> None:
+    labelled = CapturedSet.load(sets / "rock-001.ome.tif")
+    metadata = labelled.metadata.model_copy(update=fields)
+    path = tmp_path / "a.ome.tif"
+    CapturedSet(labelled.images, labelled.ambient, metadata).save(path)
+    other = sets / "sand-001.ome.tif"
+    assert f"{path}: {message}" in refused("train", path, other, "--library", tmp_path / "t.ps4lib")
+    assert f"{path}: {message}" in refused("evaluate", path, "--library", library)
+    assert not (tmp_path / "t.ps4lib").exists()
+
+
+def test_three_lights_are_too_few_for_textures(
+    refused: Refused,
+    made_set: Callable[..., CapturedSet],
+    sets: Path,
+    library: Path,
+    tmp_path: Path,
+) -> None:
+    images = CapturedSet.load(sets / "rock-001.ome.tif").images[:3]
+    path = tmp_path / "a.ome.tif"
+    made_set(images).save(path)
+    message = f"{path}: has 3 lights; textures are compared in sets of 4 or more lights"
+    assert refused("classify", path, "--library", library) == message
+    assert refused("train", path, "--library", tmp_path / "t.ps4lib") == message
+
+
+def test_a_training_set_whose_name_is_not_utf_8_is_refused(
+    refused: Refused, sets: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "sets"
+    folder.mkdir()
+    os.link(sets / "rock-001.ome.tif", folder / "\udcff.ome.tif")
+    line = refused("train", folder, "--library", tmp_path / "t.ps4lib")
+    assert "not valid UTF-8, and the library stores the path; rename it" in line
+
+
+@pytest.mark.parametrize("command", ["solve", "train", "classify"])
+def test_a_wrong_set_is_one_line(
+    refused: Refused, sets: Path, library: Path, tmp_path: Path, command: str
+) -> None:
+    whole = (sets / "rock-001.ome.tif").read_bytes()
+    output = {"solve": ["--out", tmp_path / "o"], "train": ["--library", tmp_path / "t.ps4lib"]}
+    for name, content, message in (
+        ("cut.ome.tif", whole[: len(whole) // 2], "cut.ome.tif: "),
+        ("edited.ome.tif", whole[:60_000] + b"?" + whole[60_001:], "do not match their SHA-256"),
+        ("later.ome.tif", re.sub(rb'("schema_version": )\d', rb"\g<1>9", whole), "version 9"),
+        ("text.ome.tif", b"hello", "not a readable TIFF"),
+        ("none.ome.tif", None, "none.ome.tif: no such file"),
+    ):
+        path = tmp_path / name
+        if content is not None:
+            path.write_bytes(content)
+        line = refused(command, path, *output.get(command, ["--library", library]))
+        assert name in line
+        assert message in line
+    assert not (tmp_path / "o").exists()
+    assert not (tmp_path / "t.ps4lib").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["classify", "{rock}", "--library", "{here}/no.ps4lib"], "no.ps4lib: no such library"),
+        (["classify", "{rock}", "--library", "{here}/file"], "file: "),
+        (["evaluate", "{here}/none", "--library", "{lib}"], "none: no such file or folder"),
+        (["evaluate", "{here}", "--library", "{lib}"], "holds no captured sets"),
+        (["evaluate", "{rock}", "--library", "{lib}", "--classifier", "x"], "choose one of joint"),
+        (["train", "{rock}", "--library", "{here}/none/t.ps4lib"], "there is no folder"),
+        (["train", "{rock}", "--library", "{here}/t.ps4lib", "--classifier", "x"], "choose one of"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(
+    refused: Refused, sets: Path, library: Path, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "file").touch()
+    places = {"rock": sets / "rock-001.ome.tif", "here": tmp_path, "lib": library}
+    assert message in refused(*(argument.format(**places) for argument in arguments))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
