@@ -53,9 +53,13 @@ class Lighting:
             raise InputError(
                 f"light directions have shape {directions.shape}; give one (x, y, z) row per light"
             )
+        largest = np.abs(directions).max(axis=1)
+        # Squares of larger numbers would overflow.
+        if not (np.isfinite(largest) & (largest >= 1e-9) & (largest <= 1e9)).all():
+            raise InputError(
+                "a light direction is zero or not finite, or beyond 1e9; give (x, y, z) towards it"
+            )
         lengths = np.linalg.norm(directions, axis=1)
-        if not np.isfinite(directions).all() or (lengths < 1e-9).any():
-            raise InputError("a light direction is zero or not finite; give (x, y, z) towards it")
         # Plus zero: a negative one is equal to it, and equal lights have equal bytes.
         directions = directions / lengths[:, None] + 0.0
         if (directions[:, 2] <= 1e-3).any():
@@ -71,8 +75,9 @@ class Lighting:
             raise InputError(
                 f"{intensities.size} light intensities for {len(directions)} lights; give one each"
             )
-        if not np.isfinite(intensities).all() or (intensities <= 0).any():
-            raise InputError("light intensities must be positive numbers")
+        # Far beyond what one exposure can show; float32 holds the gains and their squares.
+        if not ((intensities >= 1e-6) & (intensities <= 1e6)).all():
+            raise InputError("light intensities must be positive numbers from 1e-6 to 1e6")
         directions.flags.writeable = False
         intensities.flags.writeable = False
         object.__setattr__(self, "directions", directions)

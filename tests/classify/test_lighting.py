@@ -91,6 +91,7 @@ def test_equality_looks_at_directions_and_intensities() -> None:
         ([[0, 0, 0]], "zero or not finite"),
         ([[0, np.nan, 1]], "zero or not finite"),
         ([[0, 0, np.inf]], "zero or not finite"),
+        ([[1e300, 0, 1e300]], "beyond 1e9"),
         ([[0, 0, 1], [1, 0, 0]], "light 1 stands at or below the horizon"),
         ([[0, 0, -1]], "light 0 stands at or below the horizon"),
     ],
@@ -108,6 +109,7 @@ def test_unusable_directions_are_named(directions: object, cause: str) -> None:
         ([1, 1, 1, -1], "positive"),
         ([1, 1, 1, np.nan], "positive"),
         ([1, 1, 1, np.inf], "positive"),
+        ([1, 1, 1, 1e300], "positive"),
     ],
 )
 def test_unusable_intensities_are_named(intensities: list[float], cause: str) -> None:
