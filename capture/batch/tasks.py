@@ -165,13 +165,15 @@ class SolveTask:
 
 @dataclass(frozen=True)
 class SolvedSet:
-    """The names of the written files, and shares of the pixels from 0 to 1."""
+    """Names of the written files, shares of the pixels from 0 to 1, and facts of the set."""
 
     files: tuple[str, ...]
     valid: float
     saturated: float
     shadowed: float
     simulated: bool
+    protected: bool
+    lights: int
 
 
 def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LIGHT) -> SolvedSet:
@@ -201,6 +203,8 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
         saturated=saturated,
         shadowed=shadowed,
         simulated=captured.metadata.simulated,
+        protected=captured.metadata.is_protected,
+        lights=len(captured.images),
     )
 
 

@@ -15,6 +15,7 @@ from capture.console import (
     SchedulerOption,
     SetsArgument,
     WorkersOption,
+    complain,
     out,
     print_json,
     progress,
@@ -256,7 +257,9 @@ def solve(
     from capture.batch.runner import Batch
     from capture.batch.tasks import SolveTask, solve_set
     from capture.maps.surface_maps import RELIT_LIGHT
+    from capture.maps.views import SHOWN_LIGHTS
     from capture.sets.archive import output_folders
+    from capture.sets.metadata import UNPROTECTED
 
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
@@ -266,10 +269,14 @@ def solve(
         solving = batch.map(partial(solve_set, method=chosen, light=light), tasks)
         solved = progress(solving, len(tasks), "solve")
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
+            if not surface.protected:
+                complain(f"warning: {path}: {UNPROTECTED}")
             if json:
                 rows.append(_as_json(path, folder, surface))
             else:
                 note = " (of a simulated set)" if surface.simulated else ""
+                if surface.lights > SHOWN_LIGHTS:
+                    note += f", the page shows {SHOWN_LIGHTS} of {surface.lights} light images"
                 out.print(f"{folder}: {len(surface.files)} files{note}", soft_wrap=True)
                 out.print(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "

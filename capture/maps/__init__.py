@@ -1,1 +1,1 @@
-"""What follows from a solved surface: computed, as pictures, as files, and on one page."""
+"""The maps of a solved surface: computed, as pictures, as files, and on one page."""

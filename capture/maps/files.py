@@ -1,4 +1,4 @@
-"""The maps of a solved set as files: float32 TIFF for programs, PNG and a page for people."""
+"""The maps of a solved set as files: float32 TIFF, PNG, JSON and a page."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from .views import map_views
 
 __all__ = ["write_maps"]
 
+# preview.png shows the first maps of each section of the page, in rows of four.
 _PREVIEW_ROW = 4
 _PREVIEW_TILES = 16
 _PAGE = "index.html"
@@ -36,12 +37,13 @@ def write_maps(
     *,
     light: Lighting = RELIT_LIGHT,
 ) -> list[Path]:
-    """Write all maps of a surface, and `index.html` that shows them side by side.
+    """Write all maps of a surface, and `index.html` that shows them.
 
     As TIFF: p, q, albedo, normals, height, raised, mean and Gaussian curvature, relit, residual.
-    As PNG: shadow, dropped, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
-    The TIFFs' descriptions are JSON that says what set they come from, the unit, and whether
-    simulated. `height.tif` and `raised.tif` are relative: in pixels, from the gradients alone.
+    As PNG: shadow, dropped, specular, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
+    The description of each TIFF is JSON with the set, the unit, and whether it was simulated.
+    `height.tif` and `raised.tif` are relative: in pixels, from the gradients alone. Maps in
+    `folder` are replaced as a whole, see `durable_folder`.
 
     Parameters
     ----------

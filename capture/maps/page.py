@@ -1,4 +1,4 @@
-"""The maps of a solved set side by side: one HTML page that needs nothing beside it."""
+"""The page of maps: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from capture.sets.captured_set import CapturedSet
+from capture.sets.metadata import UNPROTECTED
 
 from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
@@ -22,20 +23,22 @@ from .views import MapView
 __all__ = ["map_page"]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
-# A picture smaller than this is drawn larger than it is: with square pixels, not smeared.
+# A smaller picture is enlarged on the page, with square pixels instead of interpolation.
 _SMALL_PX = 256
 _SIMULATED = (
     '<p class="notice"><b>Simulated.</b> No light, camera or part behind these maps is real.</p>'
 )
+_UNPROTECTED = f'<p class="notice">This is {UNPROTECTED}.</p>'
 
 
 def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[MapView]]) -> str:
-    """The page as HTML; all text that comes from the set is escaped."""
+    """Return the page as HTML; all text from the set is escaped."""
     sections = {name: "".join(map(_figure, members)) for name, members in views.items()}
     sections["Curvature"] += _roughness_table(maps)
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=escape(captured.label or "Captured set without a label"),
-        notice=_SIMULATED if captured.metadata.simulated else "",
+        notice=_SIMULATED * captured.metadata.simulated
+        + _UNPROTECTED * (not captured.metadata.is_protected),
         facts="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
             for name, value in _facts(captured, maps)
@@ -56,7 +59,7 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     yield "captured", metadata.created_utc
     if metadata.orientation_deg is not None:
-        yield "turned by", f"{metadata.orientation_deg:g}°"
+        yield "orientation", f"{metadata.orientation_deg:g}°"
     yield "valid", f"{surface.valid.mean():.1%}"
     yield "saturated", f"{surface.saturated.mean():.1%}"
     yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"
@@ -82,7 +85,7 @@ def _figure(view: MapView) -> str:
 
 
 def _bar(scale: ColourScale) -> str:
-    """The colours from lowest to highest, with the values at both ends and in the middle."""
+    """Return a colour bar, with the values at both ends and in the middle."""
     low, middle, high = (scale.colours[i] for i in (0, len(scale.colours) // 2, -1))
     colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (low, middle, high))
     values = (scale.low, (scale.low + scale.high) / 2.0, scale.high)
@@ -121,7 +124,7 @@ def _number(value: float) -> str:
 def _data_uri(picture: Picture) -> str:
     options = [
         cv2.IMWRITE_JPEG_QUALITY, 85,
-        # Thin red beside blue stays red beside blue.
+        # Without subsampling, thin lines keep their colours.
         cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
     ]  # fmt: skip
     _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)

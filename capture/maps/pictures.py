@@ -1,4 +1,4 @@
-"""Maps as pictures for people: 8-bit RGB arrays, PNG bytes."""
+"""Maps as pictures: 8-bit RGB arrays, and PNG files of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = [
     "dropped_colours",
     "dropped_map",
     "grey",
-    "light_pictures",
+    "light_images",
     "normal_map",
     "png_bytes",
     "reduced",
@@ -34,9 +34,8 @@ __all__ = [
 
 Picture = npt.NDArray[np.uint8]
 _PICTURE_PX = 512
-_SHOWN_LIGHTS = 4
-# Of the values, so that a few wild ones do not make all others pale.
-_SHOWN_PERCENT = 99.5
+# Percentile of the values at the end of a colour scale: a few outliers do not pale the others.
+_SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
 )
@@ -57,7 +56,7 @@ _BLUE_WHITE_RED = _blue_white_red()
 
 @dataclass(frozen=True, eq=False)
 class ColourScale:
-    """256 colours for the values from `low` to `high`; those beyond get the last colour."""
+    """256 colours for the values from `low` to `high`; values beyond get the end colour."""
 
     low: float
     high: float
@@ -65,17 +64,17 @@ class ColourScale:
 
     @classmethod
     def grey(cls, values: npt.NDArray[Any], top: float | None = None) -> ColourScale:
-        """Black at 0, white at `top` (the 99.5th percentile if None)."""
+        """Make a scale from black at 0 to white at `top`, by default the 99.5th percentile."""
         return cls(0.0, _limit(values) if top is None else top, _GREYS)
 
     @classmethod
     def signed(cls, values: FloatMap) -> ColourScale:
-        """White at 0, positive red, negative blue, full at the 99.5th percentile of sizes."""
+        """Make a scale: blue, white at 0, red; ends at the 99.5th percentile of magnitudes."""
         top = _limit(np.abs(values))
         return cls(-top, top, _BLUE_WHITE_RED)
 
     def paint(self, values: npt.NDArray[Any]) -> Picture:
-        """(H, W) values as a picture."""
+        """Return a picture of (H, W) values."""
         per_value = 255.0 / (self.high - self.low)
         levels = values.astype(np.float32)
         levels *= per_value
@@ -84,55 +83,55 @@ class ColourScale:
 
 
 def _limit(values: npt.NDArray[Any]) -> float:
-    """A high percentile; where that is 0 the highest value, and 1 if that is 0 too."""
-    return float(np.percentile(values, _SHOWN_PERCENT)) or float(values.max()) or 1.0
+    """Return the 99.5th percentile; if that is 0 the maximum, and 1 if that is 0 too."""
+    return float(np.percentile(values, _SCALE_PERCENT)) or float(values.max()) or 1.0
 
 
 def _coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
-    """(H, W) indices into (256, 3) colours."""
+    """Return the picture of (H, W) indices into (256, 3) colours."""
     picture: Picture = cv2.applyColorMap(levels, colours[:, None, :]).astype(np.uint8, copy=False)
     return picture
 
 
 def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
-    """(H, W) as grey, black at 0 and white at `top` (the 99.5th percentile if None)."""
+    """Return a grey picture, black at 0 and white at `top`, by default the 99.5th percentile."""
     return ColourScale.grey(image, top).paint(image)
 
 
 def normal_map(normals: FloatMap) -> Picture:
-    """(H, W, 3) unit normals in the usual colours, (n + 1) / 2, y up."""
+    """Return (H, W, 3) unit normals as colours: (n + 1) / 2, y up."""
     colours: Picture = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
     return colours
 
 
 def relief(surface: SurfaceEstimate) -> Picture:
-    """The relief without its albedo, lit from the upper left."""
+    """Return the relief of a surface without its albedo, lit from the upper left."""
     return shaded(surface.normals)
 
 
 def shaded(normals: FloatMap) -> Picture:
-    """(H, W, 3) normals lit from the upper left."""
-    # From 0 facing away to 1 facing the light: steep slopes keep their shape in the dark.
+    """Return the shading of (H, W, 3) normals lit from the upper left."""
+    # 0 facing away from the light, 1 facing it: slopes keep their shape in attached shadow.
     return grey(0.5 + 0.5 * (normals @ _RELIEF_LIGHT), top=1.0)
 
 
 def shadow_map(surface: SurfaceEstimate) -> Picture:
-    """Number of lights in shadow: light grey 0, then yellow to black for 1 to 4 and more."""
+    """Return the number of lights in shadow: light grey 0, yellow to black 1 to 4 and more."""
     return _coloured(surface.shadow_count, shadow_colours())
 
 
 def shadow_colours() -> Picture:
-    """(256, 3) colour for each number of lights in shadow."""
+    """Return the (256, 3) colours of the numbers of lights in shadow."""
     return _SHADOW_COLOURS[np.minimum(np.arange(256), len(_SHADOW_COLOURS) - 1)]
 
 
 def dropped_map(surface: SurfaceEstimate, lights: int) -> Picture:
-    """The light that was left out at each pixel: one hue per light, light grey where none was."""
+    """Return the dropped light of each pixel: one hue per light, light grey for none."""
     return _coloured(surface.dropped, dropped_colours(lights))
 
 
 def dropped_colours(lights: int) -> Picture:
-    """(256, 3) colour for each value of `SurfaceEstimate.dropped`."""
+    """Return the (256, 3) colours of the values of `SurfaceEstimate.dropped`."""
     hues = np.zeros((256, 1, 3), dtype=np.uint8)
     lights = min(lights, NO_DROPPED_LIGHT)
     hues[:lights, 0] = [(180 * light // lights, 165, 215) for light in range(lights)]
@@ -141,24 +140,25 @@ def dropped_colours(lights: int) -> Picture:
     return colours
 
 
-def light_pictures(captured: CapturedSet, count: int = _SHOWN_LIGHTS) -> dict[str, Picture]:
-    """The images under the first lights on one scale, by tilt, none larger than needed."""
+def light_images(captured: CapturedSet, count: int) -> dict[str, Picture]:
+    """Return pictures of the first light images, on one scale, by their titles."""
     images = [reduced(image) for image in captured.images[:count]]
     top = _limit(np.stack(images))
     tilts_deg = captured.lighting.tilts_deg
+    part = f" of {len(tilts_deg)}" if len(tilts_deg) > count else ""
     return {
-        f"light {index}: tilt {tilts_deg[index]:.0f}": grey(image, top)
+        f"light {index}{part}: tilt {tilts_deg[index]:.0f}": grey(image, top)
         for index, image in enumerate(images)
     }
 
 
 def reduced(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(H, W) or (H, W, 3) values, averaged down to a longer side of at most 512 px."""
+    """Average (H, W) or (H, W, 3) values down to a longer side of at most 512 px."""
     return _resized(values, cv2.INTER_AREA)
 
 
 def thinned(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """The same for what has no mean, as names have none: every so many pixels."""
+    """Reduce a map of names, which have no mean, by leaving pixels out."""
     return _resized(values, cv2.INTER_NEAREST)
 
 
@@ -172,7 +172,7 @@ def _resized(values: npt.NDArray[Any], interpolation: int) -> npt.NDArray[Any]:
 
 
 def contact_sheet(pictures: dict[str, Picture]) -> Picture:
-    """Pictures of one size side by side, each under its name."""
+    """Return pictures of one size side by side, each below its name."""
     columns, tile_px, bar_px = 4, 320, 24
     tiles = []
     rows_px, columns_px = next(iter(pictures.values())).shape[:2]
@@ -193,8 +193,8 @@ def contact_sheet(pictures: dict[str, Picture]) -> Picture:
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """RGB picture as a PNG file."""
+    """Return the PNG file of a picture."""
     done, buffer = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    if not done:  # only for an array that is no picture
+    if not done:
         raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
     return buffer.tobytes()

@@ -1,4 +1,4 @@
-"""Roughness parameters with their names, units and what they rest on."""
+"""Roughness parameters with names and units."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ __all__ = ["ROUGHNESS_NOTE", "Parameter", "roughness_parameters"]
 
 ROUGHNESS_NOTE = (
     "ISO 25178-2 over the valid pixels, at the scale of a pixel; noise raises all of them. Sa and "
-    "Sq rest on relative height, less its mean plane, and are no lengths: compare them only "
+    "Sq come from relative height without its mean plane and are not lengths: compare them only "
     "between images of one size and magnification."
 )
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter; `value` is None where no pixel is valid.
+    """One parameter; `value` is None if no pixel is valid.
 
-    `relative` is true of what rests on integrated height and not on the gradients themselves.
+    `relative` is true if it comes from integrated height and not from the gradients themselves.
     """
 
     symbol: str
@@ -30,7 +30,7 @@ class Parameter:
 
 
 def roughness_parameters(roughness: Roughness | None) -> list[Parameter]:
-    """The parameters in the order in which they are shown; unit 1 is dimensionless."""
+    """Return the parameters in the order of the table; unit 1 means dimensionless."""
     sdq, sdr, sa, sq = (
         (roughness.sdq, roughness.sdr_percent, roughness.sa_px, roughness.sq_px)
         if roughness is not None

@@ -1,4 +1,4 @@
-"""A solved surface with everything that follows from its gradients."""
+"""A solved surface with the maps that follow from its gradients."""
 
 from __future__ import annotations
 
@@ -19,32 +19,32 @@ from classify.surface.estimate import FloatMap
 
 __all__ = ["RELIT_LIGHT", "SurfaceMaps"]
 
-# From the upper left, where light is expected in a picture, and between two lights of the ring.
+# From the upper left, as people expect in a picture, and between two lights of the ring.
 RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """What `ps4rig solve` writes and shows, each map computed once.
+    """The maps that `ps4rig solve` writes and shows, each computed once.
 
     Attributes
     ----------
     surface
-        As it was solved.
+        The solved surface.
     normals
         (H, W, 3) float32 unit normals.
     height
         (H, W) float32, px, relative: from the gradients alone, zero mean.
     raised
-        (H, W) float32, px, relative: height above its surroundings, negative where indented.
+        (H, W) float32, px, relative: height above the surroundings, negative if indented.
     mean_curvature, gaussian_curvature
         (H, W) float32, 1/px and 1/px^2.
     relit
         (H, W) float32, the surface under `light` without cast shadows, in units of the albedo.
     light
-        One distant light.
+        One distant light, of `relit`.
     roughness
-        None where no pixel is valid.
+        None if no pixel is valid.
     """
 
     surface: SurfaceEstimate
@@ -59,7 +59,7 @@ class SurfaceMaps:
 
     @classmethod
     def of(cls, surface: SurfaceEstimate, light: Lighting = RELIT_LIGHT) -> SurfaceMaps:
-        """All maps of a surface.
+        """Compute all maps of a surface.
 
         Raises
         ------

@@ -1,9 +1,9 @@
-"""The maps of a surface as people look at them: picture, colours and a sentence for each."""
+"""The maps of a surface for people: a picture, its colours and a sentence for each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,31 +19,32 @@ from . import pictures
 from .pictures import ColourScale, Picture
 from .surface_maps import SurfaceMaps
 
-__all__ = ["MapView", "map_views"]
+__all__ = ["SHOWN_LIGHTS", "MapView", "map_views"]
 
-_SHOWN_IMAGES = 8
-# A legend tells the most frequent; a dome of fifty lights has more than anyone reads.
+# The page shows this many light images; a dome may have hundreds.
+SHOWN_LIGHTS = 8
+# Entries of a legend: the most frequent values.
 _LEGEND_ENTRIES = 8
-# No colour of the signed scale: what is not known must not look flat.
-_UNKNOWN_COLOUR = (200, 200, 200)
+# Not in the signed colour scale, so that an invalid pixel does not look flat.
+_INVALID_COLOUR = (200, 200, 200)
 
 
 @dataclass(frozen=True, eq=False)
 class MapView:
-    """One map as it is shown.
+    """One map as the page shows it.
 
     Attributes
     ----------
     file
-        Name of the file that holds the values, None for what is only a picture.
+        Name of the file with the values, None if there is only a picture.
     title, caption
-        Its name and a sentence, as plain text.
+        Name of the map and a sentence, as plain text.
     picture
-        No larger than it is shown.
+        Reduced to the size at which it is shown.
     scale, unit
-        Colours and unit of a map of measured values; no unit where it has no dimension.
+        Colours and unit of a map of measured values; the unit is empty for dimensionless ones.
     legend
-        Colours of a map of few values, with what they mean.
+        Colours and names of the values of a map that has only a few.
     """
 
     file: str | None
@@ -56,23 +57,21 @@ class MapView:
 
 
 def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapView]]:
-    """The views of a set and its surface by section, in the order in which they are shown."""
+    """Return the views of a set and its surface by section, in the order of the page."""
+    lights = len(captured.images)
+    part = f" (the first {SHOWN_LIGHTS} of {lights})" if lights > SHOWN_LIGHTS else ""
     return {
-        "The images": _images(captured),
-        "The surface": _surface(maps),
+        f"Light images{part}": _light_images(captured),
+        "Surface": _surface(maps),
         "Slopes and height": _relief(maps),
         "Curvature": _curvature(maps),
-        "How far to trust it": _trust(maps, captured.lighting.tilts_deg),
+        "Quality": _quality(maps, captured.lighting.tilts_deg),
     }
 
 
-def _images(captured: CapturedSet) -> list[MapView]:
-    shown = pictures.light_pictures(captured, _SHOWN_IMAGES)
-    views = [MapView(None, name, "", picture) for name, picture in shown.items()]
-    more = len(captured.images) - len(views)
-    if more:
-        views[-1] = replace(views[-1], caption=f"{more} more are not shown.")
-    return views
+def _light_images(captured: CapturedSet) -> list[MapView]:
+    shown = pictures.light_images(captured, SHOWN_LIGHTS)
+    return [MapView(None, name, "", picture) for name, picture in shown.items()]
 
 
 def _surface(maps: SurfaceMaps) -> list[MapView]:
@@ -81,7 +80,7 @@ def _surface(maps: SurfaceMaps) -> list[MapView]:
     return [
         _grey(
             "albedo.tif", "albedo", maps.surface.albedo, "of full scale",
-            "What the surface sends back, without its shading.",
+            "Share of the light that the surface reflects, without shading.",
         ),
         MapView(
             None, "relief", "The shape alone, lit from the upper left.", pictures.shaded(normals)
@@ -112,7 +111,7 @@ def _relief(maps: SurfaceMaps) -> list[MapView]:
         ),
         _signed(
             "height.tif", "height (relative)", maps.height, "px",
-            "Integrated from p and q, zero mean: no measured height. Errors grow over long ways.",
+            "Integrated from p and q, zero mean, not measured. Errors grow with distance.",
         ),
         _signed(
             "raised.tif", "raised / indented", maps.raised, "px",
@@ -134,13 +133,13 @@ def _curvature(maps: SurfaceMaps) -> list[MapView]:
         ),
         _signed(
             "gaussian_curvature.tif", "Gaussian curvature", maps.gaussian_curvature, "1/px²",
-            "Red: domes and bowls; blue: saddles; white: flat, or bent one way only.",
+            "Red: domes and bowls; blue: saddles; white: flat, or curved in one direction only.",
             valid,
         ),
     ]  # fmt: skip
 
 
-def _trust(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapView]:
+def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapView]:
     surface, lights = maps.surface, len(tilts_deg)
     shadow_names = {count: f"{count} lights" for count in range(lights + 1)} | {1: "1 light"}
     light_names = {light: f"light {light}, tilt {tilts_deg[light]:.0f}°" for light in range(lights)}
@@ -148,25 +147,25 @@ def _trust(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapVie
     return [
         MapView(
             "shadow.png", "lights in shadow",
-            "Lights that give half or less of what the solution predicts: cast and attached "
-            "shadow.",
+            "Number of lights that give at most half of what the solution predicts: cast and "
+            "attached shadow.",
             pictures.reduced(pictures.shadow_map(surface)),
             legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),
         ),
         _grey(
             "residual.tif", "residual", surface.residual, "of full scale",
-            "What the images say against a matt surface: shadow, gloss, noise.",
+            "rms difference of the light images from a matt surface: shadow, gloss, noise.",
         ),
         MapView(
-            "dropped.png", "light left out", "The light that the solution does without.",
+            "dropped.png", "dropped light", "The light that the solution leaves out.",
             pictures.thinned(pictures.dropped_map(surface, lights)),
             legend=_legend(surface.dropped, pictures.dropped_colours(lights), light_names),
         ),
         _mask(
             "specular.png", "gloss", surface.specular,
-            "Brighter under a light than a matt surface can be.",
+            "Brighter under one light than a matt surface can be.",
         ),
-        _mask("valid.png", "valid", surface.valid, "The slope is known."),
+        _mask("valid.png", "valid", surface.valid, "The slope is determined."),
     ]  # fmt: skip
 
 
@@ -178,13 +177,13 @@ def _grey(file: str, title: str, values: FloatMap, unit: str, caption: str) -> M
 
 def _signed(
     file: str, title: str, values: FloatMap, unit: str, caption: str,
-    known: npt.NDArray[np.bool_] | None = None,
+    valid: npt.NDArray[np.bool_] | None = None,
 ) -> MapView:  # fmt: skip
     values = pictures.reduced(values)
     scale = ColourScale.signed(values)
     picture = scale.paint(values)
-    if known is not None:
-        picture[pictures.reduced(known * np.uint8(255)) < 128] = _UNKNOWN_COLOUR
+    if valid is not None:
+        picture[pictures.reduced(valid * np.uint8(255)) < 128] = _INVALID_COLOUR
     return MapView(file, title, caption, picture, scale, unit)
 
 
@@ -198,7 +197,7 @@ def _mask(file: str, title: str, mask: npt.NDArray[np.bool_], caption: str) -> M
 def _legend(
     values: npt.NDArray[np.uint8], colours: Picture, names: dict[int, Any]
 ) -> tuple[tuple[Sequence[int], str], ...]:
-    """The values that occur most, in their order, with their share of the pixels."""
+    """Return the most frequent values in ascending order, with their shares of the pixels."""
     shares = np.bincount(values.ravel(), minlength=256) / values.size
     shown = sorted(sorted(names, key=lambda value: -shares[value])[:_LEGEND_ENTRIES])
     return tuple(

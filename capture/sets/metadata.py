@@ -13,6 +13,7 @@ from classify.images.noise import SensorNoise
 from rig import Placement
 
 __all__ = [
+    "UNPROTECTED",
     "CameraRecord",
     "ChecksRecord",
     "ControllerRecord",
@@ -23,6 +24,10 @@ __all__ = [
     "image_noise",
 ]
 
+UNPROTECTED = (
+    "a set of schema 1: its metadata have no hash, so that a change of lights or label after the "
+    "capture cannot be noticed"
+)
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 # Wider than any camera; the squares and quotients of the solvers stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]

@@ -216,10 +216,9 @@ def test_slow_clients_do_not_lock_viewers_out(shown: Preview) -> None:
         thread = threading.Thread(target=trickle)
         thread.start()
         try:
-            until(lambda: status_of(server.url) == 200)
+            urls = [server.url + "light/0.png"] * 12
             with ThreadPoolExecutor(12) as viewers:
-                found = list(viewers.map(status_of, [server.url + "light/0.png"] * 12))
-            assert found == [200] * 12
+                until(lambda: list(viewers.map(status_of, urls)) == [200] * 12)
         finally:
             done.set()
             thread.join()

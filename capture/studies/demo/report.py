@@ -87,7 +87,7 @@ def _row(number: int, trial: Trial) -> str:
 def _detail(number: int, entry: ReportEntry) -> str:
     trial, match, surface = entry.trial, entry.trial.match, entry.surface
     maps = {
-        **pictures.light_pictures(entry.captured),
+        **pictures.light_images(entry.captured, 4),
         "lights in shadow": pictures.shadow_map(surface),
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.relief(surface),

@@ -106,6 +106,12 @@ def test_what_a_set_says_is_text_and_never_markup(made_set: Callable[..., Captur
     assert page.text.count(evil) == 3  # title, heading, date
 
 
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_set_of_schema_1_is_marked(made_set: Callable[..., CapturedSet], version: int) -> None:
+    page = page_of(made_set(np.full((4, 8, 8), 1000, np.uint16), schema_version=version))
+    assert ("its metadata have no hash" in page.text) == (version == 1)
+
+
 def test_a_set_without_label_or_valid_pixel_is_shown(made_set: Callable[..., CapturedSet]) -> None:
     text = page_of(made_set(np.zeros((4, 1, 1), np.uint16), label=None)).text
     assert "Captured set without a label" in text
@@ -116,4 +122,5 @@ def test_fifty_lights_do_not_make_fifty_pictures(made_set: Callable[..., Capture
     page = page_of(made_set(np.full((50, 8, 8), 1000, np.uint16)), "least_squares")
     assert sum("tilt" in (image["alt"] or "") and "light" in (image["alt"] or "")
                for image in page.all("img")) == 8  # fmt: skip
-    assert "42 more are not shown." in page.text
+    assert "Light images (the first 8 of 50)" in page.text
+    assert "light 7 of 50: tilt 50" in page.text

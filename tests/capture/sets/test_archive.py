@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from capture.sets.archive import find_sets, output_folders
@@ -80,6 +81,22 @@ def test_solve_of_several_sets_answers_with_a_list(
     assert all(Path(name).is_file() for row in both for name in row["files"])
     plain = ps4rig("solve", *paths, "--out", tmp_path / "both")
     assert plain.stdout.startswith(f"{tmp_path / 'both' / 'rock-001'}: ")
+
+
+def test_solve_warns_of_a_set_of_schema_1(ps4rig: Command, tmp_path: Path) -> None:
+    old = Path(__file__).parents[2] / "data" / "sets" / "simulated-schema-1.ome.tif"
+    result = ps4rig("solve", old, "--out", tmp_path / "maps")
+    assert result.exit_code == 0
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"ps4rig: warning: {old}: a set of schema 1: its metadata have no hash")
+
+
+def test_solve_says_of_how_many_lights_the_page_shows_a_part(
+    ps4rig: Command, made_set: Command, tmp_path: Path
+) -> None:
+    made_set(np.full((9, 20, 20), 2000, np.uint16)).save(tmp_path / "a.ome.tif")
+    result = ps4rig("solve", tmp_path / "a.ome.tif", "--out", tmp_path / "maps")
+    assert "17 files, the page shows 8 of 9 light images" in result.stdout
 
 
 def test_folders_serve_wherever_sets_do(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
