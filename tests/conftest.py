@@ -1,4 +1,4 @@
-"""What all tests share: the needs of suites, threads, and no deadlines for examples."""
+"""What all tests share: the needs of suites, threads, and repeatable examples."""
 
 import os
 import signal
@@ -12,9 +12,11 @@ from .suites import NEEDS, missing
 # ps4rig is imported by the fixture that uses it, because `pytest_configure` runs after the imports
 # here and reports within a second what is missing.
 
-# The time of an example depends on what else the machine does.
-hypothesis.settings.register_profile("any machine", deadline=None)
-hypothesis.settings.load_profile("any machine")
+# The same examples in every run, however long they take on a busy machine. To search for new ones:
+# pytest --hypothesis-profile search
+hypothesis.settings.register_profile("search", deadline=None)
+hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
+hypothesis.settings.load_profile("repeatable")
 
 # Test frames are small: a second OpenBLAS thread gains nothing and waits for a busy core.
 # OpenBLAS reads this when it is loaded.
