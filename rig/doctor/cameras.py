@@ -1,4 +1,4 @@
-"""Which cameras there are, and whether the rig's delivers what was asked for."""
+"""Checks of the cameras of this machine, and of the frames of the rig's camera."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from .serial_ports import check_access
 
 __all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
 
+# Frames for the rate and the losses, fewer if they would take longer than this.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0
+# 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
 _RATE_TOLERANCE = 0.05
-_MOST_FORMATS = 6
+_MOST_FORMATS = 6  # that a line of the report lists
 
 
 def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) -> Iterator[Check]:
-    """One check for each camera of this machine; its permission where it is the rig's."""
+    """Check each camera of this machine, and the permission for the rig's own."""
     for camera in cameras:
         if camera.problem is not None:
             yield Check("camera", "warning", camera.problem)
@@ -49,23 +51,23 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
             yield Check(
                 "camera.device",
                 "fault",
-                f"{config.device} is none of the {len(cameras)} cameras found",
+                f"{config.device} is not among the {len(cameras)} cameras found",
                 "is it plugged in? Set camera.device to one of the names above",
             )
 
 
 def check_controls(error: ControlError) -> Iterator[Check]:
-    """One fault for each control that keeps a camera from being opened."""
+    """Make one fault of each control that prevents a camera from being opened."""
     for fault in error.faults:
         yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:
-    """Frame rate reached against asked, lost and corrupt frames, over some seconds at most."""
+    """Check the frame rate, and count lost and corrupt frames, in ten seconds at most."""
     info = camera.info
     frames = max(3, min(_FRAMES, round(_FRAMES_TAKE_S / info.frame_period_s)))
     taken: list[Frame] = []
-    # Those that waited in the queue say when they came, not how fast more do.
+    # Frames that waited in the queue do not show the rate.
     for number in range(info.queue_length + frames):
         frame = camera.read(_READ_TIMEOUT_S + info.frame_period_s)
         if number >= info.queue_length:
@@ -86,8 +88,8 @@ def check_frames(camera: Camera) -> Iterator[Check]:
             "frame rate",
             "warning",
             seen,
-            "set camera.frame_rate_hz to what is reached; an exposure longer than a frame, dim "
-            "light with dynamic frame rate, or a full USB bus slow a camera down",
+            "set camera.frame_rate_hz to the rate reached; an exposure longer than a frame, a "
+            "dynamic frame rate in dim light, or a full USB bus slows a camera down",
         )
     lost = steps + 1 - len(taken)
     corrupt = sum(frame.flags != FrameFlag.GOOD for frame in taken)
@@ -106,7 +108,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
 def longest_exposure_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
 ) -> float:
-    """What fits into a frame and the camera's own exposure control."""
+    """The longest exposure that fits into a frame and the camera's exposure control."""
     longest_ms = 1e3 * camera.info.frame_period_s
     if not isinstance(config, DeviceCameraConfig):
         return longest_ms

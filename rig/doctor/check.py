@@ -1,4 +1,4 @@
-"""One thing that was looked at: what was seen, and what to do about it."""
+"""The result of one check: what was found, and what to do about it."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ Status = Literal["ok", "warning", "fault", "unknown"]
 
 @dataclass(frozen=True)
 class Check:
-    """A finding of the doctor.
+    """The result of one check of the doctor.
 
     Attributes
     ----------
     name
-        What was looked at.
+        What was checked.
     status
-        ``warning`` is what works but should not stay, ``fault`` what keeps sets from being good,
-        ``unknown`` what could not be looked at.
+        ``warning`` works but should be changed, ``fault`` prevents good sets, ``unknown`` could
+        not be checked.
     seen
         What was found, with numbers.
     advice
-        What to do; empty if nothing.
+        What to do; empty if there is nothing to do.
     """
 
     name: str
@@ -36,11 +36,11 @@ class Check:
     advice: str = ""
 
 
-def answered(name: str, look: Callable[[], Iterator[Check]]) -> list[Check]:
-    """The checks of `look`, with a fault called `name` in place of what it raises."""
-    checks: list[Check] = []
+def answered(name: str, checks: Callable[[], Iterator[Check]]) -> list[Check]:
+    """Make some checks; an error that they raise becomes a fault called `name`."""
+    made: list[Check] = []
     try:
-        checks.extend(look())
+        made.extend(checks())
     except (Ps4rigError, OSError) as error:
-        checks.append(Check(name, "fault", str(error)))
-    return checks
+        made.append(Check(name, "fault", str(error)))
+    return made

@@ -20,13 +20,13 @@ from rig.v4l2.camera_list import ListedCamera, list_cameras
 
 from .cameras import check_cameras, check_controls, check_frames, longest_exposure_ms
 from .check import Check, answered
+from .light_images import capture_light_images, check_light_images
 from .lights import check_lights
-from .pictures import check_pictures, take_pictures
 from .serial_ports import check_modem_manager, check_port, check_ports
 
 __all__ = ["check_kernel_cache", "diagnose"]
 
-Look = Callable[[], Iterator[Check]]
+Checks = Callable[[], Iterator[Check]]
 
 
 def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:
@@ -60,11 +60,11 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
     yield check_kernel_cache(kernel_cache_folder())
     cameras: list[ListedCamera] = []
 
-    def look_for_cameras() -> Iterator[Check]:
+    def find_cameras() -> Iterator[Check]:
         cameras.extend(list_cameras())
         yield from check_cameras(cameras, None if config is None else config.camera)
 
-    yield from answered("cameras", look_for_cameras)
+    yield from answered("cameras", find_cameras)
     if config is not None:
         with ExitStack() as closing:
             yield from _diagnose_open(config, cameras, closing, timeouts)
@@ -100,7 +100,7 @@ def _diagnose_open(
     lights: LightController | None = None
     camera: Camera | None = None
 
-    def look_at_lights() -> Iterator[Check]:
+    def check_controller() -> Iterator[Check]:
         nonlocal lights
         if simulation is None:
             port = port_of(config)
@@ -108,7 +108,7 @@ def _diagnose_open(
         lights = closing.enter_context(open_lights(config, simulation, timeouts))
         yield from check_lights(lights, clock_of(simulation), config.lights)
 
-    def look_at_camera() -> Iterator[Check]:
+    def check_camera() -> Iterator[Check]:
         nonlocal camera
         try:
             camera = open_camera(config, simulation)
@@ -121,28 +121,28 @@ def _diagnose_open(
             "measurement mode",
             "ok",
             f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
-            f"{1e3 * info.exposure_s:g} ms; every control that was set was read back",
+            f"{1e3 * info.exposure_s:g} ms; all controls were set and read back",
         )
         yield from check_frames(camera)
 
-    def look_at_pictures() -> Iterator[Check]:
+    def check_images() -> Iterator[Check]:
         if lights is None or camera is None:
-            yield Check("pictures", "unknown", "there are no lights and camera to take them with")
+            yield Check("pictures", "unknown", "lights or camera did not open")
             return
         with suppress(HardwareError):
             lights.recover()
         rig = Rig(config, clock_of(simulation), lights, camera, simulation)
-        yield from check_pictures(
-            take_pictures(rig),
+        yield from check_light_images(
+            capture_light_images(rig),
             rig.lighting,
             1e3 * camera.info.exposure_s,
             longest_exposure_ms(camera, cameras, config.camera),
         )
 
-    looks: tuple[tuple[str, Look], ...] = (
-        ("light controller", look_at_lights),
-        ("camera", look_at_camera),
-        ("pictures", look_at_pictures),
+    groups: tuple[tuple[str, Checks], ...] = (
+        ("light controller", check_controller),
+        ("camera", check_camera),
+        ("pictures", check_images),
     )
-    for name, look in looks:
-        yield from answered(name, look)
+    for name, checks in groups:
+        yield from answered(name, checks)

@@ -1,4 +1,4 @@
-"""What the system says of serial ports: which there are, who may use them and who does."""
+"""Checks of serial ports: which there are, who may use them and who does."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PROC = Path("/proc")
 
 
 def installing_the_rules() -> str:
-    """The line that installs the udev rules which come with the program."""
+    """The command that installs the udev rules of this program."""
     return (
         f"sudo install -m 644 {RULES_FILE} {_RULES_FOLDERS[0]}/ && "
         "sudo udevadm control --reload && sudo udevadm trigger"
@@ -28,7 +28,7 @@ def installing_the_rules() -> str:
 
 
 def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Check]:
-    """One check for each serial port; a warning if none can be a light controller's."""
+    """List each serial port; warn if none can be a light controller's."""
     for port in ports:
         holders = ", ".join(map(str, port_holders(port.device)))
         said = (
@@ -43,13 +43,13 @@ def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Che
         yield Check(
             "serial ports",
             "warning",
-            f"none of {len(ports)} is known as a board's",
-            "plug the light controller in; a cable that only charges shows no port",
+            f"none of {len(ports)} belongs to a known board",
+            "plug the light controller in; with a charging cable no port appears",
         )
 
 
 def check_port(device: str) -> Iterator[Check]:
-    """Whether the light controller's port is there, may be used, and is not in use."""
+    """Check that the light controller's port exists, is permitted, and is not in use."""
     if "://" in device:
         yield Check("port", "ok", f"{device} is not a device of this machine")
         return
@@ -58,7 +58,7 @@ def check_port(device: str) -> Iterator[Check]:
             "port",
             "fault",
             f"{device} does not exist",
-            'is the controller plugged in? With lights.port = "auto" it is found by itself',
+            'is the controller plugged in? With lights.port = "auto" it is searched for',
         )
         return
     yield check_access("permission", device)
@@ -71,11 +71,11 @@ def check_port(device: str) -> Iterator[Check]:
             "close that program",
         )
     else:
-        yield Check("port in use", "ok", f"no program that can be seen has {device} open")
+        yield Check("port in use", "ok", f"no visible program has {device} open")
 
 
 def check_access(name: str, device: str) -> Check:
-    """Whether this user may read and write a device, and which group or rule is missing if not."""
+    """Check that this user may read and write a device; name a missing group or rule."""
     if os.access(device, os.R_OK | os.W_OK):
         return Check(name, "ok", f"{device} may be read and written")
     status = Path(device).stat()
@@ -97,7 +97,7 @@ def check_access(name: str, device: str) -> Check:
 def check_modem_manager(
     proc: Path = _PROC, rules_folders: Sequence[Path] = _RULES_FOLDERS
 ) -> Check:
-    """Whether ModemManager runs, which talks to every new serial port unless it is told not to."""
+    """Check that ModemManager, which talks to every new serial port, leaves boards alone."""
     name = "ModemManager"
     if not any(_is_modem_manager(path) for path in proc.glob("[0-9]*/comm")):
         return Check(name, "ok", "is not running")
@@ -106,7 +106,7 @@ def check_modem_manager(
     return Check(
         name,
         "warning",
-        "is running, and takes a board for a modem for some seconds after it is plugged in",
+        "is running, and treats a board as a modem for some seconds after it is plugged in",
         installing_the_rules(),
     )
 

@@ -11,7 +11,7 @@ Command = Callable[..., Any]
 SMALL = "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 160\nheight_px = 160\n"
 
 
-def test_one_page_for_a_rig_that_is_well(ps4rig: Command, tmp_path: Path) -> None:
+def test_a_rig_without_faults_has_a_page_with_status_0(ps4rig: Command, tmp_path: Path) -> None:
     config = tmp_path / "rig.toml"
     config.write_text(SMALL)
     page = ps4rig("rig", "doctor", "--rig", config)
@@ -20,9 +20,7 @@ def test_one_page_for_a_rig_that_is_well(ps4rig: Command, tmp_path: Path) -> Non
         assert word in page.output
 
 
-def test_a_fault_is_status_1_and_for_programs_there_is_json(
-    ps4rig: Command, tmp_path: Path
-) -> None:
+def test_a_fault_has_status_1_and_json_names_it(ps4rig: Command, tmp_path: Path) -> None:
     config = tmp_path / "rig.toml"
     config.write_text(SMALL + "[[simulation.faults.leds]]\nkind = 'dead'\nled = 3\n")
     done = ps4rig("rig", "doctor", "--rig", config, "--json")
@@ -34,7 +32,7 @@ def test_a_fault_is_status_1_and_for_programs_there_is_json(
     assert "wiring" in led["advice"]
 
 
-def test_without_a_rig_it_says_what_is_missing(ps4rig: Command, tmp_path: Path) -> None:
+def test_a_missing_configuration_is_the_first_check(ps4rig: Command, tmp_path: Path) -> None:
     done = ps4rig("rig", "doctor", "--rig", tmp_path / "rig.toml", "--json")
     assert done.exit_code == 1
     assert "no such rig configuration" in json.loads(done.output)["checks"][0]["seen"]

@@ -1,4 +1,4 @@
-"""The doctor on simulated rigs that are well, and on such that are ill in every way."""
+"""The doctor on simulated rigs, with and without faults."""
 
 import os
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from rig.doctor import lights as light_checks_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
 from rig.doctor.check import Check
 from rig.doctor.diagnosis import check_kernel_cache, diagnose
-from rig.doctor.pictures import Pictures, check_pictures, take_pictures
+from rig.doctor.light_images import LightImages, capture_light_images, check_light_images
 from rig.doctor.serial_ports import (
     RULES_FILE,
     check_access,
@@ -37,25 +37,25 @@ SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'
 
 
 @pytest.fixture
-def ill(tmp_path: Path) -> Any:
-    """The checks of a simulated rig with these lines in its rig.toml, by name."""
+def checks_of(tmp_path: Path) -> Any:
+    """Return the checks of a simulated rig with given lines in its rig.toml, by name."""
 
-    def examine(
+    def diagnosed(
         lines: str = "", text: str = SMALL, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
     ) -> dict[str, Check]:
         path = tmp_path / "rig.toml"
         path.write_text(text + lines)
         return {check.name: check for check in diagnose(path, timeouts)}
 
-    return examine
+    return diagnosed
 
 
 def led_fault(kind: str, led: int, more: str = "") -> str:
     return f"[[simulation.faults.leds]]\nkind = '{kind}'\nled = {led}\n{more}\n"
 
 
-def test_a_rig_that_is_well(ill: Any) -> None:
-    checks = ill()
+def test_a_rig_without_faults_has_only_good_checks(checks_of: Any) -> None:
+    checks = checks_of()
     bad = {name: check for name, check in checks.items() if check.status in ("fault", "unknown")}
     assert bad == {}
     assert {
@@ -68,11 +68,11 @@ def test_a_rig_that_is_well(ill: Any) -> None:
     assert checks["switch latency"].seen.startswith("median 1.00 ms, worst 1.00 ms of 40")
 
 
-ILLNESSES = [
+FAULTS = [
     (led_fault("swapped", 1, "other = 3"), "LED order", "fault", "LEDs 1 and 3 are exchanged"),
     *(
-        pytest.param(*illness, marks=pytest.mark.slow)
-        for illness in (
+        pytest.param(*fault, marks=pytest.mark.slow)
+        for fault in (
             (led_fault("swapped", 0, "other = 1"), "LED order", "fault", "LEDs 0 and 1 are"),
             (led_fault("dead", 2), "LED 2", "fault", "dead"),
             (led_fault("dim", 2, "share = 0.93"), "LED 2", "fault", "dead"),
@@ -90,27 +90,27 @@ ILLNESSES = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "name", "status", "seen"), ILLNESSES)
-def test_each_illness_is_found(ill: Any, fault: str, name: str, status: str, seen: str) -> None:
-    checks = ill(fault)
+@pytest.mark.parametrize(("fault", "name", "status", "seen"), FAULTS)
+def test_each_fault_is_found(checks_of: Any, fault: str, name: str, status: str, seen: str) -> None:
+    checks = checks_of(fault)
     assert checks[name].status == status
     assert seen in checks[name].seen
     assert checks[name].advice
 
 
-def test_a_camera_that_fails_leaves_all_that_is_not_its_own(ill: Any) -> None:
-    checks = ill("[[simulation.faults.frames]]\nkind = 'gone'")
+def test_a_failing_camera_does_not_prevent_the_other_checks(checks_of: Any) -> None:
+    checks = checks_of("[[simulation.faults.frames]]\nkind = 'gone'")
     assert checks["watchdog"].status == "ok"
     assert checks["camera"].status == "fault"
     assert checks["pictures"].status == "fault"
 
 
-def test_without_a_controller_the_camera_is_still_looked_at(ill: Any) -> None:
+def test_a_missing_controller_does_not_prevent_the_camera_checks(checks_of: Any) -> None:
     text = (
         "[lights]\nport = '/dev/ttyNONE'\n"
         "[camera]\nkind = 'v4l2'\ndevice = '/dev/video-none'\npixel_format = 'GREY'\n"
     )
-    checks = ill(text=text)
+    checks = checks_of(text=text)
     assert checks["port"].status == "fault"
     assert checks["light controller"].status == "fault"
     assert checks["camera.device"].status == "fault"
@@ -118,13 +118,13 @@ def test_without_a_controller_the_camera_is_still_looked_at(ill: Any) -> None:
     assert checks["pictures"].status == "unknown"
 
 
-def test_a_simulation_of_nothing_is_one_fault(ill: Any) -> None:
-    checks = ill("[simulation.placement]\nsurface = 'no-such-folder'\n")
+def test_an_unknown_surface_is_one_fault(checks_of: Any) -> None:
+    checks = checks_of("[simulation.placement]\nsurface = 'no-such-folder'\n")
     assert checks["simulation"].status == "fault"
     assert "no-such-folder" in checks["simulation"].seen
 
 
-def test_of_a_slow_camera_few_frames_are_awaited() -> None:
+def test_a_slow_camera_is_checked_with_fewer_frames() -> None:
     config = RigConfig().with_changes(
         camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 0.5},
         lights={"watchdog_ms": 60_000},
@@ -136,13 +136,15 @@ def test_of_a_slow_camera_few_frames_are_awaited() -> None:
         assert rig.clock.now_s() - began_s < 25.0
 
 
-def test_without_a_configuration_what_is_plugged_in_is_listed(tmp_path: Path) -> None:
+def test_devices_are_listed_without_a_configuration(tmp_path: Path) -> None:
     names = [check.name for check in diagnose(tmp_path / "none.toml")]
     assert names[0] == "configuration"
     assert "ModemManager" in names
 
 
-def test_the_leds_are_out_however_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_leds_are_out_when_the_generator_ends_or_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Watched(doctor_module.Simulation):  # type: ignore[misc]
         def close(self) -> None:
             now_s = self.clock.now_s()
@@ -162,19 +164,16 @@ def test_the_leds_are_out_however_it_ends(tmp_path: Path, monkeypatch: pytest.Mo
     assert lit == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
-# one by one
-
-
-def test_a_watchdog_that_does_not_work_is_found(bench: Any) -> None:
+def test_a_broken_watchdog_is_a_fault(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         assert lights.trips_watchdog()
         assert lights.state().led is None
-        lights._clock = VirtualClock()  # time passes for us and not for the controller
+        lights._clock = VirtualClock()  # the controller's time stands still
         assert not lights.trips_watchdog()
         assert light_checks_module._watchdog(lights).status == "fault"
 
 
-def test_switch_latency_is_on_the_rigs_clock_and_leaves_darkness() -> None:
+def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
     clock = VirtualClock()
     board = SimulatedBoard(clock)
     with (
@@ -189,7 +188,7 @@ def test_switch_latency_is_on_the_rigs_clock_and_leaves_darkness() -> None:
         assert lights.state().led is None
 
 
-def test_old_firmware_is_to_be_renewed(bench: Any) -> None:
+def test_old_firmware_is_a_warning(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         check, count, *_ = light_checks_module.check_lights(
             lights,
@@ -201,12 +200,12 @@ def test_old_firmware_is_to_be_renewed(bench: Any) -> None:
     assert count.status == "fault"
 
 
-def test_a_port_in_use_is_found_with_its_holder(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_in_use_is_named_with_its_program(monkeypatch: pytest.MonkeyPatch) -> None:
     master, slave = os.openpty()
     name = os.ttyname(slave)
     pid = os.getpid()
     assert {check.name: check.status for check in check_port(name)}["port in use"] == "ok"
-    # as another program sees it
+    # From here on this process counts as another program.
     monkeypatch.setattr("rig.doctor.serial_ports.os.getpid", lambda: -1)
     checks = {check.name: check for check in check_port(name)}
     assert checks["permission"].status == "ok"
@@ -217,12 +216,12 @@ def test_a_port_in_use_is_found_with_its_holder(monkeypatch: pytest.MonkeyPatch)
     assert [check.status for check in check_port("socket://127.0.0.1:1")] == ["ok"]
 
 
-def test_a_missing_permission_names_the_group_and_the_rule(
+def test_a_missing_permission_is_named_with_group_and_rule(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = tmp_path / "ttyACM0"
     port.touch(mode=0o060)
-    # The superuser may do everything.
+    # The superuser may read and write every file.
     monkeypatch.setattr("rig.doctor.serial_ports.os.access", lambda *_: False)
     check = check_access("permission", str(port))
     assert check.status == "fault"
@@ -231,7 +230,7 @@ def test_a_missing_permission_names_the_group_and_the_rule(
     assert str(RULES_FILE) in check.advice
 
 
-def test_the_udev_rules_ship_and_come_before_udev_grants_what_they_tag() -> None:
+def test_the_udev_rules_are_installed_and_sorted_before_uaccess() -> None:
     rules = RULES_FILE.read_text()
     assert RULES_FILE.name < "73-seat-late.rules"
     assert 'ENV{ID_MM_DEVICE_IGNORE}="1", TAG+="uaccess"' in rules
@@ -258,7 +257,7 @@ def test_modem_manager(tmp_path: Path) -> None:
     assert check_modem_manager(proc, [rules]).status == "ok"
 
 
-def test_ports_are_listed_with_what_is_known() -> None:
+def test_ports_are_listed_with_usb_id_and_names() -> None:
     ports = [
         SerialPort("/dev/ttyS0"),
         SerialPort("/dev/ttyACM0", "2e8a:0005", "E66", "Board in FS mode", "/dev/serial/by-id/x"),
@@ -290,7 +289,7 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
     assert (missing.name, missing.status) == ("camera.device", "fault")
 
 
-def test_the_longest_exposure_is_that_of_frame_and_camera(tmp_path: Path) -> None:
+def test_the_longest_exposure_respects_frame_and_camera(tmp_path: Path) -> None:
     node = tmp_path / "video0"
     node.touch()
     exposure = Control(CID_EXPOSURE_ABSOLUTE, 1, "Exposure Time, Absolute", 1, 200, 0)
@@ -303,79 +302,79 @@ def test_the_longest_exposure_is_that_of_frame_and_camera(tmp_path: Path) -> Non
 
 
 @pytest.fixture(scope="module")
-def pictures() -> Iterator[Pictures]:
+def images() -> Iterator[LightImages]:
     config = RigConfig().with_changes(camera={"width_px": 160, "height_px": 160})
     with open_rig(config) as rig:
-        yield take_pictures(rig)
+        yield capture_light_images(rig)
         assert rig.lights.state().led is None
 
 
-def checked(pictures: Pictures, scale: float, longest_ms: float = 33.0) -> dict[str, Check]:
-    black = float(pictures.dark.min())
-    lit = np.clip((pictures.lit - black) * scale + black, 0, pictures.full_scale)
-    scaled = Pictures(pictures.dark, lit.astype(np.uint16), pictures.full_scale)
-    found = check_pictures(scaled, Lighting.ring(), 20.0, longest_ms)
+def checked(images: LightImages, scale: float, longest_ms: float = 33.0) -> dict[str, Check]:
+    black = float(images.ambient.min())
+    lit = np.clip((images.lights - black) * scale + black, 0, images.full_scale)
+    scaled = LightImages(images.ambient, lit.astype(np.uint16), images.full_scale)
+    found = check_light_images(scaled, Lighting.ring(), 20.0, longest_ms)
     return {check.name: check for check in found}
 
 
-def test_the_exposure_that_is_suggested_does_not_saturate(pictures: Pictures) -> None:
-    dim = checked(pictures, 0.25, longest_ms=200.0)
+def test_the_suggested_exposure_does_not_saturate(images: LightImages) -> None:
+    dim = checked(images, 0.25, longest_ms=200.0)
     assert dim["exposure"].status == "warning"
     wanted_ms = float(dim["exposure"].advice.rpartition("= ")[2])
-    again = checked(pictures, 0.25 * wanted_ms / 20.0)
+    again = checked(images, 0.25 * wanted_ms / 20.0)
     assert again["exposure"].status == "ok"
     assert "at 80%" in again["exposure"].seen
     assert again["saturation"].status == "ok"
 
 
-def test_an_exposure_longer_than_a_frame_is_not_suggested(pictures: Pictures) -> None:
-    advice = checked(pictures, 0.25, longest_ms=33.0)["exposure"].advice
+def test_the_suggested_exposure_fits_into_a_frame(images: LightImages) -> None:
+    advice = checked(images, 0.25, longest_ms=33.0)["exposure"].advice
     assert advice.startswith("set camera.exposure_ms = 33, the longest at this frame rate")
 
 
-def test_saturation_is_a_fault_and_shortens_the_exposure(pictures: Pictures) -> None:
-    bright = checked(pictures, 4.0)
+def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImages) -> None:
+    bright = checked(images, 4.0)
     assert bright["saturation"].status == "fault"
-    assert bright["exposure"].advice == "set camera.exposure_ms = 8 and look again"
+    assert bright["exposure"].advice == "set camera.exposure_ms = 8, then run this again"
 
 
-def test_strengths_of_unlike_leds_are_told_as_the_line_to_set(pictures: Pictures) -> None:
-    alike = checked(pictures, 1.0)["LED strengths"]
+def test_unequal_led_levels_are_suggested_as_lights_intensities(images: LightImages) -> None:
+    alike = checked(images, 1.0)["LED strengths"]
     assert alike.status == "ok"
-    strengths = np.array([1.0, 0.8, 1.0, 1.0])
-    dark = pictures.dark.astype(np.float64)
-    lit = np.rint((pictures.lit - dark) * strengths[:, None, None] + dark)
-    weak = Pictures(pictures.dark, lit.astype(np.uint16), pictures.full_scale)
-    found = {check.name: check for check in check_pictures(weak, Lighting.ring(), 20.0, 33.0)}
+    levels = np.array([1.0, 0.8, 1.0, 1.0])
+    dark = images.ambient.astype(np.float64)
+    lit = np.rint((images.lights - dark) * levels[:, None, None] + dark)
+    weak = LightImages(images.ambient, lit.astype(np.uint16), images.full_scale)
+    found = {check.name: check for check in check_light_images(weak, Lighting.ring(), 20.0, 33.0)}
     unlike = found["LED strengths"]
     assert unlike.status == "warning"
     told = [float(each) for each in unlike.advice.partition("[")[2].rstrip("]").split(",")]
-    np.testing.assert_allclose(told, strengths, atol=0.01)
+    np.testing.assert_allclose(told, levels, atol=0.01)
     corrected = Lighting(Lighting.ring().directions, np.array(told))
-    again = {check.name: check for check in check_pictures(weak, corrected, 20.0, 33.0)}
+    again = {check.name: check for check in check_light_images(weak, corrected, 20.0, 33.0)}
     assert again["LED strengths"].status == "ok"
 
 
-def test_a_level_part_does_not_tell_the_order(pictures: Pictures) -> None:
-    flat = Pictures(pictures.dark, np.full_like(pictures.lit, 2000), pictures.full_scale)
-    order = {check.name: check for check in check_pictures(flat, Lighting.ring(), 20.0, 33.0)}
+def test_the_order_is_unknown_on_a_flat_part_and_with_three_leds(images: LightImages) -> None:
+    flat = LightImages(images.ambient, np.full_like(images.lights, 2000), images.full_scale)
+    order = {check.name: check for check in check_light_images(flat, Lighting.ring(), 20.0, 33.0)}
     assert order["LED order"].status == "unknown"
-    three = Pictures(pictures.dark, pictures.lit[:3], pictures.full_scale)
+    three = LightImages(images.ambient, images.lights[:3], images.full_scale)
     lights = Lighting.ring(tilts_deg=(0.0, 120.0, 240.0))
-    order = {check.name: check for check in check_pictures(three, lights, 20.0, 33.0)}
+    order = {check.name: check for check in check_light_images(three, lights, 20.0, 33.0)}
     assert order["LED order"].status == "unknown"
 
 
-def test_leds_that_all_moved_on_by_one_are_named(pictures: Pictures) -> None:
-    moved = Pictures(pictures.dark, pictures.lit[[1, 2, 3, 0]], pictures.full_scale)
-    found = {check.name: check for check in check_pictures(moved, Lighting.ring(), 20.0, 33.0)}
+def test_leds_that_are_all_shifted_by_one_are_named(images: LightImages) -> None:
+    moved = LightImages(images.ambient, images.lights[[1, 2, 3, 0]], images.full_scale)
+    found = {check.name: check for check in check_light_images(moved, Lighting.ring(), 20.0, 33.0)}
     assert found["LED order"].status == "fault"
-    assert "where 0 should be is 1" in found["LED order"].seen
+    assert "1 is where 0 should be" in found["LED order"].seen
 
 
-def test_a_silent_controller_is_one_fault_among_checks(ill: Any) -> None:
+def test_a_silent_controller_is_one_fault(checks_of: Any) -> None:
     lost = "[[simulation.faults.lines]]\nkind = 'lose'\ndirection = 'to_host'"
-    checks = ill(lost, timeouts=LinkTimeouts(open_s=0.1))
+    checks = checks_of(lost, timeouts=LinkTimeouts(open_s=0.1))
     assert checks["light controller"].status == "fault"
     assert checks["frame rate"].status == "ok"
     assert checks["pictures"].status == "unknown"

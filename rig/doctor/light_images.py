@@ -1,4 +1,4 @@
-"""What one picture under each LED tells of the LEDs, of the exposure and of the LEDs' order."""
+"""Checks of one light image per LED: LEDs, exposure, saturation, levels and order."""
 
 from __future__ import annotations
 
@@ -26,36 +26,38 @@ from rig.rig import Rig
 
 from .check import Check, Status
 
-__all__ = ["Pictures", "check_pictures", "take_pictures"]
+__all__ = ["LightImages", "capture_light_images", "check_light_images"]
 
-# The brightest pixels but for a few glints are brought to this share of full scale.
+# The exposure is judged by this percentile, so that a few glints do not count. The proposed one
+# brings it to the target, which leaves room for a part that is a quarter brighter.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
 _GOOD_EXPOSURE = (0.4, 0.95)
-# Pixels of a part that is exposed at several times the right value are all white.
+# A saturated image does not tell how much too long its exposure was; two such steps are enough for
+# an exposure six times too long.
 _SHORTER_WHEN_SATURATED = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
-    """One picture without and one under each LED.
+class LightImages:
+    """One ambient image, and one image under each LED.
 
-    Parameters
+    Attributes
     ----------
-    dark
-        (H, W), all LEDs out.
-    lit
-        (N, H, W) of the same type, LED by LED.
+    ambient
+        (H, W), with all LEDs off.
+    lights
+        (N, H, W), in the order of the LEDs.
     full_scale
         Pixel value of saturation.
     """
 
-    dark: npt.NDArray[np.uint16]
-    lit: npt.NDArray[np.uint16]
+    ambient: npt.NDArray[np.uint16]
+    lights: npt.NDArray[np.uint16]
     full_scale: int
 
 
-def take_pictures(rig: Rig) -> Pictures:
-    """One fresh picture without and under each LED; the LEDs are put out at the end.
+def capture_light_images(rig: Rig) -> LightImages:
+    """Capture an ambient image and one image under each LED; put the LEDs out at the end.
 
     Raises
     ------
@@ -63,44 +65,44 @@ def take_pictures(rig: Rig) -> Pictures:
         If the controller or the camera fails, or no good frame comes after a switch.
     """
     try:
-        dark, *lit = (
+        ambient, *lights = (
             fresh_frame(rig, led).pixels.astype(np.uint16)
             for led in (None, *range(len(rig.lighting)))
         )
     finally:
         rig.lights.off()
-    return Pictures(dark, np.stack(lit), (1 << rig.camera.info.bit_depth) - 1)
+    return LightImages(ambient, np.stack(lights), (1 << rig.camera.info.bit_depth) - 1)
 
 
-def check_pictures(
-    pictures: Pictures, lighting: Lighting, exposure_ms: float, longest_ms: float
+def check_light_images(
+    images: LightImages, lighting: Lighting, exposure_ms: float, longest_ms: float
 ) -> Iterator[Check]:
-    """Ambient light, every LED, saturation, exposure, strengths and order of the LEDs.
+    """Check ambient light, every LED, saturation, exposure, levels and order of the LEDs.
 
     Parameters
     ----------
-    pictures
+    images
         Of any part with relief.
     lighting
-        As configured.
+        The configured lights.
     exposure_ms, longest_ms
-        As it was, and the longest that fits into a frame.
+        Exposure of the images, and the longest that fits into a frame.
     """
-    full = pictures.full_scale
-    yield _ambient(float(pictures.dark.mean()) / full)
+    full = images.full_scale
+    yield _ambient(float(images.ambient.mean()) / full)
     signals = (
-        pictures.lit.mean(axis=(1, 2), dtype=np.float64) - pictures.dark.mean(dtype=np.float64)
+        images.lights.mean(axis=(1, 2), dtype=np.float64) - images.ambient.mean(dtype=np.float64)
     ) / full
     for led, signal in enumerate(signals):
         yield _led(led, float(signal), float(signals.max()))
-    yield _saturation(pictures)
-    yield _exposure(pictures, exposure_ms, longest_ms)
-    yield _strengths(pictures, lighting)
-    yield _order(pictures, lighting)
+    yield _saturation(images)
+    yield _exposure(images, exposure_ms, longest_ms)
+    yield _levels(images, lighting)
+    yield _order(images, lighting)
 
 
 def _ambient(share: float) -> Check:
-    seen = f"{share:.1%} of full scale with all LEDs out"
+    seen = f"{share:.1%} of full scale with all LEDs off"
     if share <= HIGH_AMBIENT_SHARE:
         return Check("ambient light", "ok", seen)
     status: Status = "fault" if share > MAX_AMBIENT_SHARE else "warning"
@@ -125,18 +127,18 @@ def _led(led: int, signal: float, brightest: float) -> Check:
     return Check(name, "ok", seen)
 
 
-def _saturation(pictures: Pictures) -> Check:
-    white = (pictures.lit >= pictures.full_scale).mean(axis=(1, 2))
+def _saturation(images: LightImages) -> Check:
+    white = (images.lights >= images.full_scale).mean(axis=(1, 2))
     seen = f"at most {white.max():.2%} of the pixels are saturated, under LED {white.argmax()}"
     if white.max() > MAX_SATURATED_SHARE:
         return Check("saturation", "fault", seen, "shorten the exposure; see below")
     return Check("saturation", "ok", seen)
 
 
-def _exposure(pictures: Pictures, exposure_ms: float, longest_ms: float) -> Check:
-    """Of the brightest LED: the others are exposed alike, so that they can be compared."""
-    full = pictures.full_scale
-    bright = np.percentile(pictures.lit, _BRIGHT_PERCENTILE, axis=(1, 2))
+def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Check:
+    """Check the image of the brightest LED; all share one exposure, so that they compare."""
+    full = images.full_scale
+    bright = np.percentile(images.lights, _BRIGHT_PERCENTILE, axis=(1, 2))
     led = int(bright.argmax())
     share = float(bright[led]) / full
     seen = (
@@ -148,52 +150,52 @@ def _exposure(pictures: Pictures, exposure_ms: float, longest_ms: float) -> Chec
     if bright[led] >= full:
         factor = _SHORTER_WHEN_SATURATED
     else:
-        # What is there without any light stays, however long it is collected.
-        black = float(pictures.dark.min())
+        # The black level does not grow with the exposure.
+        black = float(images.ambient.min())
         factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
     wanted_ms = exposure_ms * factor
     if wanted_ms <= longest_ms:
         advice = f"set camera.exposure_ms = {wanted_ms:.3g}" + (
-            " and look again" if bright[led] >= full else ""
+            ", then run this again" if bright[led] >= full else ""
         )
     else:
         advice = (
             f"set camera.exposure_ms = {longest_ms:.3g}, the longest at this frame rate; a lower "
-            "frame rate, more gain or stronger LEDs would give more"
+            "frame rate, more gain or brighter LEDs would help"
         )
     return Check("exposure", "warning", seen, advice)
 
 
-def _strengths(pictures: Pictures, lighting: Lighting) -> Check:
-    """How strong the LEDs are against each other, whatever the part turns towards them."""
+def _levels(images: LightImages, lighting: Lighting) -> Check:
+    """Compare the levels of the LEDs, estimated from four images independently of the part."""
     name = "LED strengths"
     if len(lighting) != 4:
-        return Check(name, "unknown", "are told from the pictures for four LEDs only")
-    told = light_agreement(pictures.lit, lighting, pictures.dark, pictures.full_scale, None)
+        return Check(name, "unknown", "can be estimated for four LEDs only")
+    told = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
     if told.strengths is None or told.strength_error > MAX_LED_LEVEL_ERROR:
         return Check(
             name,
             "unknown",
-            "these pictures do not tell them",
-            "lay something matt with relief in all directions below the camera",
+            "cannot be estimated from these images",
+            "put something matt with relief in all directions below the camera",
         )
-    seen = "against the configured " + ", ".join(f"{each:.1%}" for each in told.strengths)
+    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in told.strengths)
     if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in told.strengths):
         return Check(name, "ok", seen)
     line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.strengths)
     return Check(
-        name, "warning", seen, f"if they are so by make, set lights.intensities = [{line}]"
+        name, "warning", seen, f"if the LEDs are built so, set lights.intensities = [{line}]"
     )
 
 
-def _order(pictures: Pictures, lighting: Lighting) -> Check:
+def _order(images: LightImages, lighting: Lighting) -> Check:
     name = "LED order"
     if len(lighting) != 4:
-        return Check(name, "unknown", "is told from the pictures for four LEDs only")
+        return Check(name, "unknown", "can be checked for four LEDs only")
     told = light_order(
-        pictures.lit, lighting, ambient=pictures.dark, full_scale=pictures.full_scale
+        images.lights, lighting, ambient=images.ambient, full_scale=images.full_scale
     )
-    turned = "; whether all are turned by 180 degrees no picture can tell"
+    rotated = "; the images cannot tell whether all are rotated by 180 degrees"
     if told.is_refuted:
         likely = [
             _exchange(order) for order in sorted(told.plausible, key=_moved)[:2] if _moved(order)
@@ -205,12 +207,12 @@ def _order(pictures: Pictures, lighting: Lighting) -> Check:
             "exchange their plugs, or correct lights.tilts_deg",
         )
     if told.is_confirmed:
-        return Check(name, "ok", "the shading agrees with lights.tilts_deg" + turned)
+        return Check(name, "ok", "the shading agrees with lights.tilts_deg" + rotated)
     return Check(
         name,
         "unknown",
-        f"{len(told.plausible)} of 24 orders explain these pictures",
-        "lay something with relief in all directions below the camera, such as a coin or a rough "
+        f"{len(told.plausible)} of 24 orders explain these images",
+        "put something with relief in all directions below the camera, such as a coin or a rough "
         "stone",
     )
 
@@ -220,7 +222,7 @@ def _moved(order: Order) -> int:
 
 
 def _exchange(order: Order) -> str:
-    moved = [f"where {led} should be is {shown}" for led, shown in enumerate(order) if shown != led]
+    moved = [f"{shown} is where {led} should be" for led, shown in enumerate(order) if shown != led]
     if len(moved) == 2:
         one, other = (led for led, shown in enumerate(order) if shown != led)
         return f"LEDs {one} and {other} are exchanged"
