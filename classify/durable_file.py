@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["durable_file", "make_folder", "require_folder"]
+__all__ = ["durable_file", "make_folder", "require_folder", "sync"]
 
 _PREFIX = ".writing-"
 
@@ -70,9 +70,9 @@ def durable_file(path: Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written: {cause}") from error
     try:
         yield temporary
-        _sync(temporary)
+        sync(temporary)
         temporary.replace(target)
-        _sync(target.parent)
+        sync(target.parent)
     except OSError as error:
         cause = error.strerror or f"{error}; is the disk full?"
         raise InputError(f"{path}: cannot be written: {cause}") from error
@@ -113,7 +113,8 @@ def _remove_abandoned(folder: Path) -> None:
                 os.close(lock)
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Force a file, or the entries of a folder, to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -8,19 +8,16 @@ import fcntl
 import os
 import secrets
 import shutil
-import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .durable_file import make_folder
+from .durable_file import make_folder, sync
 from .errors import InputError
 
 __all__ = ["durable_folder"]
 
 _PREFIX = ".writing-folder-"
-# A younger folder may belong to a process that has made it and not locked it yet.
-_NEW_S = 60.0
 # From linux/fcntl.h and linux/fs.h.
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
@@ -48,15 +45,15 @@ def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator
         os.path.ismount(folder) or not os.access(folder.parent, os.W_OK | os.X_OK)
     )
     home = folder if inside else folder.parent
-    temporary = home / f"{_PREFIX}{secrets.token_hex(8)}"
-    lock = None
     try:
         _remove_abandoned(home)
-        temporary.mkdir()
-        lock = _locked(temporary)
+        temporary, lock = _locked_folder(home)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    try:
         yield temporary
         for path in (*temporary.iterdir(), temporary):
-            _sync(path)
+            sync(path)
         if inside or not _swapped(temporary, folder, names):
             order = sorted(names, key=lambda name: name != first)
             for name in order:
@@ -64,15 +61,14 @@ def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator
             for name in reversed(order):
                 if (temporary / name).exists():
                     (temporary / name).rename(folder / name)
-        _sync(folder)
-        _sync(home)
+        sync(folder)
+        sync(home)
     except OSError as error:
         cause = error.strerror or f"{error}; is the disk full?"
         raise InputError(f"{folder}: cannot be written: {cause}") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
+        os.close(lock)
 
 
 def _swapped(new: Path, folder: Path, names: Collection[str]) -> bool:
@@ -110,30 +106,28 @@ def _exchange(one: Path, other: Path) -> None:
         raise OSError(code, os.strerror(code))
 
 
+def _locked_folder(home: Path) -> tuple[Path, int]:
+    """Make a temporary folder, and lock it for as long as the descriptor is open."""
+    while True:
+        temporary = home / f"{_PREFIX}{secrets.token_hex(8)}"
+        temporary.mkdir()
+        lock = os.open(temporary, os.O_RDONLY | os.O_DIRECTORY)
+        # File systems without locks: the folder is not removed after a kill either.
+        with suppress(OSError):
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        # Another writer may have taken the folder for abandoned before it was locked.
+        if temporary.exists():
+            return temporary, lock
+        os.close(lock)
+
+
 def _remove_abandoned(home: Path) -> None:
-    """Remove temporary folders of processes that were killed: nobody holds their locks."""
+    """Remove temporary folders that no writer holds a lock on."""
     for path in home.glob(f"{_PREFIX}*"):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime < _NEW_S:
-                continue
-            lock = _locked(path)
-            shutil.rmtree(path, ignore_errors=True)
-            os.close(lock)
-
-
-def _locked(folder: Path) -> int:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        raise
-    return descriptor
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+            lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(path)
+            finally:
+                os.close(lock)
