@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from capture.console import new_table, out, print_table
@@ -53,22 +53,17 @@ class Section:
 
 def as_json(section: Section) -> dict[str, Any]:
     """A section as plain values."""
-    return {
-        "title": section.title,
-        "notes": list(section.notes),
-        "figures": [
-            {
-                "step": each.step,
-                "value": _rounded(each.value),
-                "unit": each.unit,
-                "ms": None if each.ms is None else _rounded(each.ms),
-                "target": each.target,
-                "bound": None if each.target is None else each.bound,
-                "met": each.met,
-            }
-            for each in section.measurements
-        ],
-    }
+    figures = [
+        asdict(each)
+        | {
+            "value": _rounded(each.value),
+            "ms": None if each.ms is None else _rounded(each.ms),
+            "bound": None if each.target is None else each.bound,
+            "met": each.met,
+        }
+        for each in section.measurements
+    ]
+    return {"title": section.title, "notes": list(section.notes), "figures": figures}
 
 
 def print_section(section: Section) -> None:

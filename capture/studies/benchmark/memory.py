@@ -17,9 +17,15 @@ from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet
 
 from .measurements import Measurement, Section
-from .solvers import drop_darkest, normal_least_squares
 
-__all__ = ["Step", "classify_step", "match_step", "memory_section", "numpy_step", "solve_step"]
+__all__ = [
+    "Step",
+    "available_memory",
+    "classify_step",
+    "match_step",
+    "memory_section",
+    "solve_step",
+]
 
 Step = Callable[[], Callable[[], object]]
 """Prepares a step with a call on little data, and returns the call to measure."""
@@ -45,17 +51,10 @@ def memory_section(steps: Mapping[str, Step]) -> Section:
     return Section("Peak memory", found, (note,))
 
 
-def solve_step(image_set: SimulatedSet, method: Method) -> Callable[[], object]:
+def solve_step(image_set: SimulatedSet, method: Method | None = None) -> Callable[[], object]:
     """Step that solves a set."""
     _corner(image_set).solve(method)
     return partial(image_set.solve, method)
-
-
-def numpy_step(image_set: SimulatedSet, name: str) -> Callable[[], object]:
-    """Step that solves a set in plain numpy: "lstsq" or "drop"."""
-    function: Callable[..., object] = {"lstsq": normal_least_squares, "drop": drop_darkest}[name]
-    function(_corner(image_set).images, image_set.lighting)
-    return partial(function, image_set.images, image_set.lighting)
 
 
 def classify_step(library: Path, image_set: SimulatedSet) -> Callable[[], object]:
@@ -94,8 +93,17 @@ def _peak_mb(step: Step) -> tuple[float, float]:
 
 
 def _resident_mb(field: str) -> float:
-    for line in _STATUS.read_text(encoding="ascii").splitlines():
+    return _read_kb(_STATUS, field) / 1000.0
+
+
+def available_memory() -> int:
+    """Bytes of memory that are available without swapping."""
+    return 1024 * _read_kb(Path("/proc/meminfo"), "MemAvailable")
+
+
+def _read_kb(path: Path, field: str) -> int:
+    for line in path.read_text(encoding="ascii").splitlines():
         name, value = line.split(":")
         if name == field:
-            return int(value.split()[0]) / 1000.0
-    return 0.0
+            return int(value.split()[0])
+    return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -17,11 +18,18 @@ from capture.console import out, print_json
 from classify.threads import thread_count
 
 from .measurements import Section, as_json, print_section
-from .memory import Step, classify_step, match_step, memory_section, numpy_step, solve_step
+from .memory import (
+    Step,
+    available_memory,
+    classify_step,
+    match_step,
+    memory_section,
+    solve_step,
+)
 from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
 from .pipeline import pipeline_section
 from .scenes import mosaic, rotated_patch
-from .search import required_space, search_section
+from .search import search_section
 from .settings import FULL, Settings
 from .solvers import solver_sections
 
@@ -58,11 +66,8 @@ def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
         largest, references = None, settings.library_sizes[-1]
         if settings.largest_library is None:
             _say(f"left out by --quick: {FULL.largest_library:,} references")
-        else:
-            space = required_space(settings.largest_library, textures, folder, free_memory)
-            _say(f"{space}, in {folder}" if space.is_enough else f"left out: {space}")
-            if space.is_enough:
-                largest, references = folder / "largest.ps4lib", settings.largest_library
+        elif _fits(settings.largest_library, textures, folder, free_memory):
+            largest, references = folder / "largest.ps4lib", settings.largest_library
         mixtures = Mixtures(textures, references // SETS_OF_A_CLASS)
         if largest is not None:
             mixtures.library(references).save(largest)
@@ -70,23 +75,29 @@ def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
         yield memory_section(_memory_steps(textures, mixtures, folder, largest, settings))
 
 
+def _fits(references: int, textures: Textures, folder: Path, free_memory: int | None) -> bool:
+    """Whether disk and memory are large enough for a library, and say so."""
+    size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
+    # Invariants add a tenth to the file. Writing needs the signatures twice in memory.
+    disk, memory = int(1.15 * size), int(2.5 * size)
+    free_disk = shutil.disk_usage(folder).free
+    free = available_memory() if free_memory is None else free_memory
+    fits = disk < free_disk and memory < free
+    _say(
+        f"{'' if fits else 'left out: '}{references:,} references need {disk / 1e9:.1f} GB of disk "
+        f"({free_disk / 1e9:.1f} GB free) and {memory / 1e9:.1f} GB of memory "
+        f"({free / 1e9:.1f} GB free), in {folder}"
+    )
+    return fits
+
+
 def _memory_steps(
     textures: Textures, mixtures: Mixtures, folder: Path, largest: Path | None, settings: Settings
 ) -> dict[str, Step]:
     shape = settings.solver_frame_px
-    frame = f"{shape[1]} x {shape[0]}"
-    sixteen = mosaic(shape, 16)
     steps: dict[str, Step] = {
-        f"ps4_robust, {frame}, 16 bit": partial(solve_step, sixteen, "ps4_robust"),
+        f"ps4_robust, {shape[1]} x {shape[0]}, 16 bit": partial(solve_step, mosaic(shape, 16)),
     }
-    if settings.all_memory_steps:
-        eight = mosaic(shape, 8)
-        steps |= {
-            f"ps4_robust, {frame}, 8 bit": partial(solve_step, eight, "ps4_robust"),
-            f"ps4, {frame}, 16 bit": partial(solve_step, sixteen, "ps4"),
-            f"numpy lstsq, {frame}, 16 bit": partial(numpy_step, sixteen, "lstsq"),
-            f"numpy drop-darkest, {frame}, 16 bit": partial(numpy_step, sixteen, "drop"),
-        }
     small = folder / "small.ps4lib"
     textures.library.save(small)
     for size_px in settings.frames_px:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -18,10 +16,10 @@ from classify.classifiers import classifier_named
 from classify.surface.estimate import FloatMap
 
 from .measurements import Measurement, Section
-from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures
+from .mixtures import SETS_OF_A_CLASS, Mixtures
 from .settings import Settings
 
-__all__ = ["Space", "available_memory", "required_space", "search_section"]
+__all__ = ["search_section"]
 
 # Targets for the largest library: match and opening on two cores, and recall of the sieve.
 _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9
@@ -29,44 +27,6 @@ _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9
 _CHUNK = 1024
 
 Indices = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Space:
-    """Disk and memory that a library needs, and that are free; bytes."""
-
-    references: int
-    disk: int
-    memory: int
-    free_disk: int
-    free_memory: int
-
-    @property
-    def is_enough(self) -> bool:
-        """Whether the library fits."""
-        return self.disk < self.free_disk and self.memory < self.free_memory
-
-    def __str__(self) -> str:
-        return (
-            f"{self.references:,} references need {self.disk / 1e9:.1f} GB of disk "
-            f"({self.free_disk / 1e9:.1f} GB free) and {self.memory / 1e9:.1f} GB of memory "
-            f"({self.free_memory / 1e9:.1f} GB free)"
-        )
-
-
-def required_space(
-    references: int, textures: Textures, folder: Path, free_memory: int | None = None
-) -> Space:
-    """Space for a library in that folder; `free_memory` is measured if not given."""
-    size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
-    return Space(
-        references,
-        # The invariants of the sieve add a tenth. Writing needs the signatures twice in memory.
-        disk=int(1.15 * size),
-        memory=int(2.5 * size),
-        free_disk=shutil.disk_usage(folder).free,
-        free_memory=available_memory() if free_memory is None else free_memory,
-    )
 
 
 def search_section(mixtures: Mixtures, largest: Path | None, settings: Settings) -> Section:
@@ -148,12 +108,3 @@ def _recall(library: TextureLibrary, queries: FloatMap) -> Iterator[Measurement]
     yield Measurement(recall_step, recall_pct, "%", target=_MIN_RECALL_PCT, bound="at least")
     yield Measurement(f"{step}, compared in the median", float(np.median(compared)), "references")
     yield Measurement(f"{step}, compared at most", max(compared), "references")
-
-
-def available_memory() -> int:
-    """Bytes of memory that are available without swapping."""
-    for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
-        name, value = line.split(":")
-        if name == "MemAvailable":
-            return 1024 * int(value.split()[0])
-    return 0

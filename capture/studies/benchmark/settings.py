@@ -25,8 +25,6 @@ class Settings:
         References of each library to search.
     largest_library
         References of one more library in a file; None leaves it out.
-    all_memory_steps
-        Whether peak memory is measured for all pixel depths and solvers, or for one.
     """
 
     solver_frame_px: tuple[int, int] = (1944, 2592)
@@ -42,7 +40,6 @@ class Settings:
     match_queries: int = 50
     recall_queries: int = 1000
     largest_recall_queries: int = 100
-    all_memory_steps: bool = True
 
 
 FULL = Settings()
@@ -53,6 +50,5 @@ QUICK = Settings(
     pipeline_rounds=20,
     match_rounds=1,
     recall_queries=100,
-    all_memory_steps=False,
 )
 """A minute on two cores."""

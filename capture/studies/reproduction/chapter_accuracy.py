@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 from . import plots
-from .exhibit import Cell, Exhibit, Row, exhibit
+from .exhibit import Cell, Exhibit, Row
 from .plan import (
     BEST_SOLVER,
     OF_28_IMAGES,
@@ -78,12 +78,12 @@ def _summary(results: Results) -> Exhibit:
         ),
         ("ours: robust PS4, joint", BEST_SOLVER, OURS, "", _NOT_IN_THESIS),
     )  # fmt: skip
-    return exhibit(
+    return Exhibit(
         "summary",
         ("system", *_columns_of_chapter(results), "thesis, %"),
         [(name, *_of_chapter(results, *system), thesis) for name, *system, thesis in systems],
         digits=2,
-        classes=len(results.plan.thirty.textures),
+        values=results.plan.thirty.facts,
     )
 
 
@@ -96,7 +96,6 @@ def _by_slant(results: Results) -> Exhibit:
     )
     rows: list[Row] = []
     panels = []
-    worst = {}
     for shadow in ("without", "with"):
         lines = []
         for solver, classifier, suffix in systems:
@@ -104,16 +103,12 @@ def _by_slant(results: Results) -> Exhibit:
             for slant_deg in slants_deg:
                 test = f"slant {slant_deg:g} {shadow} shadow{suffix}"
                 value = results.accuracy_pct("slants", test, solver, classifier)
-                wrong = _wrong_by_texture(results, [test], solver, classifier)
+                wrong = _wrong_by_texture(results, System("slants", test, solver, classifier))
                 rows.append((shadow, slant_deg, solver, classifier, value, wrong))
                 values.append(value)
             lines.append(plots.Line(_title(solver, classifier), slants_deg, values))
-            if (solver, classifier) == ("ps3a", ONE_D):
-                worst[shadow] = min(value for value in values if value is not None)
         panels.append(plots.Panel(f"{shadow} shadow", tuple(lines)))
-    with_shadow = [test.name for test in tests if test.conditions.shadows]
-    wrong = _wrong_by_texture(results, with_shadow, "ps3a", ONE_D)
-    return exhibit(
+    return Exhibit(
         "figure_9_01",
         ("shadow", "slant_deg", "solver", "classifier", "accuracy_pct", "wrong_by_texture"),
         rows,
@@ -125,20 +120,12 @@ def _by_slant(results: Results) -> Exhibit:
             levels=((_THESIS_WORST_WITH_SHADOW, "thesis, lowest with shadow: 95.83"),),
         ),
         size_in=(10.0, 4.2),
-        without=f"{worst['without']:.1f}",
-        with_=f"{worst['with']:.1f}",
-        errors=f"errors with shadow by texture: {wrong}." if wrong else "no errors.",
     )
 
 
-def _wrong_by_texture(results: Results, tests: Iterable[str], solver: str, classifier: str) -> str:
+def _wrong_by_texture(results: Results, system: System) -> str:
     """Numbers of wrong answers by true texture, as text."""
-    counts = Counter(
-        trial.label
-        for test in tests
-        for trial in results.trials(System("slants", test, solver, classifier))
-        if not trial.nearest_is_correct
-    )
+    counts = Counter(t.label for t in results.trials(system) if not t.nearest_is_correct)
     return ", ".join(f"{texture} {count}" for texture, count in counts.most_common())
 
 
@@ -160,14 +147,13 @@ def _by_texture(results: Results) -> Exhibit:
                 mean = results.accuracy_pct(*system)
                 means.append(f"{SOLVER_TITLES[solver]} at slant {slant_deg:g} {mean:.1f} %")
         panels.append((f"slant {slant_deg:g}", groups))
-    return exhibit(
+    return Exhibit(
         "figure_9_11",
         ("texture", *columns),
         list(zip(names, *columns.values(), strict=True)),
         draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
         size_in=(10.0, 0.38 * len(names) + 1.0),
-        classes=len(names),
-        means=", ".join(means),
+        values={"means": ", ".join(means)} | results.plan.thirty.facts,
     )
 
 
@@ -197,7 +183,7 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
                         f"{title} at slant {slant_deg:g}, 1D {one:.1f} % and 2D {two:.1f} %"
                     )
             panels.append((f"{title}, slant {slant_deg:g}", groups))
-    return exhibit(
+    return Exhibit(
         "figure_9_13",
         ("protocol", "slant_deg", "solver", "classifier", "segments", "accuracy_pct"),
         rows,
@@ -208,12 +194,11 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
             x_label="accuracy, %",
         ),
         size_in=(12.0, 5.6),
-        order="; ".join(order),
+        values={"order": "; ".join(order)},
     )
 
 
 def _against_textons(results: Results) -> Exhibit:
-    plan = results.plan
     thesis = {(THESIS, 4): _THESIS_PS4_2D, (TEXTONS, 28): _THESIS_TEXTONS}
     rows: list[Row] = [
         (
@@ -232,7 +217,7 @@ def _against_textons(results: Results) -> Exhibit:
         for cost in results.costs
     ]  # fmt: skip
     columns = ("classifier", "training images a class", "images of a test")
-    return exhibit(
+    return Exhibit(
         "table_9_01",
         (
             *columns, *_columns_of_chapter(results), "thesis, %",
@@ -240,7 +225,5 @@ def _against_textons(results: Results) -> Exhibit:
         ),
         rows,
         digits=2,
-        size=plan.thirty.frame_px,
-        classes=len(plan.thirty.textures),
-        best=BEST_SOLVER,
+        values=results.plan.thirty.facts,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import plots
-from .exhibit import Exhibit, Row, exhibit
+from .exhibit import Exhibit, Row
 from .plan import BEST_SOLVER, SOLVERS
 from .results import SOLVER_TITLES, Results
 from .sand import SAND_SLANT_DEG, SHADOW_TILTS_DEG, TRUTH
@@ -32,24 +32,24 @@ def surface_exhibits(results: Results) -> Iterator[Exhibit]:
     yield _shadow_map(maps.shadows)
     slope_errors = {name: float(np.hypot(*errors[:2])) for name, errors in maps.errors.items()}
     top = float(np.percentile(np.abs(maps.relief[TRUTH]), 99.5))
-    yield exhibit(
+    yield Exhibit(
         "figure_9_08",
         ("solver", "rms_error_p", "rms_error_q"),
         [(name, *maps.errors[name][:2]) for name in SOLVERS],
         draw=_drawn_maps(maps.relief, (-top, top), "gray", "relative height, px"),
         size_in=(11.0, 3.0),
         digits=3,
-        **_gains(slope_errors),
+        values=_gains(slope_errors),
     )
     albedo_errors = {name: errors[2] for name, errors in maps.errors.items()}
-    yield exhibit(
+    yield Exhibit(
         "figure_9_09",
         ("solver", "rms_error_albedo"),
         [(name, albedo_errors[name]) for name in SOLVERS],
         draw=_drawn_maps(maps.albedo, (0.0, 1.2), "gray", "albedo"),
         size_in=(11.0, 3.0),
         digits=3,
-        **_gains(albedo_errors),
+        values=_gains(albedo_errors),
     )
     yield _polar("figure_9_10", results, (*SOLVERS[1:], TRUTH))
 
@@ -73,15 +73,13 @@ def _shadow_by_texture(results: Results) -> Exhibit:
     at = slants_deg.index(SAND_SLANT_DEG)
     by_shadow = sorted(textures, key=lambda name: percents[name][at])
     lines = [plots.Line(name, slants_deg, values) for name, values in percents.items()]
-    return exhibit(
+    return Exhibit(
         "figure_9_02",
         ("slant_deg", *(f"{name}_pct" for name in textures)),
         list(zip(slants_deg, *percents.values(), strict=True)),
         draw=_drawn_shadow("light at tilt 0", lines),
         size_in=(6.5, 4.0),
-        slant=_SLANT,
-        most=by_shadow[-1],
-        least=by_shadow[0],
+        values={"slant": _SLANT, "most": by_shadow[-1], "least": by_shadow[0]},
     )
 
 
@@ -101,13 +99,13 @@ def _shadow_of_sand(results: Results) -> Exhibit:
     ]
     lines.append(plots.Line("thesis, tilt 0", slants_deg, thesis, style="x", colour="#000000"))
     tilts = [f"tilt_{tilt_deg:g}_pct" for tilt_deg in SHADOW_TILTS_DEG]
-    return exhibit(
+    return Exhibit(
         "figure_9_03",
         ("slant_deg", *tilts, "thesis_tilt_0_pct"),
         list(zip(slants_deg, *by_tilt, thesis, strict=True)),
         draw=_drawn_shadow("sand", lines),
         size_in=(6.5, 4.0),
-        difference=f"{max(differences):.1f}",
+        values={"difference": f"{max(differences):.1f}"},
     )
 
 
@@ -128,14 +126,13 @@ def _polar(key: str, results: Results, solvers: Sequence[str]) -> Exhibit:
         for deg in orientations_deg
         for index, value in enumerate(polar[deg][solver])
     ]
-    return exhibit(
+    return Exhibit(
         key,
         ("solver", "orientation_deg", "angle_deg", "m"),
         rows,
         draw=partial(plots.draw_polar, panels=panels),
-        size_in=(2.6 * len(panels) + 0.6, 3.1),
-        slant=_SLANT,
-        ratios=", ".join(ratios),
+        size_in=(2.6 * len(panels) + 0.6, 3.7),
+        values={"slant": _SLANT, "ratios": ", ".join(ratios)},
     )
 
 
@@ -144,13 +141,13 @@ def _shadow_map(shadows: Mapping[str, npt.NDArray[np.uint8]]) -> Exhibit:
         (name, *(100.0 * float((shadows[name] == count).mean()) for count in range(5)))
         for name in _SHOWN
     ]
-    return exhibit(
+    return Exhibit(
         "figure_9_07",
         ("map", *(f"{count}_lights_pct" for count in range(5))),
         rows,
         draw=_drawn_maps(shadows, (0.0, 4.0), "cividis", "lights in shadow"),
         size_in=(11.0, 3.0),
-        slant=_SLANT,
+        values={"slant": _SLANT},
     )
 
 
@@ -170,10 +167,9 @@ def _drawn_maps(
 
 
 def _gains(errors: Mapping[str, float]) -> dict[str, str]:
-    """The error of PS3a over that of the others, and the names in the text."""
+    """Slant, and the error of PS3a over that of the others, for the text."""
     return {
         "slant": _SLANT,
-        "best": BEST_SOLVER,
         "gain_ps4": f"{errors['ps3a'] / errors['ps4']:.1f}",
         "gain_best": f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}",
     }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from classify.library.evaluation import unknown_share
 
 from . import plots
-from .exhibit import Cell, Exhibit, Row, exhibit
+from .exhibit import Cell, Exhibit, Row
 from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS
 from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
 from .testing import System
@@ -51,15 +51,13 @@ def _synthetic(results: Results) -> Exhibit:
         panels.append((f"slant {slant_deg}", groups))
     rows.sort(key=lambda row: _ORDER[str(row[0])])
     names = [CLASSIFIER_TITLES[name] for name in classifiers]
-    return exhibit(
+    return Exhibit(
         "classifiers_synthetic",
         ("classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
         draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
         size_in=(11.0, 4.6),
-        classes=len(tests[0].training.textures),
-        size=tests[0].conditions.size_px,
-        tests=len(experiment.orientations_deg),
+        values=experiment.facts,
     )
 
 
@@ -82,7 +80,7 @@ def _twins_and_small(results: Results) -> Exhibit:
             for name in test.training.classifiers
         ]
     rows.sort(key=lambda row: (-len(str(row[0])), _ORDER[str(row[2])]))
-    return exhibit(
+    return Exhibit(
         "classifiers_twins_and_small",
         ("patches", "classes", "classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
@@ -102,58 +100,48 @@ def _materials(results: Results) -> Exhibit:
                 )
                 rows.append((protocol, CLASSIFIER_TITLES[name], SOLVER_TITLES[solver], *accuracies))
     sizes = [f"{test.conditions.size_px} px, %" for test in experiment.tests]
-    return exhibit(
+    return Exhibit(
         "materials",
         ("patches", "classifier", "solver", *sizes),
         rows,
-        classes=len(experiment.textures),
-        tests=len(experiment.orientations_deg),
-        materials=", ".join(texture.name for texture in experiment.textures),
+        values=experiment.facts
+        | {"materials": ", ".join(texture.name for texture in experiment.textures)},
     )
 
 
 def _orientation(results: Results) -> Exhibit:
     plan = results.plan
-    systems = [
-        (f"synthetic, {test.name}", System("synthetic", test.name, BEST_SOLVER, OURS))
+    systems = {
+        f"synthetic, {test.name}": System("synthetic", test.name, BEST_SOLVER, OURS)
         for test in plan.synthetic.tests
         if test.training.tests_unknown
-    ]
-    systems += [
-        (f"chapter's textures, {test.name}", System("thirty", test.name, BEST_SOLVER, OURS))
+    }
+    systems |= {
+        f"chapter's textures, {test.name}": System("thirty", test.name, BEST_SOLVER, OURS)
         for test in plan.thirty.tests
         if OURS in test.training.classifiers
-    ]
-    systems += [
-        (
-            f"materials, {test.name}, {protocol}",
-            System("materials", test.name, BEST_SOLVER, OURS, protocol),
-        )
-        for protocol in reversed(plan.materials.protocols)
+    }
+    systems |= {
+        f"materials, {test.name}, {p}": System("materials", test.name, BEST_SOLVER, OURS, p)
+        for p in reversed(plan.materials.protocols)
         for test in plan.materials.tests
-    ]
+    }
     rows: list[Row] = []
-    for title, ours in systems:
+    for title, ours in systems.items():
         for name in (OURS, THESIS):
             errors = results.orientation_errors_deg(ours._replace(classifier=name))
-            beyond = ((errors > 10.0).mean(), (errors > 80.0).mean()) if errors.size else ()
+            beyond = [percent(float(np.mean(errors > deg))) for deg in (10.0, 80.0) if errors.size]
+            quantiles = _median_and_p95(errors)
             rows.append(
-                (
-                    title,
-                    CLASSIFIER_TITLES[name],
-                    len(errors),
-                    *_median_and_p95(errors),
-                    *((100.0 * float(share) for share in beyond) if beyond else (None, None)),
-                )
+                (title, CLASSIFIER_TITLES[name], len(errors), *quantiles, *(beyond or (None, None)))
             )
     columns = ("textures", "classifier", "tests")
-    return exhibit(
+    return Exhibit(
         "orientation",
         (*columns, "median, °", "95 %, °", "beyond 10°, %", "beyond 80°, %"),
         rows,
         digits=2,
-        sharpness=f"{DIRECTIONAL_SHARPNESS:g}",
-        best=BEST_SOLVER,
+        values={"sharpness": f"{DIRECTIONAL_SHARPNESS:g}"},
     )
 
 
@@ -172,16 +160,12 @@ def _robustness(results: Results) -> Exhibit:
             )
         )
     columns = ("joint (ours), %", "called unknown, %", "orientation: median, °", "95 %, °")
-    training = experiment.training[0]
-    return exhibit(
+    return Exhibit(
         "robustness",
         ("test", *columns, "2D spectra, magnitude, %"),
         rows,
         digits=2,
-        classes=len(training.textures),
-        size=training.conditions.size_px,
-        tests=len(experiment.orientations_deg),
-        best=BEST_SOLVER,
+        values=experiment.facts,
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from string import Template
@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Cell", "Exhibit", "Row", "as_text", "exhibit"]
+__all__ = ["Cell", "Exhibit", "Row", "as_text"]
 
 Cell = str | int | float | None
 Row = tuple[Cell, ...]
-Draw = Callable[["Figure"], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +26,7 @@ class Exhibit:
     Attributes
     ----------
     key
-        Stem of its files.
-    section
-        Heading above it.
-    notes
-        Paragraphs: what is shown, what the thesis has, where they differ and why.
+        Stem of its files, and of its text in ``notes.toml``.
     columns, rows
         The numbers, as in the CSV file. The name of a column includes its unit.
     draw
@@ -40,36 +35,33 @@ class Exhibit:
         Width and height of the drawing, inches.
     digits
         Decimals of the numbers of a table.
+    values
+        Replace the $names in the text.
     """
 
     key: str
-    section: str
-    title: str
-    notes: tuple[str, ...]
-    columns: tuple[str, ...]
+    columns: Sequence[str]
     rows: list[Row]
-    draw: Draw | None = None
+    draw: Callable[[Figure], None] | None = None
     size_in: tuple[float, float] = (8.0, 4.0)
     digits: int = 1
+    values: Mapping[str, object] = field(default_factory=dict)
 
+    @property
+    def section(self) -> str:
+        """Heading above it."""
+        return str(_all_notes()[self.key]["section"])
 
-def exhibit(
-    key: str,
-    columns: Sequence[str],
-    rows: list[Row],
-    *,
-    draw: Draw | None = None,
-    size_in: tuple[float, float] = (8.0, 4.0),
-    digits: int = 1,
-    **values: object,
-) -> Exhibit:
-    """Make an exhibit with its text from ``notes.toml``, where `values` replace the $names."""
-    text = _all_notes()[key]
-    notes = (" ".join(Template(note).substitute(values).split()) for note in text["notes"])
-    return Exhibit(
-        key, text["section"], text["title"], tuple(notes), tuple(columns), rows, draw, size_in,
-        digits,
-    )  # fmt: skip
+    @property
+    def title(self) -> str:
+        """Heading."""
+        return str(_all_notes()[self.key]["title"])
+
+    @property
+    def notes(self) -> list[str]:
+        """Paragraphs: what is shown, what the thesis has, where they differ and why."""
+        notes = _all_notes()[self.key]["notes"]
+        return [" ".join(Template(note).substitute(self.values).split()) for note in notes]
 
 
 def as_text(cell: Cell, digits: int) -> str:

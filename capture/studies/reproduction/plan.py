@@ -176,6 +176,16 @@ class Experiment:
         return max(each.size_px for each in conditions)
 
     @property
+    def facts(self) -> dict[str, object]:
+        """Numbers of the first training run for the text of exhibits."""
+        first = self.training[0]
+        return {
+            "classes": len(first.textures),
+            "size": first.conditions.size_px,
+            "tests": len(self.orientations_deg),
+        }
+
+    @property
     def patches(self) -> int:
         """Number of test patches."""
         return len(self.textures) * len(self.protocols) * len(self.orientations_deg)

@@ -12,8 +12,8 @@ import numpy as np
 from classify import Match
 
 from . import plots
-from .exhibit import Exhibit, Row, exhibit
-from .plan import BEST_SOLVER, OURS, THESIS
+from .exhibit import Exhibit, Row
+from .plan import OURS, THESIS
 from .results import Results
 from .testing import Outcome
 
@@ -107,12 +107,13 @@ def _table(groups: Groups) -> Exhibit:
     trained = [_with_trained_limits(tests[OURS]) for tests in groups.values()]
     rows.append(("limits from training: known rejected", *(known for known, _ in trained)))
     rows.append(("limits from training: unknown accepted", *(unknown for _, unknown in trained)))
-    return exhibit(
+    return Exhibit(
         "unknown",
         ("score", *(f"{name}, %" for name in groups)),
         rows,
-        best=BEST_SOLVER,
-        counts=", ".join(f"{name} {len(tests[OURS])}" for name, tests in groups.items()),
+        values={
+            "counts": ", ".join(f"{name} {len(tests[OURS])}" for name, tests in groups.items()),
+        },
     )
 
 
@@ -130,7 +131,7 @@ def _curves(groups: Groups) -> Exhibit:
         rows.append((name, "limits from training", x, y))
         lines.append(plots.Line("limits from training", [x], [y], style="*", colour="#000000"))
         panels.append(plots.Panel(name, tuple(lines)))
-    return exhibit(
+    return Exhibit(
         "unknown_curves",
         ("tests", "score", "known_rejected_pct", "unknown_accepted_pct"),
         rows,

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from capture.studies.benchmark.mixtures import Mixtures, Textures, observed_text
 from capture.studies.benchmark.pipeline import pipeline_section
 from capture.studies.benchmark.run import print_benchmark
 from capture.studies.benchmark.scenes import mosaic, rotated_patch, texture_tile
-from capture.studies.benchmark.search import Space, required_space, search_section
+from capture.studies.benchmark.search import search_section
 from capture.studies.benchmark.settings import Settings
 from capture.studies.benchmark.solvers import drop_darkest, normal_least_squares, solver_sections
 from capture.studies.stopwatch import shortest_ms
@@ -41,7 +40,6 @@ SMALL = Settings(
     match_queries=3,
     recall_queries=10,
     largest_recall_queries=10,
-    all_memory_steps=False,
 )
 
 
@@ -214,20 +212,6 @@ def test_search_is_measured_at_every_size(textures: Textures, tmp_path: Path) ->
     assert targets == [1000.0, 50.0, 50.0, 99.9, 99.9]
     without = values(search_section(mixtures, None, SMALL))
     assert not any("1,600" in step or "opening" in step for step in without)
-
-
-def test_the_required_space_is_compared_with_the_free_space(
-    textures: Textures, tmp_path: Path
-) -> None:
-    space = required_space(100_000, textures, tmp_path)
-    assert space.disk > 100_000 * textures.signatures.shape[-1] * 4
-    assert space.memory > space.disk
-    assert space.free_memory > 0
-    assert "100,000 references need" in str(space)
-    fits = Space(1, disk=10, memory=10, free_disk=11, free_memory=11)
-    assert fits.is_enough
-    assert not replace(fits, free_disk=9).is_enough
-    assert not replace(fits, free_memory=9).is_enough
 
 
 def test_peak_memory_counts_what_a_step_allocates() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.studies.reproduction.exhibit import exhibit
+from capture.studies.reproduction.exhibit import Exhibit
 from capture.studies.reproduction.experiments import material_textures, plan_of, thirty_textures
 from capture.studies.reproduction.page import page
 from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
@@ -181,7 +181,9 @@ def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
 
 
 def test_names_are_escaped_on_the_page() -> None:
-    shown = exhibit("orientation", ("textures",), [("<b>",)], sharpness="1", best="ps4")
+    shown = Exhibit(
+        "orientation", ("textures",), [("<b>",)], values={"sharpness": "1", "best": "ps4"}
+    )
     html = page([(shown, b"")], {"textures": "a & b"}, quick=True)
     assert "&lt;b&gt;" in html
     assert "a &amp; b" in html
