@@ -1,4 +1,4 @@
-"""How often exchanged lights are noticed, and right ones suspected, on rendered surfaces.
+"""Rates at which exchanged lights are noticed, and correct ones suspected.
 
 ``pytest tests/rig/test_light_order_rates.py -s`` prints the table.
 """
@@ -29,17 +29,17 @@ EXPOSURE_MS = 20.0
 
 def scenes(lighting: Lighting) -> Iterator[SceneImages]:
     for seed, name in enumerate(SYNTHETIC_30):
-        turn_deg = (0.0, 20.0, 45.0)[seed % 3]
-        yield render_frame(synthetic_surface(name, seed, 512), lighting, 256, turn_deg)
+        rotate_deg = (0.0, 20.0, 45.0)[seed % 3]
+        yield render_frame(synthetic_surface(name, seed, 512), lighting, 256, rotate_deg)
     for folder in bundled_materials().values():
         surface = load_material(folder)
-        for turn_deg in (0.0, 20.0):
-            yield render_frame(surface, lighting, 256, turn_deg, (turn_deg, 11.0))
+        for rotate_deg in (0.0, 20.0):
+            yield render_frame(surface, lighting, 256, rotate_deg, (rotate_deg, 11.0))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slant_deg", [30.0, 70.0])
-def test_exchanged_lights_are_noticed_and_right_ones_never_suspected(slant_deg: float) -> None:
+def test_exchanged_lights_are_noticed_and_correct_ones_never_suspected(slant_deg: float) -> None:
     lighting = Lighting.ring(slant_deg)
     found: Counter[str] = Counter()
     for number, scene in enumerate(scenes(lighting)):
@@ -67,22 +67,22 @@ def test_exchanged_lights_are_noticed_and_right_ones_never_suspected(slant_deg: 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error_deg", [3.0, 8.0])
-def test_lights_that_stand_elsewhere_and_are_not_equally_strong(error_deg: float) -> None:
+def test_exchanged_lights_are_noticed_with_wrong_angles_and_levels(error_deg: float) -> None:
     rng = np.random.default_rng(3)
-    said, sensor = Lighting.ring(45.0), SensorModel()
+    configured, sensor = Lighting.ring(45.0), SensorModel()
     found: Counter[str] = Counter()
     for name in SYNTHETIC_30:
-        tilts = said.tilts_deg + rng.normal(0.0, error_deg, 4)
-        slants = said.slants_deg + rng.normal(0.0, error_deg, 4)
-        really = Lighting.from_angles(tuple(tilts), tuple(slants))
-        scene = render_frame(synthetic_surface(name, 5, 512), really, 192, 30.0)
+        tilts = configured.tilts_deg + rng.normal(0.0, error_deg, 4)
+        slants = configured.slants_deg + rng.normal(0.0, error_deg, 4)
+        actual = Lighting.from_angles(tuple(tilts), tuple(slants))
+        scene = render_frame(synthetic_surface(name, 5, 512), actual, 192, 30.0)
         light = np.concatenate([scene.lights, 0.0 * scene.ambient[None]]) + scene.ambient
         light[:4] *= rng.uniform(0.8, 1.2, (4, 1, 1)).astype(np.float32)
         *images, ambient = (sensor.expose(each * np.float32(16.0), rng) for each in light)
         known = {"ambient": ambient, "full_scale": sensor.full_scale_dn}
-        found["suspected"] += light_order(images, said, **known).is_refuted
+        found["suspected"] += light_order(images, configured, **known).is_refuted
         for order in EXCHANGED.values():
             exchanged = [images[light] for light in order]
-            found["noticed"] += light_order(exchanged, said, **known).is_refuted
+            found["noticed"] += light_order(exchanged, configured, **known).is_refuted
     assert found["suspected"] == 0
     assert found["noticed"] >= 0.97 * len(EXCHANGED) * len(SYNTHETIC_30)

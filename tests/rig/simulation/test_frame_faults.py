@@ -1,4 +1,4 @@
-"""Faults of frames and plans of faults: what a program that reads the rig sees of them."""
+"""Frame faults and fault plans, as a program that reads the rig sees them."""
 
 from pathlib import Path
 from typing import Any
@@ -22,49 +22,43 @@ def frames(count: int, *faults: dict[str, Any]) -> list[Frame]:
 GOOD = frames(8)
 
 
-def test_no_plan_no_wrapper(tmp_path: Path) -> None:
-    assert RigConfig().simulation.faults is None
-    assert frames(1)[0].sequence == 0
-    del tmp_path
-
-
 @pytest.mark.parametrize(
     ("kind", "sequences"),
     [("dropped", [0, 1, 3, 4]), ("repeated_frame", [0, 1, 2, 2]), ("black", [0, 1, 2, 3])],
 )
-def test_frames_are_left_out_or_come_twice_by_number(kind: str, sequences: list[int]) -> None:
+def test_frames_are_dropped_or_repeated_by_number(kind: str, sequences: list[int]) -> None:
     faulty = frames(4, {"kind": kind, "when": {"nth": 3}})
     assert [frame.sequence for frame in faulty] == sequences
 
 
-def test_pixels_of_the_frame_before_come_under_a_number_of_their_own() -> None:
+def test_repeated_pixels_have_a_new_sequence_number() -> None:
     faulty = frames(4, {"kind": "repeated_pixels", "when": {"nth": 3}})
     assert [frame.sequence for frame in faulty] == [0, 1, 2, 3]
     np.testing.assert_array_equal(faulty[2].pixels, GOOD[1].pixels)
     np.testing.assert_array_equal(faulty[3].pixels, GOOD[3].pixels)
 
 
-def test_a_torn_frame_ends_in_an_older_one() -> None:
+def test_a_torn_frame_ends_with_rows_of_an_older_one() -> None:
     torn = frames(5, {"kind": "torn", "row_share": 0.25, "frames_back": 2, "when": {"nth": 4}})[3]
     np.testing.assert_array_equal(torn.pixels[:8], GOOD[3].pixels[:8])
     np.testing.assert_array_equal(torn.pixels[8:], GOOD[1].pixels[8:])
 
 
-def test_black_is_zero_and_dark_is_noise_around_the_black_level() -> None:
+def test_a_black_frame_is_zero_and_a_dark_one_has_noise() -> None:
     black, dark = (frames(1, {"kind": kind})[0].pixels for kind in ("black", "dark"))
     assert not black.any()
     assert dark.mean() == pytest.approx(4095 / 64, abs=0.5)
     assert dark.std() == pytest.approx(2.0, rel=0.1)
 
 
-def test_late_frames_and_late_stamps() -> None:
+def test_a_late_stamp_is_shifted_and_a_late_frame_delayed() -> None:
     late = frames(3, {"kind": "stamped_late", "delay_ms": 7.0, "when": {"nth": 2}})
     assert late[1].exposure_start_s == pytest.approx(GOOD[1].exposure_start_s + 0.007)
     assert late[2].exposure_start_s == pytest.approx(GOOD[2].exposure_start_s)
     assert frames(2, {"kind": "late", "delay_ms": 500.0})[1].sequence == 1
 
 
-def test_an_exposure_that_drifts_grows_by_its_rate() -> None:
+def test_a_drifting_exposure_grows_by_its_rate() -> None:
     drifting = frames(8, {"kind": "drift", "rate_per_s": 0.6})
     black = 4095 / 64
     for frame, good in zip(drifting, GOOD, strict=True):
@@ -84,7 +78,7 @@ def test_a_camera_that_is_gone_stays_gone() -> None:
                 rig.camera.read(1.0)
 
 
-def test_a_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
+def test_a_fault_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text('seed = 3\n[[leds]]\nkind = "dim"\nled = 2\nshare = 0.1\n')
     base = '[lights]\nport = "simulated"\n'
     (tmp_path / "named.toml").write_text(base + '[simulation]\nfaults = "plan.toml"\n')
@@ -109,7 +103,7 @@ def test_a_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
         (None, "plan.toml: no such fault plan"),
     ],
 )
-def test_a_plan_that_cannot_be_is_refused(tmp_path: Path, plan: str | None, cause: str) -> None:
+def test_an_invalid_fault_plan_is_refused(tmp_path: Path, plan: str | None, cause: str) -> None:
     if plan is not None:
         (tmp_path / "plan.toml").write_text(plan)
     (tmp_path / "rig.toml").write_text(

@@ -1,4 +1,4 @@
-"""A captured set played back as a camera."""
+"""A camera that replays a captured set."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ def replay(path: Path, **changes: dict[str, object]) -> RigConfig:
     return RigConfig().with_changes(camera=camera, **changes)
 
 
-def test_a_set_comes_out_again_pixel_for_pixel_and_says_what_it_is(oak: Path) -> None:
+def test_a_replayed_set_has_the_same_pixels_and_names_its_origin(oak: Path) -> None:
     original = CapturedSet.load(oak)
     with open_rig(replay(oak)) as rig:
         again = capture_set(rig, "again")
@@ -42,7 +42,7 @@ def test_a_set_comes_out_again_pixel_for_pixel_and_says_what_it_is(oak: Path) ->
     assert again.noise == original.noise
 
 
-def test_what_is_shown_depends_on_the_led_that_is_on_and_on_when(oak: Path) -> None:
+def test_a_replayed_frame_shows_the_led_of_its_exposure(oak: Path) -> None:
     original = CapturedSet.load(oak)
     assert original.ambient is not None
     with open_rig(replay(oak)) as rig:
@@ -55,20 +55,20 @@ def test_what_is_shown_depends_on_the_led_that_is_on_and_on_when(oak: Path) -> N
         next((k for k, image in enumerate(by_light) if np.array_equal(frame.pixels, image)), None)
         for frame in shown
     ]
-    # Frames from before the switch wait in the queue: LED 2's, with a mixture where it came on.
+    # Stale frames of LED 2 wait in the queue, the first one a mixture.
     assert lights[1:4] == [3, 3, 3]
     assert lights[-1] == 4
     assert shown[1].exposure_start_s > switch.acknowledged_s
 
 
 @pytest.mark.parametrize("who", ["strobe", "trigger"])
-def test_it_is_replayed_to_a_controller_that_switches_by_itself(oak: Path, who: str) -> None:
+def test_a_set_is_replayed_in_a_sequence_of_the_controller(oak: Path, who: str) -> None:
     with open_rig(replay(oak, lights={"synchronisation": who})) as rig:
         again = capture_set(rig)
     np.testing.assert_array_equal(again.images, CapturedSet.load(oak).images)
 
 
-def test_eight_bits_are_eight_bits(tmp_path: Path) -> None:
+def test_a_set_of_8_bits_is_replayed_with_8_bits(tmp_path: Path) -> None:
     path = tmp_path / "a.ome.tif"
     with open_rig(RigConfig().with_changes(camera={**CAMERA, "bits": 8})) as rig:
         capture_set(rig).save(path)
@@ -83,7 +83,7 @@ def test_an_average_is_replayed_at_its_own_depth(tmp_path: Path) -> None:
         capture_set(rig, average=3).save(path)
     with open_rig(replay(path)) as rig:
         assert rig.camera.info.bit_depth == 16
-        # Its noise is not that of one frame of the camera that took it.
+        # The noise of an average is not that of one frame.
         assert rig.camera.info.gain_e_per_dn is None
         np.testing.assert_array_equal(capture_set(rig).images, CapturedSet.load(path).images)
 
@@ -96,14 +96,14 @@ def test_the_file_is_found_beside_rig_toml(oak: Path) -> None:
     assert load_config(path).camera.set_file == str(oak)
 
 
-def test_lights_that_stand_elsewhere_are_refused(oak: Path) -> None:
+def test_other_light_directions_are_refused(oak: Path) -> None:
     with pytest.raises(InputError, match=r"was lit from tilts 0, 90, 180, 270 at slants 45"):
         open_rig(replay(oak, lights={"slant_deg": 30.0}))
     with pytest.raises(InputError, match=r"set lights\.tilts_deg"):
         open_rig(replay(oak, lights={"tilts_deg": [0.0, 120.0, 240.0]}))
 
 
-def test_no_part_can_be_laid_below_it(oak: Path) -> None:
+def test_no_part_can_be_put_below_a_replaying_camera(oak: Path) -> None:
     with open_rig(replay(oak)) as rig:
         assert rig.simulation is not None
         with pytest.raises(InputError, match="replays a set"):
@@ -111,7 +111,7 @@ def test_no_part_can_be_laid_below_it(oak: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"II*\0", b"no tiff at all"])
-def test_what_is_no_set_is_named(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_a_set_is_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "x.ome.tif"
     with pytest.raises(InputError, match=r"x\.ome\.tif: no such file"):
         open_rig(replay(path))
@@ -120,7 +120,7 @@ def test_what_is_no_set_is_named(tmp_path: Path, content: bytes) -> None:
         open_rig(replay(path))
 
 
-def test_a_set_that_was_changed_is_refused(oak: Path, tmp_path: Path) -> None:
+def test_a_changed_set_is_refused(oak: Path, tmp_path: Path) -> None:
     data = bytearray(oak.read_bytes())
     data[len(data) // 2] ^= 1
     path = tmp_path / "changed.ome.tif"

@@ -1,4 +1,4 @@
-"""The sensor's numbers against its own data sheet."""
+"""The simulated sensor has the properties that it states."""
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ def exposed(sensor: SensorModel, light_ms: float, seed: int = 1) -> npt.NDArray[
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_pixels_are_of_the_depth_and_saturate_at_its_top(bits: int) -> None:
+def test_pixels_have_the_bit_depth_and_saturate_at_its_maximum(bits: int) -> None:
     sensor = SensorModel(bit_depth=bits)
     pixels = sensor.expose(np.full((8, 8), 1000.0, np.float32), np.random.default_rng(0))
     assert pixels.dtype == (np.uint8 if bits == 8 else np.uint16)
@@ -21,12 +21,12 @@ def test_pixels_are_of_the_depth_and_saturate_at_its_top(bits: int) -> None:
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_the_mean_follows_the_light_from_the_black_level_on(bits: int) -> None:
+def test_the_mean_is_proportional_to_the_light_above_the_black_level(bits: int) -> None:
     sensor = SensorModel(bit_depth=bits)
     for light_ms in (0.0, 1.0, 5.0, 20.0):
         expected = sensor.black_level_dn + light_ms * sensor.white_e_per_ms / sensor.gain_e_per_dn
         noise = np.sqrt(light_ms * 425.0 + 25.0) / sensor.gain_e_per_dn
-        # Less noise than half a step does not blur the steps of the converter.
+        # Noise below half a step leaves the rounding of the converter in the mean.
         step = 0.5 if noise < 0.5 else 0.0
         assert exposed(sensor, light_ms).mean() == pytest.approx(
             expected, abs=5 * np.hypot(noise, 0.3) / 256 + step
@@ -52,7 +52,7 @@ def test_photon_transfer_is_a_line_of_slope_one_over_gain(bits: int) -> None:
     assert np.corrcoef(means, variances)[0, 1] > 0.9999
 
 
-def test_darkness_is_not_cut_off_at_zero() -> None:
+def test_dark_noise_is_not_clipped_at_zero() -> None:
     sensor = SensorModel()
     dark = exposed(sensor, 0.0)
     assert dark.min() > 0.0
@@ -65,7 +65,7 @@ def test_the_same_generator_gives_the_same_pixels() -> None:
     assert (exposed(SensorModel(), 7.0, 3) != exposed(SensorModel(), 7.0, 4)).any()
 
 
-def test_the_light_that_is_given_is_not_changed() -> None:
+def test_expose_does_not_change_its_input() -> None:
     light = np.full((4, 4), 3.0, np.float32)
     SensorModel().expose(light, np.random.default_rng(0))
     assert (light == 3.0).all()

@@ -1,4 +1,4 @@
-"""What the simulated driver stamps on its frames, and what the rig makes of it."""
+"""Exposure starts that the rig derives from a simulated driver's time stamps."""
 
 import numpy as np
 import pytest
@@ -9,26 +9,20 @@ PERIOD_MS, EXPOSURE_MS = 1000.0 / 30.0, 20.0
 
 
 def late_by_ms(camera: dict[str, object], simulation: dict[str, object]) -> np.ndarray:
-    """How much later than the truth 40 frames are said to have begun."""
+    """Reported minus true exposure start of 40 frames, ms."""
     size = {"width_px": 16, "height_px": 16}
     config = RigConfig().with_changes(camera=size | camera, simulation=simulation)
     with open_rig(config) as rig:
-        # The first exposure begins when the camera is opened, the others follow by the period.
-        started_s = 0.0
+        # The first exposure starts at 0 s, when the camera is opened.
         frames = [rig.camera.read(1.0) for _ in range(40)]
-    return np.array(
-        [
-            1e3 * (frame.exposure_start_s - started_s) - PERIOD_MS * frame.sequence
-            for frame in frames
-        ]
-    )
+    return np.array([1e3 * frame.exposure_start_s - PERIOD_MS * frame.sequence for frame in frames])
 
 
-def test_by_default_the_stamp_is_the_truth() -> None:
+def test_by_default_the_reported_start_is_true() -> None:
     np.testing.assert_allclose(late_by_ms({}, {}), 0.0, atol=1e-6)
 
 
-def test_a_driver_that_stamps_late_is_taken_for_one_that_stamps_the_frames_end() -> None:
+def test_a_late_stamp_is_taken_as_the_end_of_the_frame() -> None:
     late = late_by_ms({}, {"stamp_lag_ms": 24.0})
     np.testing.assert_allclose(late, 24.0 - PERIOD_MS - EXPOSURE_MS, atol=1e-6)
 
@@ -44,7 +38,7 @@ def test_a_measured_timing_is_used() -> None:
     np.testing.assert_allclose(late, -0.5, atol=1e-6)
 
 
-def test_jitter_comes_on_top_and_is_the_same_each_time() -> None:
+def test_jitter_adds_to_the_lag_and_is_reproducible() -> None:
     lag = {"stamp_lag_ms": 24.0, "stamp_jitter_ms": 3.0}
     late = late_by_ms({}, lag) - (24.0 - PERIOD_MS - EXPOSURE_MS)
     assert late.min() >= -1e-6
