@@ -1,6 +1,6 @@
-"""Hardware-synchronised sets: the same images as by software, or no set at all.
+"""Hardware-synchronised sets have the images of a set by software, or are rejected.
 
-The truth is asked of the simulated board: how long each LED shone on each frame.
+The simulated board tells how long each LED was on during each frame.
 """
 
 import re
@@ -26,7 +26,7 @@ from rig import (
 )
 
 SMALL = {"width_px": 16, "height_px": 16}
-# Of an exposure. Of a step of the lights at the wrong time far more is wrong.
+# Share of an exposure. A light that changes at the wrong time is wrong for far more.
 WRONG_LIGHT = 0.01
 
 
@@ -43,7 +43,7 @@ def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 
 def wrong_light(rig: Rig, captured: CapturedSet) -> float:
-    """The largest share of an exposure with light that should not be, or without what should."""
+    """Largest share of an exposure with a wrong LED on, or the right one off."""
     assert rig.simulation is not None
     worst = 0.0
     for image in captured.metadata.images:
@@ -60,7 +60,7 @@ def wrong_light(rig: Rig, captured: CapturedSet) -> float:
 
 @pytest.mark.parametrize("synchronisation", ["strobe", "trigger"])
 @pytest.mark.parametrize(("frame_rate_hz", "exposure_ms"), [(30, 20), (60, 8)])
-def test_the_images_are_those_of_a_set_by_software(synchronisation, frame_rate_hz, exposure_ms):
+def test_the_images_equal_those_of_a_set_by_software(synchronisation, frame_rate_hz, exposure_ms):
     camera = {"frame_rate_hz": frame_rate_hz, "exposure_ms": exposure_ms}
     camera |= {"width_px": 64, "height_px": 64}
     sets = []
@@ -72,12 +72,12 @@ def test_the_images_are_those_of_a_set_by_software(synchronisation, frame_rate_h
     assert by_hardware.ambient is not None
     before = np.stack([*by_software.images, by_software.ambient]).astype(float)
     after = np.stack([*by_hardware.images, by_hardware.ambient]).astype(float)
-    noise_dn = np.sqrt(2.0 * (before / 2.44 + 4.0))  # of 10 000 electrons in 4096 levels
+    noise_dn = np.sqrt(2.0 * (before / 2.44 + 4.0))  # 10 000 electrons in 4096 levels
     assert np.abs((after - before) / noise_dn).mean() < 1.5
     assert np.abs((after - before).mean(axis=(1, 2))).max() < 1.0
 
 
-def test_every_image_is_five_periods_apart_from_nothing(rig: Rig) -> None:
+def test_the_five_frames_of_a_set_are_consecutive(rig: Rig) -> None:
     captured = capture_set(rig, "rock")
     assert wrong_light(rig, captured) < WRONG_LIGHT
     metadata = captured.metadata
@@ -96,7 +96,7 @@ def test_every_image_is_five_periods_apart_from_nothing(rig: Rig) -> None:
     assert rig.lights.state().led is None
 
 
-def test_it_takes_five_frame_periods_and_the_wait_for_the_first(rig: Rig) -> None:
+def test_a_set_takes_five_frame_periods_and_the_wait_for_the_first(rig: Rig) -> None:
     start_s = rig.clock.now_s()
     captured = capture_set(rig)
     frames = [image.frames[0] for image in captured.metadata.images]
@@ -106,7 +106,7 @@ def test_it_takes_five_frame_periods_and_the_wait_for_the_first(rig: Rig) -> Non
     assert rig.clock.now_s() - start_s < 6.2 / 30
 
 
-def test_the_mean_of_several_sequences(rig: Rig) -> None:
+def test_an_average_is_the_mean_of_several_sequences(rig: Rig) -> None:
     captured = capture_set(rig, average=4)
     assert captured.metadata.full_scale == 65535
     assert wrong_light(rig, captured) < WRONG_LIGHT
@@ -114,13 +114,13 @@ def test_the_mean_of_several_sequences(rig: Rig) -> None:
         assert len(image.frames) == len(image.exposures_us) == 4
 
 
-def test_the_record_comes_back_from_the_file(rig: Rig, tmp_path) -> None:
+def test_the_record_of_a_sequence_is_restored_from_the_file(rig: Rig, tmp_path) -> None:
     captured = capture_set(rig)
     captured.save(tmp_path / "a.ome.tif")
     assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
 
 
-def test_without_a_strobe_triggered_frames_are_known_by_their_times(monkeypatch):
+def test_without_a_strobe_triggered_frames_are_found_by_their_times(monkeypatch):
     with open_rig(config("trigger")) as rig:
         assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
@@ -129,7 +129,7 @@ def test_without_a_strobe_triggered_frames_are_known_by_their_times(monkeypatch)
         assert captured.metadata.images[0].exposures_us == ()
 
 
-# timing: what fits, what takes every other frame, what is refused
+# timing
 
 
 @pytest.mark.slow
@@ -146,7 +146,7 @@ def test_without_a_strobe_triggered_frames_are_known_by_their_times(monkeypatch)
 def test_no_timing_lets_wrong_light_into_a_frame(
     synchronisation, period_ms, exposed_share, rise_ms, settle_ms, turn_us, readout_ms
 ):
-    """Slow LEDs, an exposure that fills the period, a slow controller: right or refused."""
+    """Slow LEDs, an exposure that fills the period, a slow controller: correct or rejected."""
     try:
         rig_config = config(
             synchronisation,
@@ -173,7 +173,7 @@ def test_no_timing_lets_wrong_light_into_a_frame(
     ("changes", "frames_per_step"),
     [
         ({}, 1),
-        ({"camera": {"exposure_ms": 27.0}}, 1),  # 6.3 ms remain for 5 ms and the reaction
+        ({"camera": {"exposure_ms": 27.0}}, 1),  # leaves 6.3 ms for 5 ms and the reaction
         ({"camera": {"exposure_ms": 29.0}}, 2),
         ({"camera": {"frame_rate_hz": 60, "exposure_ms": 15.0}}, 2),
         ({"lights": {"settle_ms": 9.0}, "simulation": {"led_rise_ms": 4.0}}, 1),
@@ -181,7 +181,7 @@ def test_no_timing_lets_wrong_light_into_a_frame(
         ({"lights": {"settle_ms": 70.0}, "simulation": {"led_rise_ms": 30.0}}, 3),
     ],
 )
-def test_a_light_that_needs_longer_takes_every_other_frame(changes, frames_per_step):
+def test_a_slow_light_takes_several_frames(changes, frames_per_step):
     with open_rig(config(**changes)) as rig:
         captured = capture_set(rig)
         assert wrong_light(rig, captured) < WRONG_LIGHT
@@ -189,7 +189,7 @@ def test_a_light_that_needs_longer_takes_every_other_frame(changes, frames_per_s
         assert np.diff(sequences[:4]).tolist() == [frames_per_step] * 3
 
 
-def test_a_controller_slower_than_the_pause_is_rejected_not_believed():
+def test_a_controller_slower_than_the_pause_is_rejected():
     slow = {"controller_turn_us": (30_000.0, 30_000.0)}
     with open_rig(config(simulation=slow)) as rig, pytest.raises(SetRejected, match="was late"):
         capture_set(rig)
@@ -198,8 +198,8 @@ def test_a_controller_slower_than_the_pause_is_rejected_not_believed():
 # disturbances
 
 
-class Tampered:
-    """A camera whose frames pass through somebody's hands."""
+class ChangedCamera:
+    """A camera whose frames pass through `change`; None drops one."""
 
     def __init__(self, rig: Rig, change: Callable[[Frame, int], Frame | None]) -> None:
         self._camera = rig.camera
@@ -251,9 +251,9 @@ def stamp_late(frame: Frame, _count: int) -> Frame:
         (stamp_late, r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency"),
     ],
 )
-def test_frames_that_are_not_as_they_should(rig: Rig, change, cause) -> None:
+def test_a_disturbed_frame_is_rejected_with_its_cause(rig: Rig, change, cause) -> None:
     try:
-        captured = capture_set(replace(rig, camera=Tampered(rig, change)))
+        captured = capture_set(replace(rig, camera=ChangedCamera(rig, change)))
     except SetRejected as error:
         causes = str(error)
     else:
@@ -264,8 +264,8 @@ def test_frames_that_are_not_as_they_should(rig: Rig, change, cause) -> None:
     assert wrong_light(rig, capture_set(rig)) < WRONG_LIGHT
 
 
-def test_a_frame_period_early_is_seen_in_the_dark_that_follows(rig: Rig) -> None:
-    """Times that are a whole period off fit to the strobe; the images then do not fit."""
+def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
+    # Stamps that are off by a period fit the strobe, but the images do not.
     period_s = rig.camera.info.frame_period_s
 
     def early(frame: Frame, _count: int) -> Frame:
@@ -276,10 +276,10 @@ def test_a_frame_period_early_is_seen_in_the_dark_that_follows(rig: Rig) -> None
         )
 
     with pytest.raises((SetRejected, CameraError)):
-        capture_set(replace(rig, camera=Tampered(rig, early)))
+        capture_set(replace(rig, camera=ChangedCamera(rig, early)))
 
 
-def test_a_strobe_that_runs_ahead_of_the_exposure_is_not_believed(monkeypatch) -> None:
+def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
     with open_rig(config()) as rig:
         assert rig.simulation is not None
         wire = rig.simulation.board.strobe
@@ -290,20 +290,20 @@ def test_a_strobe_that_runs_ahead_of_the_exposure_is_not_believed(monkeypatch) -
             capture_set(rig)
 
 
-@pytest.mark.parametrize(("uncertainty_ms", "is_taken"), [(0.0, False), (1.0, True)])
-def test_uncertain_time_stamps_count_as_well_as_they_are_known(uncertainty_ms, is_taken) -> None:
+@pytest.mark.parametrize(("uncertainty_ms", "is_accepted"), [(0.0, False), (1.0, True)])
+def test_stamps_may_be_off_by_their_configured_uncertainty(uncertainty_ms, is_accepted) -> None:
     uncertain = config(
         camera={"timestamp_offset_ms": -2.5, "timestamp_uncertainty_ms": uncertainty_ms}
     )
     with open_rig(uncertain) as rig:
-        if is_taken:
+        if is_accepted:
             capture_set(rig)
         else:
             with pytest.raises(SetRejected, match="run ps4rig rig latency"):
                 capture_set(rig)
 
 
-def test_a_strobe_that_is_not_connected_is_named(monkeypatch) -> None:
+def test_an_unconnected_strobe_is_named(monkeypatch) -> None:
     with open_rig(config()) as rig:
         assert rig.simulation is not None
         monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
@@ -311,7 +311,7 @@ def test_a_strobe_that_is_not_connected_is_named(monkeypatch) -> None:
             capture_set(rig)
 
 
-def test_a_restart_in_mid_sequence_is_an_error(rig: Rig) -> None:
+def test_a_restart_during_a_sequence_is_an_error(rig: Rig) -> None:
     rebooting = rig.config.with_changes(
         simulation={"faults": {"lines": [{"kind": "reboot", "containing": "SEQ:STAT"}]}}
     )
@@ -319,7 +319,7 @@ def test_a_restart_in_mid_sequence_is_an_error(rig: Rig) -> None:
         capture_set(faulty)
 
 
-def test_the_watchdog_in_mid_sequence_is_named(rig: Rig) -> None:
+def test_a_watchdog_during_a_sequence_is_named(rig: Rig) -> None:
     rig.lights.ask("SYST:WDOG 100", 1)
     with pytest.raises(SetRejected, match="Watchdog"):
         capture_set(rig)
@@ -334,7 +334,7 @@ def test_the_watchdog_in_mid_sequence_is_named(rig: Rig) -> None:
     lost=st.sets(st.integers(0, 9), max_size=2),
 )
 def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing, lost):
-    """Spikes of any width at any time, edges that do not arrive, frames that are lost."""
+    """Spikes of any width at any time, missing edges, lost frames."""
     assume(spikes or missing or lost)
     with open_rig(config(synchronisation)) as rig:
         assert rig.simulation is not None
@@ -355,7 +355,7 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
             return None if count in lost else frame
 
         try:
-            captured = capture_set(replace(rig, camera=Tampered(rig, drop)))
+            captured = capture_set(replace(rig, camera=ChangedCamera(rig, drop)))
         except (SetRejected, CameraError):
             return
         assert wrong_light(rig, captured) < WRONG_LIGHT
@@ -395,7 +395,7 @@ def test_faulty_frames_never_make_a_wrong_set(synchronisation, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("frame_rate_hz", [30, 60])
 def test_in_real_time(rig: Rig, frame_rate_hz) -> None:
-    """A busy computer may be too late for a set, but never with the wrong light."""
+    """A busy computer may reject sets, but never accepts wrong light."""
     real = rig.config.with_changes(
         simulation={"clock": "real"}, camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": 8}
     )
