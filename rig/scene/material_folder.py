@@ -6,9 +6,9 @@
 | `normal.png`, `.jpg` or `.jpeg` | OpenGL convention: red x right, green y up, blue to the viewer |
 | `albedo.png`, `.jpg` or `.jpeg` | sRGB, colour or grey |
 | `material.json` | `size_mm` (width of the tile) and `relief_mm` (black to white of the height) |
-| `meta.json` | if sizes are unknown: `height.scale_px_per_unit`, pixels from black to white |
+| `meta.json` | without known sizes: `height.scale_px_per_unit`, pixels from black to white |
 
-A height or a normal map is needed, the rest may be missing.
+A height or a normal map is required; the other files are optional.
 """
 
 from __future__ import annotations
@@ -23,27 +23,28 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat, ValidationError
 
 from classify.errors import InputError
 from classify.images.colour import linear_from_srgb, luminance
+from classify.regular_file import read_regular_file
 
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
 
 __all__ = ["bundled_materials", "load_material"]
 
 DEFAULT_ALBEDO = 0.8
-"""Where a material has no albedo map."""
+"""Albedo of a material without an albedo map."""
 
 DEFAULT_RMS_SLOPE = 0.30
-"""What a height without known relief is scaled to; scanned materials lie between 0.1 and 0.9."""
+"""Slope of a height of unknown relief; scanned materials have 0.1 to 0.9."""
 
 STEEPEST_SLOPE = 10.0
-"""84 degrees. An 8-bit normal this flat to the surface tells no more than that it is steep."""
+"""84 degrees; one step of an 8-bit normal map changes this slope by 8 %."""
 
 MAX_JSON_BYTES = 1 << 20
 
-PICTURE_ENDINGS = ("png", "jpg", "jpeg")
+MAP_ENDINGS = ("png", "jpg", "jpeg")
 
 
 class _MaterialNotes(BaseModel):
-    """What is read of `material.json`; it may hold more, such as a name or a licence."""
+    """Fields read from `material.json`, which may have more, such as a name or a licence."""
 
     model_config = ConfigDict(extra="ignore", strict=True, frozen=True, allow_inf_nan=False)
 
@@ -52,45 +53,43 @@ class _MaterialNotes(BaseModel):
 
 
 def bundled_materials() -> dict[str, Path]:
-    """The material folders that come with the package, by name."""
-    shelf = Path(__file__).parent / "materials"
-    return {folder.name: folder for folder in sorted(shelf.iterdir()) if folder.is_dir()}
+    """The material folders of the package, by name."""
+    materials = Path(__file__).parent / "materials"
+    return {folder.name: folder for folder in sorted(materials.iterdir()) if folder.is_dir()}
 
 
 def load_material(folder: str | Path) -> PeriodicSurface:
     """Read a material folder as one period of a surface.
 
-    Gradients come from the normal map where there is one, its slopes limited to
-    `STEEPEST_SLOPE`; else they are the spectral derivatives of the height, which lose less than
-    central differences even on 8-bit heights (0.03 to 0.11 against 0.35 to 0.47 of the rms slope
-    on three of the four synthetic textures).
+    Gradients come from the normal map, with slopes limited to `STEEPEST_SLOPE`. Without one they
+    are the spectral derivatives of the height. Their error on 8-bit heights of the synthetic
+    textures is 0.03 to 0.11 of the rms slope; that of central differences is 0.35 to 0.47.
 
-    The height, which casts the shadows, is `height.png` at its known scale: `relief_mm` and
-    `size_mm` of `material.json`, or `height.scale_px_per_unit` of a `meta.json`. At unknown
-    scale it is fitted to the normal map by least squares, or without one scaled to the rms slope
-    `DEFAULT_RMS_SLOPE`. Without `height.png` it is integrated from the normals.
+    The height, which casts the shadows, is `height.png`. Its scale comes from `relief_mm` and
+    `size_mm` of `material.json`, or from `height.scale_px_per_unit` of `meta.json`. An unknown
+    scale is fitted to the normal map by least squares, or set to the rms slope
+    `DEFAULT_RMS_SLOPE`. Without `height.png` the height is integrated from the normals.
 
-    A material that is not a seamless tile is repeated all the same, and has a seam. Waves beyond
-    0.4 to 0.48 cycles/px are taken away (see `PeriodicSurface.band_limited`): a turned copy could
-    not show them, because pixels hold finer waves along their diagonals than along their rows.
+    A material that is not a seamless tile has a seam where it repeats. Waves beyond 0.4 to 0.48
+    cycles/px are removed (see `PeriodicSurface.band_limited`).
 
     Parameters
     ----------
     folder
-        Its files are described at the top of this module; its name becomes the surface's.
+        A folder with the files described at the top of this module. The surface gets its name.
 
     Raises
     ------
     InputError
-        For a missing folder or file, a file that is not an image, sizes that differ or are
-        beyond `MAX_SIDE_PX`, a `material.json` or `meta.json` that cannot be understood.
+        For a missing folder or file, a file that is not an image, sizes that differ or exceed
+        `MAX_SIDE_PX`, or an invalid `material.json` or `meta.json`.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such material folder")
     height_file = _only_file(folder, "height", ("png",))
-    normal_file = _only_file(folder, "normal", PICTURE_ENDINGS)
-    albedo_file = _only_file(folder, "albedo", PICTURE_ENDINGS)
+    normal_file = _only_file(folder, "normal", MAP_ENDINGS)
+    albedo_file = _only_file(folder, "albedo", MAP_ENDINGS)
     if normal_file is None and height_file is None:
         raise InputError(
             f"{folder}: no height.png and no normal.png or normal.jpg; a material needs one of them"
@@ -127,13 +126,13 @@ def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None
     found = [folder / f"{stem}.{end}" for end in endings if (folder / f"{stem}.{end}").is_file()]
     if len(found) > 1:
         names = " and ".join(file.name for file in found)
-        raise InputError(f"{folder}: {names} are both there; keep the one that counts")
+        raise InputError(f"{folder}: {names} are both there; remove one of them")
     return found[0] if found else None
 
 
 def _read(file: Path) -> FloatImage:
-    """An image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
-    # Here, so that a rig without such a folder opens without loading the decoders.
+    """Read an image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
+    # Imported here because most rigs never need the decoders.
     from rig.image_file import read_image
 
     image = read_image(file)
@@ -149,14 +148,14 @@ def _read(file: Path) -> FloatImage:
 
 
 def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
-    """P and q of a normal map."""
+    """Slopes p and q of a normal map."""
     x, y, z = np.moveaxis(2.0 * rgb - 1.0, -1, 0)
     if np.median(z) <= 0.0:
         raise InputError(
             f"{file}: most normals point away from the viewer; give a tangent-space normal map "
             "(mostly blue), OpenGL convention"
         )
-    # Limiting z keeps the direction of a steep slope, limiting the slope then its size.
+    # The bound on z keeps the direction of a steep slope, the factor then limits its size.
     steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
     limit = np.minimum(1.0, STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
     return np.asarray(-x * limit, np.float32), np.asarray(-y * limit, np.float32)
@@ -165,14 +164,14 @@ def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
 def _fitted_scale(
     units: npt.NDArray[np.floating], p: FloatImage, q: FloatImage, folder: Path
 ) -> float:
-    """Pixels per unit of height that bring its gradients nearest to p and q."""
+    """Pixels per unit of height, fitted to p and q by least squares."""
     unit_p, unit_q = spectral_gradients(np.asarray(units, np.float32))
     slope = rms_slope(unit_p, unit_q)
     scale = float(np.mean(unit_p * p + unit_q * q)) / slope**2 if slope > 0.0 else 0.0
     if scale <= 0.0:
         raise InputError(
             f"{folder}: height.png falls where the normal map rises; white is high and green is "
-            "up (OpenGL). Correct one, or take height.png away to use the normals alone"
+            "up (OpenGL). Correct one, or remove height.png to use the normals alone"
         )
     return scale
 
@@ -183,7 +182,7 @@ def _default_scale(units: npt.NDArray[np.floating]) -> float:
 
 
 def _known_scale(folder: Path, width_px: int) -> float | None:
-    """Pixels of height from black to white, as `material.json` or else `meta.json` tells it."""
+    """Pixels of height from black to white, from `material.json` or else `meta.json`."""
     file = folder / "material.json"
     if file.is_file():
         try:
@@ -208,13 +207,8 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
 
 
 def _json(file: Path) -> Any:
+    content = read_regular_file(file, MAX_JSON_BYTES)
     try:
-        if file.stat().st_size > MAX_JSON_BYTES:
-            raise InputError(
-                f"{file}: larger than {MAX_JSON_BYTES} bytes; it should be a few lines"
-            )
-        return json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+        return json.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON: {error}") from error

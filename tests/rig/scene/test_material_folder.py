@@ -1,4 +1,4 @@
-"""Material folders: what is read from them, at which scale, and what is refused."""
+"""Material folders: reading, scales and errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rig.scene.synthetic import synthetic_surface
 
 @pytest.fixture(scope="module")
 def truth() -> PeriodicSurface:
-    """A surface without anything the readers' band limit would take away, 64 x 128."""
+    """A surface of 64 x 128 px below the band limit of the reader."""
     rows, cols = np.mgrid[:64, :128]
     height = 3 * np.sin(2 * np.pi * (3 * cols / 128 - 2 * rows / 64)) + np.cos(
         2 * np.pi * (9 * cols / 128 + 4 * rows / 64)
@@ -26,7 +26,7 @@ def truth() -> PeriodicSurface:
 
 
 def write_height(folder: Path, surface: PeriodicSurface, dtype: type = np.uint16) -> float:
-    """Write height.png, black to white over the whole relief; gives that relief in pixels."""
+    """Write height.png, black to white over the whole relief; return the relief in pixels."""
     white = np.iinfo(dtype).max
     units = (surface.height - surface.height.min()) / surface.relief_px
     cv2.imwrite(str(folder / "height.png"), np.round(units * white).astype(dtype))
@@ -39,12 +39,12 @@ def write_normal(
     normal = np.stack([-surface.p, -surface.q, np.ones_like(surface.p)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     rgb = np.round((normal + 1) / 2 * white).astype(np.uint8 if white == 255 else np.uint16)
-    # Without the colours at full resolution a JPEG loses a good part of the slopes.
+    # A JPEG with colours at half resolution loses much of the slopes.
     full = [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
     cv2.imwrite(str(folder / name), rgb[..., ::-1], [*full, cv2.IMWRITE_JPEG_QUALITY, 98])
 
 
-def test_height_with_known_relief(tmp_path: Path, truth: PeriodicSurface) -> None:
+def test_a_height_of_known_relief_keeps_its_scale(tmp_path: Path, truth: PeriodicSurface) -> None:
     relief_px = write_height(tmp_path, truth)
     notes = {"size_mm": 64.0, "relief_mm": relief_px / 2}  # 128 px are 64 mm
     (tmp_path / "material.json").write_text(json.dumps(notes))
@@ -56,7 +56,7 @@ def test_height_with_known_relief(tmp_path: Path, truth: PeriodicSurface) -> Non
 
 
 @pytest.mark.parametrize("notes", [None, {"size_mm": 10}, {"relief_mm": 2.0}, {}])
-def test_height_without_known_relief_gets_the_default_slope(
+def test_a_height_of_unknown_relief_gets_the_default_slope(
     tmp_path: Path, truth: PeriodicSurface, notes: dict[str, float] | None
 ) -> None:
     write_height(tmp_path, truth, np.uint8)
@@ -72,7 +72,7 @@ def test_height_without_known_relief_gets_the_default_slope(
     ("name", "white", "bound"),
     [("normal.png", 255, 0.02), ("normal.png", 65535, 1e-3), ("normal.jpg", 255, 0.1)],
 )
-def test_normal_map_alone(
+def test_a_normal_map_alone_gives_slopes_and_height(
     tmp_path: Path, truth: PeriodicSurface, name: str, white: int, bound: float
 ) -> None:
     write_normal(tmp_path, truth, name, white)
@@ -83,7 +83,7 @@ def test_normal_map_alone(
     assert np.abs(surface.height - level).max() < 0.05 * truth.relief_px
 
 
-def test_normal_map_is_the_truth_and_height_takes_its_scale(
+def test_slopes_come_from_the_normal_map_and_scale_the_height(
     tmp_path: Path, truth: PeriodicSurface
 ) -> None:
     relief_px = write_height(tmp_path, truth)
@@ -94,12 +94,12 @@ def test_normal_map_is_the_truth_and_height_takes_its_scale(
     surface = load_material(tmp_path)
     assert np.ptp(surface.height) == pytest.approx(2.5, rel=1e-3)
     np.testing.assert_allclose(surface.p, truth.p, atol=0.02)
-    # material.json is the user's word and comes first
+    # material.json takes precedence over meta.json
     (tmp_path / "material.json").write_text('{"size_mm": 128, "relief_mm": 7}')
     assert np.ptp(load_material(tmp_path).height) == pytest.approx(7.0, rel=1e-3)
 
 
-def test_normals_along_the_surface_are_limited(tmp_path: Path) -> None:
+def test_slopes_of_flat_normals_are_limited(tmp_path: Path) -> None:
     normal = np.full((32, 32, 3), (255, 128, 128), np.uint8)  # B, G, R
     normal[10, 10] = (128, 128, 255)
     normal[20, 20] = (0, 0, 0)
@@ -116,14 +116,14 @@ def test_albedo_is_linear_luminance(tmp_path: Path, truth: PeriodicSurface) -> N
         np.testing.assert_allclose(load_material(tmp_path).albedo, expected, atol=1e-3)
 
 
-def test_flat_height_is_a_flat_surface(tmp_path: Path) -> None:
+def test_a_constant_height_gives_a_flat_surface(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "height.png"), np.full((32, 32), 77, np.uint8))
     surface = load_material(tmp_path)
     assert not surface.p.any()
     assert not surface.q.any()
 
 
-def test_band_limit_takes_only_what_turning_would_alias() -> None:
+def test_the_band_limit_removes_only_waves_that_would_alias_after_rotation() -> None:
     rows, cols = np.mgrid[:64, :64]
     low = np.cos(2 * np.pi * 20 * cols / 64)  # 0.31 cycles/px
     diagonal = np.cos(2 * np.pi * 28 * (cols + rows) / 64)  # 0.62 cycles/px
@@ -139,7 +139,7 @@ def test_materials_are_band_limited(tmp_path: Path) -> None:
     assert np.abs(surface.q).max() < 1e-3 * np.abs(surface.p).max()
 
 
-def test_bundled_materials_are_whole_and_stated_free() -> None:
+def test_bundled_materials_are_complete_and_in_the_licence_file() -> None:
     folders = bundled_materials()
     assert len(folders) == 8
     licence = (next(iter(folders.values())).parent / "LICENSE.md").read_text()
@@ -152,7 +152,7 @@ def test_bundled_materials_are_whole_and_stated_free() -> None:
     assert sum(f.stat().st_size for d in folders.values() for f in d.iterdir()) < 2.5e6
 
 
-def picture(side: int = 32) -> np.ndarray:
+def malv_image(side: int = 32) -> np.ndarray:
     return (40 * synthetic_surface("malv", 0, side).height + 128).clip(0, 255).astype(np.uint8)
 
 
@@ -169,16 +169,16 @@ def _height_against_normals(folder: Path) -> None:
 
 
 BAD_FOLDERS = {
-    "no picture at all": (lambda _: None, r"no height\.png and no normal"),
+    "no map": (lambda _: None, r"no height\.png and no normal"),
     "not an image": (
         lambda d: (d / "height.png").write_text("hello"), r"height\.png: not a complete PNG image"
     ),
     "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a complete"),
     "other size": (
-        lambda d: cv2.imwrite(str(d / "albedo.png"), picture(16)), r"albedo\.png: 16 x 16 px, but"
+        lambda d: cv2.imwrite(str(d / "albedo.png"), malv_image(16)), r"albedo\.png: 16 x 16 px, but"
     ),
     "too small": (
-        lambda d: cv2.imwrite(str(d / "height.png"), picture()[:4]), "32 x 4 px; the sides"
+        lambda d: cv2.imwrite(str(d / "height.png"), malv_image()[:4]), "32 x 4 px; the sides"
     ),
     "too large": (
         lambda d: cv2.imwrite(str(d / "height.png"), np.zeros((8, 8200), np.uint8)), "8 to 8192"
@@ -190,7 +190,7 @@ BAD_FOLDERS = {
     "wrong type": (
         lambda d: (d / "material.json").write_text('{"size_mm": "3"}'), r"material\.json: size_mm"
     ),
-    "true is no size": (
+    "true as a size": (
         lambda d: (d / "material.json").write_text('{"size_mm": true}'), "material.json: size_mm"
     ),
     "not positive": (
@@ -214,10 +214,10 @@ BAD_FOLDERS = {
 
 
 @pytest.mark.parametrize("case", BAD_FOLDERS)
-def test_bad_folders_are_refused_by_name(tmp_path: Path, case: str) -> None:
+def test_a_bad_folder_gives_one_line_with_its_name(tmp_path: Path, case: str) -> None:
     spoil, words = BAD_FOLDERS[case]
-    if "picture" not in case:
-        cv2.imwrite(str(tmp_path / "height.png"), picture())
+    if case != "no map":
+        cv2.imwrite(str(tmp_path / "height.png"), malv_image())
     spoil(tmp_path)
     with pytest.raises(InputError, match=words) as caught:
         load_material(tmp_path)
@@ -225,13 +225,13 @@ def test_bad_folders_are_refused_by_name(tmp_path: Path, case: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_missing_folder(tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such material folder"):
         load_material(tmp_path / "absent")
 
 
-def test_material_json_may_hold_more_than_is_read(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "height.png"), picture())
+def test_other_fields_of_material_json_are_ignored(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "height.png"), malv_image())
     notes = {"name": "oak", "licence": "CC0 1.0", "size_mm": 100, "relief_mm": 2.0}
     (tmp_path / "material.json").write_text(json.dumps(notes), encoding="utf-8")
     known = load_material(tmp_path).height

@@ -1,4 +1,4 @@
-"""Rendered scenes against the formulas, and against the shadow counts of SCIENCE section 3."""
+"""Rendered scenes against the formulas, and against the shadow counts of the thesis for sand."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def plane(p: float, q: float, side: int = 40) -> SurfacePatch:
 
 
 @pytest.mark.parametrize(("p", "q"), [(0.0, 0.0), (0.3, -0.2), (-0.5, 0.4)])
-def test_plane_follows_the_formula(p: float, q: float) -> None:
+def test_a_plane_follows_lamberts_law(p: float, q: float) -> None:
     lighting = Lighting(Lighting.ring(slant_deg=35.0).directions, np.array([1.0, 0.9, 1.2, 0.5]))
     scene = render_scene(plane(p, q), lighting, ambient=0.05)
     tilt, slant = np.radians(lighting.tilts_deg), np.radians(35.0)
@@ -30,21 +30,21 @@ def test_plane_follows_the_formula(p: float, q: float) -> None:
     assert scene.lights.dtype == scene.ambient.dtype == np.float32
 
 
-def test_plane_that_faces_away_is_dark() -> None:
+def test_a_plane_facing_away_from_a_light_is_dark() -> None:
     scene = render_scene(plane(1.5, 0.0), Lighting.ring(slant_deg=45.0))
     assert scene.shadowed[0].all()
     assert (scene.lights[0] == 0.0).all()
     assert not scene.shadowed[2].any()
 
 
-def test_white_surface_facing_a_light_is_one() -> None:
+def test_a_white_surface_facing_a_light_is_one() -> None:
     ones, zeros = np.ones((8, 8), np.float32), np.zeros((8, 8), np.float32)
     scene = render_scene(SurfacePatch(zeros, zeros, zeros, ones), Lighting.ring(slant_deg=0.0))
     np.testing.assert_allclose(scene.lights, 1.0, rtol=1e-6)
 
 
-def test_opposite_lights_have_one_sum_without_shadow() -> None:
-    """i0 + i180 = i90 + i270 = 2 albedo n_z cos(slant): nothing of p and q is left."""
+def test_both_pairs_of_opposite_lights_have_the_same_sum_without_shadow() -> None:
+    """i0 + i180 = i90 + i270 = 2 albedo n_z cos(slant): p and q cancel."""
     surface = synthetic_surface("malv", seed=0, tile_px=256)
     lighting = Lighting.ring(slant_deg=20.0)
     scene = render_frame(surface, lighting, 128, rotate_deg=25.0)
@@ -58,19 +58,18 @@ def test_opposite_lights_have_one_sum_without_shadow() -> None:
     np.testing.assert_allclose(scene.albedo, ALBEDO, atol=1e-5)
 
 
-def test_turning_surface_and_lights_together_changes_nothing() -> None:
-    """The surface turned by 90 degrees under light 90 is the turned image under light 0."""
+def test_a_surface_rotated_by_90_under_light_90_gives_the_rotated_image_under_light_0() -> None:
     surface = synthetic_surface("sand", seed=4, tile_px=256)
     lighting = Lighting.ring(slant_deg=60.0)
     still = render_frame(surface, lighting, 100)
-    turned = render_frame(surface, lighting, 100, rotate_deg=90.0)
+    rotated = render_frame(surface, lighting, 100, rotate_deg=90.0)
     for light in range(4):
         expected = np.rot90(still.lights[light])
-        agree = np.isclose(turned.lights[(light + 1) % 4], expected, atol=1e-4)
-        assert agree.mean() > 0.999  # but for a rim pixel where rounding decides
+        agree = np.isclose(rotated.lights[(light + 1) % 4], expected, atol=1e-4)
+        assert agree.mean() > 0.999  # except pixels at the rim of a shadow, where rounding decides
 
 
-def test_occluders_outside_the_frame_cast_into_it() -> None:
+def test_relief_outside_the_frame_casts_shadow_into_it() -> None:
     height = np.zeros((128, 128), np.float32)
     height[:, 90:94] = 12.0
     flat = np.zeros_like(height)
@@ -87,7 +86,7 @@ def patches_of_sand() -> list[PeriodicSurface]:
 
 
 @pytest.mark.parametrize(("slant_deg", "percent"), [(40, 1), (50, 7), (60, 19), (70, 37), (80, 61)])
-def test_shadow_count_of_sand(
+def test_sand_has_the_shadow_counts_of_the_thesis(
     patches_of_sand: list[PeriodicSurface], slant_deg: float, percent: float
 ) -> None:
     lighting = Lighting.from_angles([0.0], slant_deg)
@@ -95,7 +94,7 @@ def test_shadow_count_of_sand(
     assert 100 * np.mean(counts) == pytest.approx(percent, abs=2.0)
 
 
-def test_crop_keeps_the_middle() -> None:
+def test_cropping_keeps_the_middle() -> None:
     scene = render_frame(synthetic_surface("rock", 0, 64), Lighting.ring(), 40)
     part = scene.cropped(height_px=20, width_px=30)
     np.testing.assert_array_equal(part.lights, scene.lights[:, 10:30, 5:35])
@@ -104,7 +103,7 @@ def test_crop_keeps_the_middle() -> None:
         scene.cropped(41, 10)
 
 
-def test_bad_input_is_named() -> None:
+def test_bad_arguments_are_named() -> None:
     with pytest.raises(InputError, match="margin"):
         render_scene(plane(0, 0), Lighting.ring(), margin_px=20)
     with pytest.raises(InputError, match="ambient"):

@@ -1,4 +1,4 @@
-"""The 30 synthetic textures to measure with, and the twins of equal power spectrum."""
+"""The 30 synthetic textures, and the twins of equal power spectrum."""
 
 import zlib
 from functools import cache
@@ -30,7 +30,7 @@ SAME_RELIEF = {
     "ripples_tinted": "ripples_fine",
 }
 
-# Every texture, but in the fast tests those of the thesis alone.
+# All textures; the fast tests use only those of the thesis.
 FOUR_AND_MORE = [
     name if name in SYNTHETIC_NAMES else pytest.param(name, marks=pytest.mark.slow)
     for name in SYNTHETIC_TEXTURES
@@ -62,7 +62,7 @@ def band_and_sector(side: int, sectors: int) -> np.ndarray:
 
 
 def banded(spectrum: np.ndarray, sectors: int = 6) -> np.ndarray:
-    """Mean power in geometric bands of frequency and sectors of half a turn, (BANDS, sectors)."""
+    """Mean power in geometric bands of frequency and sectors of 180 degrees, (BANDS, sectors)."""
     where = band_and_sector(len(spectrum), sectors)
     cells = (BANDS + 2) * sectors
     power_sum = np.bincount(where, spectrum.ravel(), cells)
@@ -74,7 +74,7 @@ def skewness(values: np.ndarray) -> float:
     return float((deviation**3).mean() / deviation.std() ** 3)
 
 
-def test_there_are_30_and_each_twin_has_its_partner_among_them() -> None:
+def test_there_are_30_textures_and_each_twin_has_its_original_among_them() -> None:
     assert SYNTHETIC_NAMES == ("rock", "sand", "malv", "ogil")
     assert SYNTHETIC_30[:4] == SYNTHETIC_NAMES
     assert len(set(SYNTHETIC_30)) == 30
@@ -83,7 +83,7 @@ def test_there_are_30_and_each_twin_has_its_partner_among_them() -> None:
     assert (*SYNTHETIC_30, *EQUAL_SPECTRUM_TWINS) == SYNTHETIC_TEXTURES
     assert len(set(SYNTHETIC_TEXTURES)) == 32
     assert not set(SYNTHETIC_TEXTURES) & set(bundled_materials())
-    # names become parts of file names
+    # Names become parts of file names.
     assert all(name.replace("_", "").isalnum() for name in SYNTHETIC_TEXTURES)
 
 
@@ -96,8 +96,8 @@ def test_there_are_30_and_each_twin_has_its_partner_among_them() -> None:
         ("sand", lambda u, v: np.exp(-(((np.abs(u) - 0.05) / 0.01) ** 2 + (v / 0.012) ** 2) / 2)),
     ],
 )
-def test_the_four_are_filtered_white_noise_and_stay_so(name: str, formula) -> None:  # type: ignore[no-untyped-def]
-    """Libraries trained on seed 3 of rock fit seed 3 of rock in every version."""
+def test_the_four_are_white_noise_filtered_by_the_formula(name: str, formula) -> None:  # type: ignore[no-untyped-def]
+    """A library trained on seed 3 of rock fits seed 3 of rock in every version."""
     u, v = np.fft.rfftfreq(SIDE)[None, :], np.fft.fftfreq(SIDE)[:, None]
     noise = np.random.default_rng([3, zlib.crc32(name.encode())]).standard_normal((SIDE, SIDE))
     with np.errstate(divide="ignore"):
@@ -105,7 +105,7 @@ def test_the_four_are_filtered_white_noise_and_stay_so(name: str, formula) -> No
     amplitude[0, 0] = 0.0
     height = np.fft.irfft2(np.fft.rfft2(noise) * amplitude)
     surface = synthetic_surface(name, 3, SIDE)
-    # sand's formula here lacks the other lobe's tail: 5 sigma away
+    # This formula of sand omits the tail of the other lobe, 5 sigma away.
     scale = float((surface.height * height).sum() / (height**2).sum())
     assert np.abs(surface.height - scale * height).max() < 1e-3 * surface.height.std()
     assert rms_slope(surface.p, surface.q) == pytest.approx(0.5, rel=1e-3)
@@ -129,7 +129,7 @@ def test_a_texture_is_scaled_band_limited_and_repeatable(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", FOUR_AND_MORE)
-def test_the_size_of_the_tile_does_not_matter(name: str) -> None:
+def test_spectra_do_not_depend_on_the_size_of_the_tile(name: str) -> None:
     """Mean frequency and bandwidth, from eight small tiles and from two large ones."""
     small = [synthetic_surface(name, seed, 128) for seed in range(8)]
     large = [surface_of(name, seed) for seed in range(2)]
@@ -148,13 +148,13 @@ def test_the_size_of_the_tile_does_not_matter(name: str) -> None:
 
 @pytest.mark.slow
 def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
-    """The mean log spectra of two realisations are nearest to those of two others of the class."""
+    """The mean log spectra of two realisations are nearest to those of two others of the texture."""
 
     def features(name: str, *seeds: int) -> np.ndarray:
         surfaces = [surface_of(name, seed) for seed in seeds]
         relief = np.mean([banded(slope_power(surface)) for surface in surfaces], axis=0)
         albedo = np.mean([banded(power(surface.albedo)) for surface in surfaces], axis=0)
-        # the scatter of a band falls with its number of frequencies, which grows with its square
+        # The scatter of a band falls with its number of frequencies, which grows with its square.
         weight = np.geomspace(1.0, 30.0, len(relief))[:, None].clip(max=8.0)
         return np.concatenate([weight * np.log1p(relief / 0.1), weight * np.log1p(albedo / 0.01)])
 
@@ -168,7 +168,7 @@ def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "partner"), [*EQUAL_SPECTRUM_TWINS.items(), *SAME_RELIEF.items()])
-def test_these_have_equal_power_spectra_of_relief(name: str, partner: str) -> None:
+def test_two_textures_have_equal_power_spectra_of_relief(name: str, partner: str) -> None:
     seeds = range(6)
     ours, theirs = (
         banded(np.mean([slope_power(surface_of(each, seed)) for seed in seeds], axis=0), sectors=2)
@@ -191,13 +191,13 @@ def test_twins_differ_in_skewness() -> None:
         assert (surface_of(twin).albedo == surface_of(partner).albedo).all()
 
 
-def test_tinted_relief_is_brighter_where_it_is_higher() -> None:
+def test_tinted_relief_is_brighter_where_it_is_high() -> None:
     surface = surface_of("ripples_tinted")
     assert np.corrcoef(surface.height.ravel(), surface.albedo.ravel())[0, 1] > 0.95
 
 
 @pytest.mark.parametrize("name", SYNTHETIC_TEXTURES)
-def test_low_lights_cast_heavy_shadows(name: str) -> None:
+def test_only_low_lights_cast_shadow(name: str) -> None:
     tile = surface_of(name)
     patch = SurfacePatch(tile.height, tile.p, tile.q, tile.albedo)
     shadowed = [
@@ -208,23 +208,23 @@ def test_low_lights_cast_heavy_shadows(name: str) -> None:
     assert 0.1 < shadowed[1] < 0.35
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 135.0])
-def test_a_turned_spectrum_turns_the_surface_anticlockwise(turn_deg: float) -> None:
-    lobes = rotated(ripples(0.1, 0.01, 0.01), turn_deg)
+@pytest.mark.parametrize("rotate_deg", [0.0, 30.0, 135.0])
+def test_a_rotated_spectrum_belongs_to_a_surface_rotated_anticlockwise(rotate_deg: float) -> None:
+    lobes = rotated(ripples(0.1, 0.01, 0.01), rotate_deg)
     u, v = np.meshgrid(np.fft.fftfreq(128), np.fft.fftfreq(128))
     weight = summed(lobes, lobes)(u, v)
-    # rows run down, so the frequency along y is -v
+    # Rows run down, so the frequency along y is -v.
     tensor = (weight * (u - 1j * v) ** 2).sum()
-    assert np.degrees(np.angle(tensor)) / 2 % 180 == pytest.approx(turn_deg, abs=0.5)
+    assert np.degrees(np.angle(tensor)) / 2 % 180 == pytest.approx(rotate_deg, abs=0.5)
 
 
 @pytest.mark.parametrize("name", FOUR_AND_MORE)
-def test_the_smallest_tile_has_relief_whatever_the_seed(name: str) -> None:
+def test_the_smallest_tile_has_relief_for_every_seed(name: str) -> None:
     for seed in range(5):
         assert rms_slope(*(lambda s: (s.p, s.q))(synthetic_surface(name, seed, 16))) > 0.3
 
 
-def test_the_simulated_rig_shows_any_of_them() -> None:
+def test_the_simulated_rig_renders_any_texture_and_seed() -> None:
     small = RigConfig().with_changes(camera={"width_px": 64, "height_px": 64})
     with open_rig(small) as rig:
         assert rig.simulation is not None
