@@ -8,8 +8,8 @@ spectra of one of the 30.
 The parameters of the four are: rock w^-3; malv (Mulvaney 1989) with cut-off 0.04 cycles/px; ogil
 (Ogilvy) with cut-offs 0.03 and 0.12; sand with Gaussian lobes at +-0.05 of widths 0.010 and 0.012,
 because Linnett's formula for sand was not found. At `RMS_SLOPE` this sand has the shadow counts of
-the thesis: 1, 7, 19, 37 and 61 % at slants 40 to 80 (`tests/rig/scene/test_render.py`). The parameters
-of the others were chosen for variety; `tests/rig/scene/test_synthetic.py` holds that they differ.
+the thesis: 1, 7, 19, 37 and 61 % at slants 40 to 80 (tests/rig/scene/test_render.py). The
+parameters of the others were chosen for variety; test_synthetic.py there tests that they differ.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ def test_bundled_materials_are_complete_and_in_the_licence_file() -> None:
     assert sum(f.stat().st_size for d in folders.values() for f in d.iterdir()) < 2.5e6
 
 
-def malv_image(side: int = 32) -> np.ndarray:
+def malv_map(side: int = 32) -> np.ndarray:
     return (40 * synthetic_surface("malv", 0, side).height + 128).clip(0, 255).astype(np.uint8)
 
 
@@ -175,10 +175,10 @@ BAD_FOLDERS = {
     ),
     "empty file": (lambda d: (d / "normal.jpg").write_bytes(b""), r"normal\.jpg: not a complete"),
     "other size": (
-        lambda d: cv2.imwrite(str(d / "albedo.png"), malv_image(16)), r"albedo\.png: 16 x 16 px, but"
+        lambda d: cv2.imwrite(str(d / "albedo.png"), malv_map(16)), r"albedo\.png: 16 x 16 px, but"
     ),
     "too small": (
-        lambda d: cv2.imwrite(str(d / "height.png"), malv_image()[:4]), "32 x 4 px; the sides"
+        lambda d: cv2.imwrite(str(d / "height.png"), malv_map()[:4]), "32 x 4 px; the sides"
     ),
     "too large": (
         lambda d: cv2.imwrite(str(d / "height.png"), np.zeros((8, 8200), np.uint8)), "8 to 8192"
@@ -217,7 +217,7 @@ BAD_FOLDERS = {
 def test_a_bad_folder_gives_one_line_with_its_name(tmp_path: Path, case: str) -> None:
     spoil, words = BAD_FOLDERS[case]
     if case != "no map":
-        cv2.imwrite(str(tmp_path / "height.png"), malv_image())
+        cv2.imwrite(str(tmp_path / "height.png"), malv_map())
     spoil(tmp_path)
     with pytest.raises(InputError, match=words) as caught:
         load_material(tmp_path)
@@ -231,7 +231,7 @@ def test_a_missing_folder_is_an_error(tmp_path: Path) -> None:
 
 
 def test_other_fields_of_material_json_are_ignored(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "height.png"), malv_image())
+    cv2.imwrite(str(tmp_path / "height.png"), malv_map())
     notes = {"name": "oak", "licence": "CC0 1.0", "size_mm": 100, "relief_mm": 2.0}
     (tmp_path / "material.json").write_text(json.dumps(notes), encoding="utf-8")
     known = load_material(tmp_path).height

@@ -148,7 +148,7 @@ def test_spectra_do_not_depend_on_the_size_of_the_tile(name: str) -> None:
 
 @pytest.mark.slow
 def test_the_30_differ_in_the_spectra_of_relief_or_albedo() -> None:
-    """The mean log spectra of two realisations are nearest to those of two others of the texture."""
+    """Mean log spectra of two realisations are nearest to those of two others of the texture."""
 
     def features(name: str, *seeds: int) -> np.ndarray:
         surfaces = [surface_of(name, seed) for seed in seeds]
