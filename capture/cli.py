@@ -23,7 +23,7 @@ from .process.settings import settle_process
 __all__ = ["app", "run"]
 
 app = typer.Typer(
-    help="Four-light photometric stereo: capture a surface, find its texture and its angle.",
+    help="Four-light photometric stereo: capture a surface, find its texture and its orientation.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -53,7 +53,7 @@ def _options(
         typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Four-light photometric stereo: capture a surface, find its texture and its angle."""
+    """Four-light photometric stereo: capture a surface, find its texture and its orientation."""
     if context.invoked_subcommand is None:
         print(context.get_help())
 

@@ -1,1 +1,1 @@
-"""The commands of ``ps4rig``: their options and what they print. `cli` registers them."""
+"""The commands of ``ps4rig``: their options and their output. `cli` registers them."""

@@ -14,11 +14,11 @@ __all__ = ["bench"]
 @reported
 def bench(
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer rounds, no 100,000 references; a minute.")
+        bool, typer.Option("--quick", help="Fewer rounds and references; about a minute.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure this machine: ratios to a floor measured in the same run, with times beside them."""
+    """Measure the speed of this machine: times, and ratios to a lower bound of the same run."""
     from capture.studies.benchmark.run import print_benchmark
     from capture.studies.benchmark.settings import FULL, QUICK
 

@@ -18,7 +18,7 @@ def demo(
         Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
     ] = Path("demo-report"),
 ) -> None:
-    """Capture, train and classify on the simulated rig, and write a report. No hardware."""
+    """Capture, train and classify on the simulated rig, and write a report."""
     from capture.studies.demo.run import run_demo
 
     run_demo(output)

@@ -15,16 +15,19 @@ __all__ = ["reproduce"]
 @reported
 def reproduce(
     output: Annotated[
-        Path, typer.Option("--out", help="Folder for the page, pictures and CSV.", metavar="DIR")
+        Path,
+        typer.Option(
+            "--out", help="Folder for the page, its pictures and CSV files.", metavar="DIR"
+        ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer textures and orientations; two minutes.")
+        bool, typer.Option("--quick", help="Fewer textures and orientations; about two minutes.")
     ] = False,
     materials: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of material folders for the table of scanned materials.",
-            show_default="those that ship",
+            help="Folder of the material folders for the table of scanned materials.",
+            show_default="the materials of ps4rig",
             metavar="DIR",
         ),
     ] = None,
@@ -37,4 +40,4 @@ def reproduce(
 
     plan = plan_of(quick, material_textures(materials))
     page = run(plan, output, workers, scheduler)
-    out.print(f"{page}: every figure and table, simulated", soft_wrap=True)
+    out.print(f"{page}: every figure and table (simulated)", soft_wrap=True)

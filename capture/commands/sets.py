@@ -46,21 +46,24 @@ if TYPE_CHECKING:
 
 __all__ = ["capture", "import_", "solve"]
 
+LabelOption = Annotated[str | None, typer.Option(help="Texture class of the part.")]
+
 _RING = "0,90,180,270"
+_RELIT = "135,45"
 
 
 @reported
 def capture(
-    output: Annotated[Path, typer.Argument(metavar="OUT", help="File to write, NAME.ome.tif.")],
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="Output file, NAME.ome.tif.")],
     rig: RigOption = "rig.toml",
-    label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
-    average: Annotated[int, typer.Option(min=1, help="Frames per image.")] = 1,
-    count: Annotated[int, typer.Option(min=1, max=9999, help="Sets in a row.")] = 1,
+    label: LabelOption = None,
+    average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
+    count: Annotated[int, typer.Option(min=1, max=9999, help="Number of sets.")] = 1,
     surface: SurfaceOption = None,
     rotate: Annotated[
         list[float] | None,
         typer.Option(
-            help="Degrees the surface is turned, anticlockwise. Give it again for more sets.",
+            help="Orientation of the surface, anticlockwise. Repeat the option for more sets.",
             rich_help_panel=SIMULATION,
             metavar="DEG",
         ),
@@ -73,7 +76,7 @@ def capture(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Take one captured set, or several: ambient image, then each LED in order."""
+    """Capture one set or several: the ambient image, then one image under each LED."""
     from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
 
@@ -83,23 +86,25 @@ def capture(
     for path in paths:
         check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
     simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
-    made_up = config.is_simulated and config.camera.kind == "simulated"
-    if not made_up and any(value is not None for value in simulated_only):
-        raise ConfigError(f"{rig}: --surface, --rotate and the like are for a simulated rig")
-    turns: list[float] | list[None] = rotate or [None]
-    # All are checked before the first is captured.
+    has_surface = config.is_simulated and config.camera.kind == "simulated"
+    if not has_surface and any(value is not None for value in simulated_only):
+        raise ConfigError(
+            f"{rig}: not a simulated rig; leave out the options under '{SIMULATION}' of --help"
+        )
+    orientations_deg: list[float] | list[None] = rotate or [None]
+    # All configurations are checked before the first set is captured.
     configs = [
         with_part(
             config,
             surface=surface,
-            rotate_deg=turn_deg,
+            rotate_deg=orientation_deg,
             shift_px=shift_px,
             seed=seed,
             slant_deg=slant,
             bits=bits,
             size_px=size,
         )
-        for turn_deg in turns
+        for orientation_deg in orientations_deg
     ]
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
@@ -108,20 +113,20 @@ def capture(
             captured.save(path)
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
-                span = _time_taken(captured)
-                out.print(f"{path}: {len(captured.images)} lights {span}{note}", soft_wrap=True)
+                lights = f"{len(captured.images)} lights in {_duration(captured)}"
+                out.print(f"{path}: {lights}{note}", soft_wrap=True)
     if json:
         print_json([{"set": str(path), "simulated": config.is_simulated} for path in paths])
 
 
-def _time_taken(captured: CapturedSet) -> str:
-    """From the first frame's exposure to the last one's, in words."""
+def _duration(captured: CapturedSet) -> str:
+    """Describe the frames and the time from the start of the first exposure to the last end."""
     frames = [frame for image in captured.metadata.images for frame in image.frames]
-    begun_s = min(frame.exposure_start_s for frame in frames)
-    taken_s = max(frame.exposure_end_s for frame in frames) - begun_s
+    start_s = min(frame.exposure_start_s for frame in frames)
+    end_s = max(frame.exposure_end_s for frame in frames)
     sequences = [frame.sequence for frame in frames]
     count = max(sequences) - min(sequences) + 1
-    return f"in {count} frames, {1e3 * taken_s:.0f} ms"
+    return f"{count} frames, {1e3 * (end_s - start_s):.0f} ms"
 
 
 def _captured(
@@ -154,32 +159,32 @@ def import_(
         list[Path],
         typer.Argument(
             metavar="IMG... OUT",
-            help="Photographs, one per light, then NAME.ome.tif to write. With --lights that "
-            "names its images, they may be left out.",
+            help="Photographs, one for each light, then the output file, NAME.ome.tif. Photographs "
+            "that the file of --lights names may be left out.",
         ),
     ],
     tilts: Annotated[
         str | None,
         typer.Option(
-            help="Tilt of the light of each image, degrees, with commas.", show_default=_RING
+            help="Tilts of the lights in degrees, separated by commas.", show_default=_RING
         ),
     ] = None,
     slant: Annotated[
-        float | None, typer.Option(help="Slant of all lights, degrees from the camera's axis.")
+        float | None, typer.Option(help="Slant of all lights in degrees from the camera's axis.")
     ] = None,
     lights: Annotated[
-        Path | None, typer.Option(help="Light vectors instead of tilts: .json or RTI .lp.")
+        Path | None, typer.Option(help="File of light vectors instead of tilts: .json or RTI .lp.")
     ] = None,
     gamma: Annotated[
         Literal["linear", "srgb"] | None,
-        typer.Option(help="How brightness is coded; needed for 8-bit JPEG."),
+        typer.Option(help="Coding of brightness; needed for JPEG."),
     ] = None,
-    ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights out.")] = None,
-    label: Annotated[str | None, typer.Option(help="Class of the part.")] = None,
+    ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights off.")] = None,
+    label: LabelOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Make a captured set of existing photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
+    """Make a captured set from photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
     from capture.sets.ome_tiff import SUFFIX
@@ -215,7 +220,7 @@ def _degrees(option: str, text: str, example: str) -> list[float]:
         degrees = [math.nan]
     if not all(map(math.isfinite, degrees)):
         given = text or "''"
-        raise InputError(f"{option} {given}: give degrees with commas, as {example}")
+        raise InputError(f"{option} {given}: give degrees separated by commas, such as {example}")
     return degrees
 
 
@@ -226,7 +231,7 @@ def solve(
         Path,
         typer.Option(
             "--out",
-            help="Folder for the maps; of several sets each gets a folder of its name in it.",
+            help="Folder for the maps. With several sets each gets a subfolder of its name.",
             metavar="DIR",
         ),
     ],
@@ -234,15 +239,15 @@ def solve(
         str | None,
         typer.Option(
             help=f"One of {', '.join(METHODS)}.",
-            show_default="ps4_robust; for more than four lights least_squares",
+            show_default="ps4_robust, or least_squares for more than four lights",
             metavar="METHOD",
         ),
     ] = None,
     relight: Annotated[
         str | None,
         typer.Option(
-            help="Light of the relit image, degrees.",
-            show_default="135,45",
+            help="Light of the relit image in degrees.",
+            show_default=_RELIT,
             metavar="TILT,SLANT",
         ),
     ] = None,
@@ -250,7 +255,7 @@ def solve(
     scheduler: SchedulerOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the maps of captured sets: p, q, albedo, normals, relative height, shadow and more."""
+    """Write the maps of captured sets: p, q, albedo, normals, relative height, shadows and more."""
     if method is not None and method not in METHODS:
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
@@ -283,18 +288,17 @@ def solve(
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
     if json:
-        # One set asked for by its file is answered by one object.
+        # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])
 
 
 def _light(angles: str) -> Lighting:
     from classify import Lighting
 
-    degrees = _degrees("--relight", angles, "135,45")
+    degrees = _degrees("--relight", angles, _RELIT)
     if len(degrees) != 2:
-        raise InputError(f"--relight {angles}: give tilt and slant in degrees, as 135,45")
-    tilt_deg, slant_deg = degrees
-    return Lighting.from_angles([tilt_deg], slant_deg)
+        raise InputError(f"--relight {angles}: give tilt and slant in degrees, such as {_RELIT}")
+    return Lighting.from_angles(degrees[:1], degrees[1])
 
 
 def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The options that say what lies below a simulated camera, for every command that has one."""
+"""The options of a simulated rig, shared by the commands that have them."""
 
 from __future__ import annotations
 
@@ -29,38 +29,36 @@ RigOption = Annotated[
 SurfaceOption = Annotated[
     str | None,
     typer.Option(
-        help="A material folder, or a name: rock, sand, malv, ogil and more; a wrong one "
-        "lists them all.",
+        help="A material folder or a name: rock, sand, malv, ogil and more. A wrong name lists "
+        "them all.",
         rich_help_panel=SIMULATION,
         metavar="NAME|DIR",
     ),
 ]
 SlantOption = Annotated[
     float | None,
-    typer.Option(help="Slant of the lights, degrees.", rich_help_panel=SIMULATION),
+    typer.Option(help="Slant of the lights in degrees.", rich_help_panel=SIMULATION),
 ]
 ShiftOption = Annotated[
     tuple[float, float] | None,
-    typer.Option(help="Move the patch over the surface, right and up.", rich_help_panel=SIMULATION),
+    typer.Option(help="Shift of the patch to the right and up.", rich_help_panel=SIMULATION),
 ]
 SeedOption = Annotated[
     int | None,
-    typer.Option(
-        help="Noise, and the realisation of a synthetic surface.", rich_help_panel=SIMULATION
-    ),
+    typer.Option(help="Seed of the noise and of a synthetic surface.", rich_help_panel=SIMULATION),
 ]
 BitsOption = Annotated[
     int | None,
-    typer.Option(help="Depth of the camera: 8, 10, 12, 16.", rich_help_panel=SIMULATION),
+    typer.Option(help="Pixel depth of the camera: 8, 10, 12 or 16.", rich_help_panel=SIMULATION),
 ]
 SizeOption = Annotated[
     int | None,
-    typer.Option(help="Side of the frame, pixels.", rich_help_panel=SIMULATION),
+    typer.Option(help="Side of the frame in pixels.", rich_help_panel=SIMULATION),
 ]
 
 
 def chosen_config(rig: str) -> RigConfig:
-    """The configuration that ``--rig`` names."""
+    """Load the configuration that ``--rig`` names."""
     from pathlib import Path
 
     from rig import RigConfig, load_config
@@ -79,7 +77,7 @@ def with_part(
     bits: int | None,
     size_px: int | None,
 ) -> RigConfig:
-    """`config` with what was given in place of what it says; None leaves it.
+    """Return `config` with the given values; None keeps the value of `config`.
 
     Raises
     ------

@@ -119,7 +119,7 @@ def test_the_default_rig_is_rig_toml_and_never_the_simulated_rig(
     assert refused("capture", "a.ome.tif").startswith("rig.toml: camera.device is missing")
     Path("rig.toml").write_text('[lights]\nport = "/dev/ttyNONE"\n[camera]\ndevice = 0\n')
     assert refused("capture", "a.ome.tif", status=3).startswith("/dev/ttyNONE: no such port")
-    assert "for a simulated rig" in refused("capture", "--surface", "rock", "a.ome.tif")
+    assert "not a simulated rig" in refused("capture", "--surface", "rock", "a.ome.tif")
     assert [path.name for path in in_folder.iterdir()] == ["rig.toml"]
     Path("rig.toml").write_text(
         '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 48\n'

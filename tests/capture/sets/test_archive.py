@@ -115,8 +115,8 @@ def test_relight_takes_a_tilt_and_a_slant(
     relit = {name: (tmp_path / name / "relit.tif").read_bytes() for name in "abc"}
     assert relit["a"] == relit["b"] != relit["c"]
     for wrong, message in (
-        ("135", "--relight 135: give tilt and slant in degrees, as 135,45"),
-        ("up,45", "--relight up,45: give degrees with commas, as 135,45"),
+        ("135", "--relight 135: give tilt and slant in degrees, such as 135,45"),
+        ("up,45", "--relight up,45: give degrees separated by commas, such as 135,45"),
         ("0,95", "slant 95.0 is outside"),
     ):
         assert message in refused("solve", rock, "--out", tmp_path / "d", "--relight", wrong)

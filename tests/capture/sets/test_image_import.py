@@ -253,4 +253,4 @@ def test_empty_tilts_are_refused(four: Photographs, tmp_path: Path, refused: Ref
     line = refused(
         "import", *four(pattern(np.uint8)), tmp_path / "a.ome.tif", "--slant", 45, "--tilts", ""
     )
-    assert line == "--tilts '': give degrees with commas, as 0,90,180,270"
+    assert line == "--tilts '': give degrees separated by commas, such as 0,90,180,270"
