@@ -64,6 +64,11 @@ CID_ISO_SENSITIVITY_AUTO = 0x009A_0918
 EXPOSURE_MANUAL = 1
 
 
+def _words(names: str) -> tuple[tuple[str, type[c_uint32]], ...]:
+    """Consecutive fields of 32 bits."""
+    return tuple((name, c_uint32) for name in names.split())
+
+
 class Capability(ctypes.Structure):
     """``struct v4l2_capability``."""
 
@@ -71,9 +76,7 @@ class Capability(ctypes.Structure):
         ("driver", c_char * 16),
         ("card", c_char * 32),
         ("bus_info", c_char * 32),
-        ("version", c_uint32),
-        ("capabilities", c_uint32),
-        ("device_caps", c_uint32),
+        *_words("version capabilities device_caps"),
         ("reserved", c_uint32 * 3),
     )
 
@@ -82,12 +85,9 @@ class FmtDesc(ctypes.Structure):
     """``struct v4l2_fmtdesc``."""
 
     _fields_ = (
-        ("index", c_uint32),
-        ("type", c_uint32),
-        ("flags", c_uint32),
+        *_words("index type flags"),
         ("description", c_char * 32),
-        ("pixelformat", c_uint32),
-        ("mbus_code", c_uint32),
+        *_words("pixelformat mbus_code"),
         ("reserved", c_uint32 * 3),
     )
 
@@ -96,9 +96,7 @@ class FrmSizeEnum(ctypes.Structure):
     """``struct v4l2_frmsizeenum``; a discrete size is the first two words of `size`."""
 
     _fields_ = (
-        ("index", c_uint32),
-        ("pixel_format", c_uint32),
-        ("type", c_uint32),
+        *_words("index pixel_format type"),
         ("size", c_uint32 * 6),
         ("reserved", c_uint32 * 2),
     )
@@ -107,19 +105,9 @@ class FrmSizeEnum(ctypes.Structure):
 class PixFormat(ctypes.Structure):
     """``struct v4l2_pix_format``."""
 
-    _fields_ = (
-        ("width", c_uint32),
-        ("height", c_uint32),
-        ("pixelformat", c_uint32),
-        ("field", c_uint32),
-        ("bytesperline", c_uint32),
-        ("sizeimage", c_uint32),
-        ("colorspace", c_uint32),
-        ("priv", c_uint32),
-        ("flags", c_uint32),
-        ("ycbcr_enc", c_uint32),
-        ("quantization", c_uint32),
-        ("xfer_func", c_uint32),
+    _fields_ = _words(
+        "width height pixelformat field bytesperline sizeimage colorspace priv flags ycbcr_enc "
+        "quantization xfer_func"
     )
 
 
@@ -137,18 +125,16 @@ class Format(ctypes.Structure):
 class Fract(ctypes.Structure):
     """``struct v4l2_fract``."""
 
-    _fields_ = (("numerator", c_uint32), ("denominator", c_uint32))
+    _fields_ = _words("numerator denominator")
 
 
 class CaptureParm(ctypes.Structure):
     """``struct v4l2_captureparm``; ``v4l2_outputparm`` has the same layout."""
 
     _fields_ = (
-        ("capability", c_uint32),
-        ("capturemode", c_uint32),
+        *_words("capability capturemode"),
         ("timeperframe", Fract),
-        ("extendedmode", c_uint32),
-        ("readbuffers", c_uint32),
+        *_words("extendedmode readbuffers"),
         ("reserved", c_uint32 * 4),
     )
 
@@ -164,28 +150,15 @@ class StreamParm(ctypes.Structure):
 
 
 class RequestBuffers(ctypes.Structure):
-    """``struct v4l2_requestbuffers``."""
+    """``struct v4l2_requestbuffers``; the last word holds flags."""
 
-    _fields_ = (
-        ("count", c_uint32),
-        ("type", c_uint32),
-        ("memory", c_uint32),
-        ("capabilities", c_uint32),
-        ("flags", c_uint8),
-        ("reserved", c_uint8 * 3),
-    )
+    _fields_ = _words("count type memory capabilities flags")
 
 
 class TimeVal(ctypes.Structure):
     """``struct timeval``."""
 
     _fields_ = (("tv_sec", c_int64), ("tv_usec", c_int64))
-
-
-class TimeCode(ctypes.Structure):
-    """``struct v4l2_timecode``, which is never read."""
-
-    _fields_ = (("opaque", c_uint32 * 4),)
 
 
 class _MemoryUnion(ctypes.Union):
@@ -196,19 +169,12 @@ class Buffer(ctypes.Structure):
     """``struct v4l2_buffer``."""
 
     _fields_ = (
-        ("index", c_uint32),
-        ("type", c_uint32),
-        ("bytesused", c_uint32),
-        ("flags", c_uint32),
-        ("field", c_uint32),
+        *_words("index type bytesused flags field"),
         ("timestamp", TimeVal),
-        ("timecode", TimeCode),
-        ("sequence", c_uint32),
-        ("memory", c_uint32),
+        ("timecode", c_uint32 * 4),  # struct v4l2_timecode, which is never read
+        *_words("sequence memory"),
         ("m", _MemoryUnion),
-        ("length", c_uint32),
-        ("reserved2", c_uint32),
-        ("request_fd", c_int32),
+        *_words("length reserved2 request_fd"),
     )
 
 
@@ -216,17 +182,13 @@ class QueryExtCtrl(ctypes.Structure):
     """``struct v4l2_query_ext_ctrl``."""
 
     _fields_ = (
-        ("id", c_uint32),
-        ("type", c_uint32),
+        *_words("id type"),
         ("name", c_char * 32),
         ("minimum", c_int64),
         ("maximum", c_int64),
         ("step", c_uint64),
         ("default_value", c_int64),
-        ("flags", c_uint32),
-        ("elem_size", c_uint32),
-        ("elems", c_uint32),
-        ("nr_of_dims", c_uint32),
+        *_words("flags elem_size elems nr_of_dims"),
         ("dims", c_uint32 * 4),
         ("reserved", c_uint32 * 32),
     )
@@ -236,15 +198,13 @@ class QueryCtrl(ctypes.Structure):
     """``struct v4l2_queryctrl``, for drivers older than `QueryExtCtrl`."""
 
     _fields_ = (
-        ("id", c_uint32),
-        ("type", c_uint32),
+        *_words("id type"),
         ("name", c_char * 32),
         ("minimum", c_int32),
         ("maximum", c_int32),
         ("step", c_int32),
         ("default_value", c_int32),
-        ("flags", c_uint32),
-        ("reserved", c_uint32 * 2),
+        *_words("flags reserved0 reserved1"),
     )
 
 
@@ -263,12 +223,7 @@ class QueryMenu(ctypes.Structure):
     """``struct v4l2_querymenu``."""
 
     _pack_ = 1
-    _fields_ = (
-        ("id", c_uint32),
-        ("index", c_uint32),
-        ("item", _MenuUnion),
-        ("reserved", c_uint32),
-    )
+    _fields_ = (*_words("id index"), ("item", _MenuUnion), ("reserved", c_uint32))
 
 
 class _ControlUnion(ctypes.Union):
@@ -280,23 +235,14 @@ class ExtControl(ctypes.Structure):
     """``struct v4l2_ext_control``."""
 
     _pack_ = 1
-    _fields_ = (
-        ("id", c_uint32),
-        ("size", c_uint32),
-        ("reserved2", c_uint32),
-        ("payload", _ControlUnion),
-    )
+    _fields_ = (*_words("id size reserved2"), ("payload", _ControlUnion))
 
 
 class ExtControls(ctypes.Structure):
     """``struct v4l2_ext_controls``."""
 
     _fields_ = (
-        ("which", c_uint32),
-        ("count", c_uint32),
-        ("error_idx", c_uint32),
-        ("request_fd", c_int32),
-        ("reserved", c_uint32),
+        *_words("which count error_idx request_fd reserved"),
         ("controls", ctypes.POINTER(ExtControl)),
     )
 
