@@ -5,32 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from rig import Camera, CameraInfo, Frame, FrameFlag, Rig, RigConfig, open_rig
+from rig import FrameFlag, RigConfig, open_rig
 from rig.fresh_frame import NoFreshFrameError, fresh_frame
+from tests.changed_frames import with_frames
 
 SMALL = RigConfig().with_changes(camera={"width_px": 32, "height_px": 32})
-
-
-class AlteredCamera:
-    """A rig's camera whose frames have other fields."""
-
-    def __init__(self, camera: Camera, **changes: object) -> None:
-        self.camera = camera
-        self.changes = changes
-
-    @property
-    def info(self) -> CameraInfo:
-        return self.camera.info
-
-    def read(self, timeout_s: float) -> Frame:
-        return replace(self.camera.read(timeout_s), **self.changes)
-
-    def close(self) -> None:
-        self.camera.close()
-
-
-def altered(rig: Rig, **changes: object) -> Rig:
-    return replace(rig, camera=AlteredCamera(rig.camera, **changes))
 
 
 @pytest.mark.parametrize("light", [None, 0, 3])
@@ -68,5 +47,5 @@ def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(
     with open_rig(SMALL) as rig:
         asked_s = rig.clock.now_s()
         with pytest.raises(NoFreshFrameError, match=rf"no fresh frame in 2\.\d s .*{counts}"):
-            fresh_frame(altered(rig, **changes), 0)
+            fresh_frame(with_frames(rig, lambda frame: replace(frame, **changes)), 0)
         assert rig.clock.now_s() - asked_s < 3.0

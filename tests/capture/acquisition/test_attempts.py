@@ -5,7 +5,7 @@ import re
 import signal
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,7 @@ import pytest
 from capture import CapturedSet, SetRejected, capture_set
 from classify.errors import InputError
 from rig import (
-    Camera,
     CameraError,
-    CameraInfo,
     Frame,
     FrameFlag,
     LightControllerError,
@@ -26,6 +24,7 @@ from rig import (
     open_rig,
 )
 from rig.lights.timeouts import LinkTimeouts
+from tests.changed_frames import with_frames
 
 Outputs = Callable[[Rig], list[float]]
 
@@ -36,28 +35,6 @@ def rig(small_config: RigConfig, led_outputs: Outputs) -> Iterator[Rig]:
     with open_rig(small_config) as opened:
         yield opened
         assert led_outputs(opened) == [0.0] * 4
-
-
-@dataclass
-class ChangedCamera:
-    """A camera whose frames pass through `change`."""
-
-    camera: Camera
-    change: Callable[[Frame], Frame]
-
-    @property
-    def info(self) -> CameraInfo:
-        return self.camera.info
-
-    def read(self, timeout_s: float) -> Frame:
-        return self.change(self.camera.read(timeout_s))
-
-    def close(self) -> None:
-        self.camera.close()
-
-
-def with_frames(rig: Rig, change: Callable[[Frame], Frame]) -> Rig:
-    return replace(rig, camera=ChangedCamera(rig.camera, change))
 
 
 def under(rig: Rig, led: int | None, action: Callable[[], object]) -> Rig:

@@ -6,6 +6,7 @@ The simulated board tells how long each LED was on during each frame.
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from hypothesis import strategies as st
 from capture import CapturedSet, SetRejected, capture_set
 from rig import (
     CameraError,
-    CameraInfo,
     ConfigError,
     Frame,
     FrameFlag,
@@ -24,6 +24,7 @@ from rig import (
     RigConfig,
     open_rig,
 )
+from tests.changed_frames import with_frames
 
 SMALL = {"width_px": 16, "height_px": 16}
 # Share of an exposure. A light that changes at the wrong time is wrong for far more.
@@ -198,48 +199,34 @@ def test_a_controller_slower_than_the_pause_is_rejected():
 # disturbances
 
 
-class ChangedCamera:
-    """A camera whose frames pass through `change`; None drops one."""
-
-    def __init__(self, rig: Rig, change: Callable[[Frame, int], Frame | None]) -> None:
-        self._camera = rig.camera
-        self._change = change
-        self._count = 0
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    def read(self, timeout_s: float) -> Frame:
-        while True:
-            changed = self._change(self._camera.read(timeout_s), self._count)
-            self._count += 1
-            if changed is not None:
-                return changed
-
-    def close(self) -> None:
-        self._camera.close()
+def with_counted_frames(rig: Rig, change: Callable[[Frame, int], Frame | None]) -> Rig:
+    """`with_frames` with the number of each frame read."""
+    numbers = count()
+    return with_frames(rig, lambda frame: change(frame, next(numbers)))
 
 
-def lose(frame: Frame, count: int) -> Frame | None:
-    return None if count == 3 else frame
+def lose(frame: Frame, number: int) -> Frame | None:
+    return None if number == 3 else frame
 
 
-def repeat(frame: Frame, count: int) -> Frame:
-    return replace(frame, sequence=frame.sequence - 1) if count == 3 else frame
+def repeat(frame: Frame, number: int) -> Frame:
+    return replace(frame, sequence=frame.sequence - 1) if number == 3 else frame
 
 
-def spoil(frame: Frame, _count: int) -> Frame:
+def spoil(frame: Frame, _number: int) -> Frame:
     return replace(frame, flags=FrameFlag.CORRUPT)
 
 
-def stamp_late(frame: Frame, _count: int) -> Frame:
-    late_s = -0.012
+def shifted(frame: Frame, by_s: float) -> Frame:
     return replace(
         frame,
-        exposure_start_s=frame.exposure_start_s + late_s,
-        exposure_end_s=frame.exposure_end_s + late_s,
+        exposure_start_s=frame.exposure_start_s + by_s,
+        exposure_end_s=frame.exposure_end_s + by_s,
     )
+
+
+def stamp_early(frame: Frame, _number: int) -> Frame:
+    return shifted(frame, -0.012)
 
 
 @pytest.mark.parametrize(
@@ -248,12 +235,12 @@ def stamp_late(frame: Frame, _count: int) -> Frame:
         (lose, r"was lost|0 of 4 frames fit"),
         (repeat, "came twice"),
         (spoil, "is corrupt"),
-        (stamp_late, r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency"),
+        (stamp_early, r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency"),
     ],
 )
 def test_a_disturbed_frame_is_rejected_with_its_cause(rig: Rig, change, cause) -> None:
     try:
-        captured = capture_set(replace(rig, camera=ChangedCamera(rig, change)))
+        captured = capture_set(with_counted_frames(rig, change))
     except SetRejected as error:
         causes = str(error)
     else:
@@ -268,15 +255,11 @@ def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
     # Stamps that are off by a period fit the strobe, but the images do not.
     period_s = rig.camera.info.frame_period_s
 
-    def early(frame: Frame, _count: int) -> Frame:
-        return replace(
-            frame,
-            exposure_start_s=frame.exposure_start_s - period_s,
-            exposure_end_s=frame.exposure_end_s - period_s,
-        )
+    def early(frame: Frame) -> Frame:
+        return shifted(frame, -period_s)
 
     with pytest.raises((SetRejected, CameraError)):
-        capture_set(replace(rig, camera=ChangedCamera(rig, early)))
+        capture_set(with_frames(rig, early))
 
 
 def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
@@ -351,11 +334,11 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
             for at_s, exposing in ((begin_s, True), (begin_s + width_s, False)):
                 clock.call_at(start_s + at_s, lambda at=start_s + at_s, on=exposing: wire(on, at))
 
-        def drop(frame: Frame, count: int) -> Frame | None:
-            return None if count in lost else frame
+        def drop(frame: Frame, number: int) -> Frame | None:
+            return None if number in lost else frame
 
         try:
-            captured = capture_set(replace(rig, camera=ChangedCamera(rig, drop)))
+            captured = capture_set(with_counted_frames(rig, drop))
         except (SetRejected, CameraError):
             return
         assert wrong_light(rig, captured) < WRONG_LIGHT
