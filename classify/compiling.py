@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,16 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     The machine code is cached on disk. Where numba finds no folder to write to, such as in a
     read-only installation with a read-only home, the kernel is compiled in every process.
     """
-    dispatcher = njit(nogil=True, fastmath=FAST, error_model="numpy")(function)
+    compiled: Callable[..., Any] = njit(nogil=True, fastmath=FAST, error_model="numpy")(function)
+    dispatcher: Any = compiled
     with suppress(RuntimeError, OSError):
         dispatcher.enable_caching()
-    return dispatcher
+        # numba compares the kernel's own file only. Kernels and constants of other files are
+        # compiled into it, and after an upgrade the old code of those would be used.
+        with suppress(AttributeError):
+            file = dispatcher._cache._cache_file
+            file._source_stamp = (file._source_stamp, _kernel_sources())
+    return compiled
 
 
 def kernel_cache_folder() -> Path | None:
@@ -41,6 +49,17 @@ def kernel_cache_folder() -> Path | None:
     """
     path = _probe.stats.cache_path  # type: ignore[attr-defined]
     return None if path is None else Path(path)
+
+
+@lru_cache(maxsize=1)
+def _kernel_sources() -> bytes:
+    """Digest of all files of this package whose contents kernels are made from."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        source = path.read_bytes()
+        if b"@kernel" in source or path.name == "shadow_rule.py":
+            digest.update(source)
+    return digest.digest()
 
 
 @kernel

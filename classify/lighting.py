@@ -48,7 +48,7 @@ class Lighting:
     intensities: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        directions = np.array(self.directions, dtype=np.float64)
+        directions = _numbers(self.directions, "light directions")
         if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) == 0:
             raise InputError(
                 f"light directions have shape {directions.shape}; give one (x, y, z) row per light"
@@ -60,7 +60,7 @@ class Lighting:
                 "a light direction is zero or not finite, or beyond 1e9; give (x, y, z) towards it"
             )
         lengths = np.linalg.norm(directions, axis=1)
-        # Plus zero: a negative one is equal to it, and equal lights have equal bytes.
+        # Plus zero turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
         directions = directions / lengths[:, None] + 0.0
         if (directions[:, 2] <= 1e-3).any():
             low = int(np.argmin(directions[:, 2]))
@@ -68,7 +68,7 @@ class Lighting:
                 f"light {low} stands at or below the horizon (z = {directions[low, 2]:.3f}); "
                 "directions point from the surface to the light, z towards the camera"
             )
-        intensities = np.array(self.intensities, dtype=np.float64)
+        intensities = _numbers(self.intensities, "light intensities")
         if intensities.size == 0:
             intensities = np.ones(len(directions))
         if intensities.shape != (len(directions),):
@@ -99,14 +99,16 @@ class Lighting:
         cls, tilts_deg: Sequence[float], slants_deg: float | Sequence[float]
     ) -> Lighting:
         """Lights at the given tilts and slants, both in degrees; slants within [0, 90)."""
-        slants = np.asarray(slants_deg, dtype=np.float64)
-        if slants.size not in (1, len(tilts_deg)):
+        tilts, slants = _numbers(tilts_deg, "tilts"), _numbers(slants_deg, "slants")
+        if not np.isfinite(tilts).all():
+            raise InputError(f"tilts {tilts_deg!r} are not all numbers; give degrees")
+        if slants.size not in (1, len(tilts)):
             raise InputError(
-                f"{slants.size} slants for {len(tilts_deg)} tilts; give one for all or one each"
+                f"{slants.size} slants for {len(tilts)} tilts; give one for all or one each"
             )
         if not ((slants >= 0) & (slants < 89.9)).all():
             raise InputError(f"slant {slants_deg} is outside 0 to 89.9 degrees from the z axis")
-        return cls(light_vectors(tilts_deg, slants))
+        return cls(light_vectors(tilts, slants))
 
     def __len__(self) -> int:
         return len(self.directions)
@@ -156,6 +158,13 @@ class Lighting:
                 + ", ".join(f"{tilt:g}" for tilt in self.tilts_deg)
             )
         return nearest
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} {values!r} are not all numbers") from error
 
 
 def _rounded(degrees: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -1,14 +1,16 @@
-"""What counts as shadow, and as facing away, at a pixel: the same for every solver."""
+"""Limits for shadow and for surfaces that face away, the same for every solver."""
 
 import numpy as np
 
-__all__ = ["MIN_NORMAL_Z", "NO_DROPPED_LIGHT", "SHADOW_FLOOR", "SHADOW_FRACTION"]
+__all__ = ["MIN_NORMAL_Z", "MIN_SCALED_Z", "NO_DROPPED_LIGHT", "SHADOW_FLOOR", "SHADOW_FRACTION"]
 
 # A normal nearer to the horizon than this (a slope of 50) is noise, not surface.
 MIN_NORMAL_Z = np.float32(0.02)
-# A light counts as shadowed where it gives no more than this fraction of the Lambertian prediction;
-# the prediction is taken as at least SHADOW_FLOOR of the albedo, so that a pixel turned away from
-# the light (prediction negative, value near zero) counts as well, and one without any light too.
+# Slopes are divided by the z component of the scaled normal; 1 / 1e-38 is infinite in float32.
+MIN_SCALED_Z = np.float32(1e-30)
+# A light counts as shadowed where it gives no more than this fraction of the Lambertian prediction.
+# The prediction is at least SHADOW_FLOOR of the albedo, so that a pixel that faces away from the
+# light (negative prediction, value near zero) counts as well, and so does a black one.
 SHADOW_FRACTION = np.float32(0.5)
 SHADOW_FLOOR = np.float32(0.1)
 NO_DROPPED_LIGHT = 255

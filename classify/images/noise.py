@@ -27,6 +27,8 @@ _APART_PX = 2
 _MAYBE_SHADOW = 0.2
 # Standard normal deviates: the tenth of the pixels that agree best, and what is beyond noise.
 _TENTH, _BEYOND = -1.2816, 2.76
+# Squares of larger values, and their products with gains, are out of reach of float32.
+_LARGEST = 1e9
 # Variance of rounding to whole numbers.
 _ROUNDING_VARIANCE = 1.0 / 12.0
 
@@ -50,7 +52,8 @@ class SensorNoise:
     Raises
     ------
     InputError
-        For a gain that is not positive, a negative read noise, or a value that is not finite.
+        For a gain below 1e-9, a read noise below 0 or beyond 1e9, a black level beyond 1e9, or
+        NaN.
     """
 
     gain_e_per_dn: float
@@ -58,12 +61,14 @@ class SensorNoise:
     black_level_dn: float = 0.0
 
     def __post_init__(self) -> None:
-        values = (self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn)
-        if not all(map(math.isfinite, values)) or self.gain_e_per_dn <= 0 or self.read_noise_dn < 0:
+        gain, read_noise, black = self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn
+        if not (1.0 / _LARGEST <= gain < math.inf and 0.0 <= read_noise <= _LARGEST):
             raise InputError(
-                f"a sensor of {self.gain_e_per_dn} e per DN and {self.read_noise_dn} DN read noise "
-                f"(black {self.black_level_dn}); give a positive gain and a read noise of 0 or more"
+                f"sensor noise of {gain:g} e per DN and {read_noise:g} DN read noise; the gain "
+                f"must be positive, the read noise 0 or more, and neither beyond any camera"
             )
+        if not abs(black) <= _LARGEST:
+            raise InputError(f"sensor noise with a black level of {black:g} DN; give a pixel value")
 
     def coefficients(self) -> npt.NDArray[np.float32]:
         """(3,) a, b and black of the variance a + b (v - black)."""

@@ -15,6 +15,9 @@ __all__ = ["ImageStack", "Images", "checked_ambient", "checked_stack"]
 
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 
+# Squares of larger values, times gains, are out of reach of float32.
+_LARGEST = 1e12
+
 Images = npt.NDArray[Any] | Sequence[npt.NDArray[Any]]
 
 
@@ -107,8 +110,7 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
         raise InputError(f"{len(images)} lights; at most 255 are handled")
     if images.dtype == np.float32:
         for index, image in enumerate(images):
-            if not np.isfinite(image).all():
-                raise InputError(f"image {index} holds NaN or infinity; mask or replace them")
+            _check_values(image, f"image {index}")
     return np.ascontiguousarray(images)
 
 
@@ -125,6 +127,14 @@ def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.N
             f"the ambient image is {ambient.shape} {ambient.dtype}, the light images are "
             f"{stack.shape[1:]} {stack.dtype}; they must agree"
         )
-    if ambient.dtype == np.float32 and not np.isfinite(ambient).all():
-        raise InputError("the ambient image holds NaN or infinity; mask or replace them")
+    if ambient.dtype == np.float32:
+        _check_values(ambient, "the ambient image")
     return np.ascontiguousarray(ambient)
+
+
+def _check_values(image: npt.NDArray[np.float32], name: str) -> None:
+    largest = float(np.abs(image).max())
+    if not np.isfinite(largest):
+        raise InputError(f"{name} holds NaN or infinity; mask or replace them")
+    if largest > _LARGEST:
+        raise InputError(f"{name} holds a value beyond {_LARGEST:g}; divide all images by a number")

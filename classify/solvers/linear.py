@@ -14,7 +14,13 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.lights.algebra import least_squares_weights, three_of_ring
-from classify.shadow_rule import MIN_NORMAL_Z, NO_DROPPED_LIGHT, SHADOW_FLOOR, SHADOW_FRACTION
+from classify.shadow_rule import (
+    MIN_NORMAL_Z,
+    MIN_SCALED_Z,
+    NO_DROPPED_LIGHT,
+    SHADOW_FLOOR,
+    SHADOW_FRACTION,
+)
 from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
@@ -167,7 +173,9 @@ def judge_row(
                 lit[c] += one if v * gain > limit else zero
     for c in range(columns):
         rho = albedo[r, c]
-        visible = (bz[c] > MIN_NORMAL_Z * rho) & (bz[c] * bz[c] >= floors[c] * rho)
+        visible = (bz[c] > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (
+            bz[c] * bz[c] >= floors[c] * rho
+        )
         inverse = -one / bz[c] if visible else zero
         p[r, c] = bx[c] * inverse
         q[r, c] = by[c] * inverse

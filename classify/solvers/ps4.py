@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.lights.algebra import drop_one_constants
-from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
+from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION
 from classify.threads import run_on_rows
 
 from .problem import Maps, Problem, nowhere
@@ -108,7 +108,7 @@ def _drop_darkest(
             by = inverse[1, 0] * s0 + inverse[1, 1] * s1 + inverse[1, 2] * s2
             bz = inverse[2, 0] * s0 + inverse[2, 1] * s1 + inverse[2, 2] * s2
             rho = np.sqrt(bx * bx + by * by + bz * bz)
-            visible = (bz > MIN_NORMAL_Z * rho) & (bz * bz >= noise_floor * rho)
+            visible = (bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (bz * bz >= noise_floor * rho)
             scale = -one / bz if visible else zero
             p[r, c] = bx * scale
             q[r, c] = by * scale

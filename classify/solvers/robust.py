@@ -17,7 +17,7 @@ from classify.compiling import kernel
 from classify.lighting import Lighting
 from classify.lights.algebra import drop_one_constants
 from classify.lights.balance import light_balance
-from classify.shadow_rule import MIN_NORMAL_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
+from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
 from classify.threads import STRIP_PX, run_on_rows
 
 from .in_fill import LOST, SATURATED, in_fill
@@ -179,7 +179,7 @@ def _gate(
             bx, by, bz = p[r, c], q[r, c], albedo[r, c]
             rho = np.sqrt(bx * bx + by * by + bz * bz)
             least = least_bz * np.sqrt(variances[c]) * rho
-            visible = (bz > MIN_NORMAL_Z * rho) & (bz * bz >= least)
+            visible = (bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (bz * bz >= least)
             inverse = -one / bz if visible else zero
             p[r, c] = bx * inverse
             q[r, c] = by * inverse
@@ -281,7 +281,9 @@ def _settle_pixel(
     by -= residual * corrections[1, left_out]
     bz -= residual * corrections[2, left_out]
     rho = np.sqrt(bx * bx + by * by + bz * bz)
-    visible = bz > MIN_NORMAL_Z * rho and bz * bz >= least_bz * np.sqrt(variance) * rho
+    visible = (
+        bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z) and bz * bz >= least_bz * np.sqrt(variance) * rho
+    )
     inverse = np.float32(1.0) / bz if visible else zero
     p[r, c] = -bx * inverse
     q[r, c] = -by * inverse

@@ -25,6 +25,10 @@ from .rushmeier import solve_rushmeier
 
 __all__ = ["photometric_stereo"]
 
+# Images are divided by their full scale and intensity; beyond these limits squares of the results
+# are out of reach of float32.
+_SMALLEST_DIVISOR, _LARGEST_DIVISOR = 1e-6, 1e12
+
 _SOLVERS: Mapping[Method, Callable[[Problem], Maps]] = {
     "ps3a": partial(solve_three_of_ring, method="ps3a"),
     "ps3b": partial(solve_three_of_ring, method="ps3b"),
@@ -98,6 +102,13 @@ def photometric_stereo(
     stack = ImageStack.checked(images, len(lighting), ambient)
     if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
+    divisors = (full_scale or 1.0) * lighting.intensities
+    for light, divisor in enumerate(divisors):
+        if not _SMALLEST_DIVISOR <= divisor <= _LARGEST_DIVISOR:
+            raise InputError(
+                f"full_scale times the intensity of light {light} is {divisor:g}; give values "
+                f"from {_SMALLEST_DIVISOR:g} to {_LARGEST_DIVISOR:g}"
+            )
     maps = _SOLVERS[chosen](Problem(stack, lighting, full_scale, noise))
     return SurfaceEstimate(
         p=maps.p,

@@ -1,11 +1,14 @@
 """Kernels are cached where a folder can be written to, and work without a cache."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import classify
 
 PROGRAM = """
 import numpy as np
@@ -19,10 +22,12 @@ print(kernel_cache_folder())
 """
 
 
-def run(**variables: str) -> str:
+def run(program: str = PROGRAM, **variables: str) -> str:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(
+        command, env=environment, cwd="/", check=False, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.strip()
 
@@ -41,3 +46,18 @@ def test_kernels_run_without_a_cache_where_no_folder_can_be_written(folder: str)
 
 def test_a_cache_folder_that_cannot_be_written_is_replaced_by_another() -> None:
     assert Path(run(NUMBA_CACHE_DIR="/dev/null/cache")).is_dir()
+
+
+def test_a_change_in_another_file_of_kernels_compiles_anew(tmp_path: Path) -> None:
+    """Kernels of other files are compiled into a kernel, for example `judge_row`."""
+    package = tmp_path / "classify"
+    shutil.copytree(Path(classify.__file__).parent, package, ignore=shutil.ignore_patterns("__py*"))
+    variables = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    program = PROGRAM.replace('"ps4"', '"least_squares"')
+    run(program, **variables)
+    # The limit is beyond every normal, so that no pixel is valid.
+    rule = package / "shadow_rule.py"
+    limit = "MIN_NORMAL_Z = np.float32(0.02)"
+    assert limit in rule.read_text()
+    rule.write_text(rule.read_text().replace(limit, "MIN_NORMAL_Z = np.float32(2.0)"))
+    run(program.replace("valid.all()", "valid.any() == False"), **variables)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from classify import Lighting
-from classify.images.noise import noise_of_images
+from classify.errors import InputError
+from classify.images.noise import SensorNoise, noise_of_images
 
 SIDE = 128
 ONES = np.ones(4, np.float32)
@@ -70,3 +71,13 @@ def test_three_lights_tell_only_the_rounding() -> None:
     assert noise_of_images(images, None, gains, lighting) == 0.0
     rounded = noise_of_images(images.astype(np.uint8), None, gains, lighting)
     assert rounded == pytest.approx(2.0 * np.sqrt(1 / 12))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [(np.nan, 1, 0), (0, 1, 0), (-1, 1, 0), (1e-300, 1, 0), (np.inf, 1, 0), (8, -1, 0),
+     (8, 1e200, 0), (8, 1e20, 0), (8, np.inf, 0), (8, 1, np.nan), (8, 1, 1e300), (8, 1, -1e300)],
+)  # fmt: skip
+def test_a_sensor_noise_beyond_any_camera_is_refused(values: tuple[float, float, float]) -> None:
+    with pytest.raises(InputError, match="sensor noise"):
+        SensorNoise(*values)

@@ -483,13 +483,17 @@ def test_unusable_input_is_named(
         photometric_stereo(images, lighting, method)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_no_number_is_named(bad: float) -> None:
+@pytest.mark.parametrize(
+    ("bad", "cause"),
+    [(np.nan, "NaN or infinity"), (-np.inf, "NaN or infinity"), (1e25, "a value beyond 1e"),
+     (-3e38, "a value beyond 1e")],
+)  # fmt: skip
+def test_a_pixel_value_that_cannot_be_used_is_named(bad: float, cause: str) -> None:
     images = tile([100, 100, 100, 100])
-    with pytest.raises(InputError, match="ambient image holds NaN"):
+    with pytest.raises(InputError, match=f"ambient image holds {cause}"):
         photometric_stereo(images, RING, ambient=np.full((4, 4), bad, np.float32))
     images[2, 1, 1] = bad
-    with pytest.raises(InputError, match="image 2 holds NaN or infinity"):
+    with pytest.raises(InputError, match=f"image 2 holds {cause}"):
         photometric_stereo(images, RING)
 
 
@@ -499,8 +503,26 @@ def test_ambient_image_must_fit_the_others(ambient: np.ndarray) -> None:
         photometric_stereo([FRAME] * 4, RING, ambient=ambient)
 
 
+@pytest.mark.parametrize(
+    ("full_scale", "intensity"),
+    [(1e-300, 1.0), (1e300, 1.0), (1.0, 1e-300), (1.0, 1e300), (1e-5, 1e-5), (None, 1e-30)],
+)
+def test_a_factor_beyond_float32_is_refused(full_scale: float | None, intensity: float) -> None:
+    lighting = Lighting(RING.directions, np.array([1.0, 1.0, 1.0, intensity]))
+    with pytest.raises(InputError, match="full_scale times the intensity of light"):
+        photometric_stereo([FRAME] * 4, lighting, full_scale=full_scale)
+
+
+def test_values_of_any_size_give_finite_slopes() -> None:
+    for size in (1e-40, 1e-30, 1e-20, 1e12):
+        images = (size * np.arange(64.0).reshape(4, 4, 4) / 64.0).astype(np.float32)
+        surface = photometric_stereo(images, RING)
+        assert np.isfinite(surface.p).all()
+        assert np.isfinite(surface.albedo).all()
+
+
 @pytest.mark.parametrize("full_scale", [0, -1, np.nan, np.inf])
-def test_full_scale_must_be_a_positive_number(full_scale: float) -> None:
+def test_full_scale_must_be_positive_and_finite(full_scale: float) -> None:
     with pytest.raises(InputError, match="positive pixel value"):
         photometric_stereo([FRAME] * 4, RING, full_scale=full_scale)
 
