@@ -1,11 +1,11 @@
-"""The answer "no": a set that must not be used."""
+"""The error of a set that failed its checks."""
 
 from classify.errors import Ps4rigError
 
 __all__ = ["SetRejected"]
 
 
-class SetRejected(Ps4rigError):  # noqa: N818 - not a fault of the program but a verdict on a set
-    """A captured set failed its checks; the message names every cause. Nothing is kept of it."""
+class SetRejected(Ps4rigError):  # noqa: N818 - a verdict on a set, not an error of the program
+    """A set failed its checks and is not written; the message names every cause."""
 
     exit_status = 1

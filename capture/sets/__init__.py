@@ -1,1 +1,1 @@
-"""Captured sets: the images of one surface with all that is known about them, and their files."""
+"""Captured sets: the images of one surface, their metadata, and their files."""

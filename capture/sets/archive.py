@@ -1,4 +1,4 @@
-"""Captured sets by the hundred: where they lie, and where what is made of each goes."""
+"""Many captured sets: finding them, and naming a folder for the results of each."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ __all__ = ["find_sets", "output_folders"]
 
 
 def find_sets(places: Sequence[Path]) -> list[Path]:
-    """The files among `places`, and for a folder all captured sets below it, sorted.
+    """Return the files among `places`, and all captured sets below each folder, sorted.
 
     Raises
     ------
     InputError
-        If there is no such place, or a folder holds none.
+        If a place does not exist, or a folder holds no set.
     """
     found: list[Path] = []
     for place in places:
@@ -36,11 +36,11 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """For each captured set of `places` the folder for what is made of it.
+    """Return a folder for the results of each captured set of `places`.
 
-    For one set, given as a file, that is `output`. Several have each a folder of their own name
-    below it, and above that the folders in which they lie, counted from the one that holds all
-    `places`: sets of one name in two folders do not meet.
+    For one set, given as a file, this is `output`. Of several sets each has a folder of its own
+    name. It lies below `output` as the set lies below the common folder of all `places`, so that
+    two sets of one name have different folders.
 
     Raises
     ------
@@ -60,5 +60,5 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
 
 
 def _absolute(path: Path) -> Path:
-    # Without the .. of a path, and without following links, which may lead anywhere.
+    # Without ".." in the path. Links are not followed: they may lead out of the common folder.
     return Path(os.path.normpath(path.absolute()))

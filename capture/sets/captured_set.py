@@ -1,4 +1,4 @@
-"""One captured set: the images of a surface under each light, and all that is known about them."""
+"""One captured set: the images of a surface under each light, and their metadata."""
 
 from __future__ import annotations
 
@@ -24,11 +24,16 @@ class CapturedSet:
     Attributes
     ----------
     images
-        (N, H, W) uint16 in the order of the lighting, as they came from the camera.
+        (N, H, W) uint16 light images in the order of the lighting; pixel values of the camera.
     ambient
-        (H, W) uint16 with all lights out, or None.
+        (H, W) uint16 image with all LEDs off, or None.
     metadata
         `SetMetadata`.
+
+    Raises
+    ------
+    InputError
+        If shapes or dtypes differ from these.
     """
 
     images: npt.NDArray[np.uint16]
@@ -52,7 +57,7 @@ class CapturedSet:
 
     @property
     def label(self) -> str | None:
-        """The class of the part, where it is known."""
+        """Class of the part, None if unknown."""
         return self.metadata.label
 
     @property
@@ -61,9 +66,10 @@ class CapturedSet:
         return self.metadata.lighting.to_lighting()
 
     def solve(self, method: Method | None = None) -> SurfaceEstimate:
-        """Gradients and albedo, ambient light subtracted; see `classify.photometric_stereo`.
+        """Solve for gradients and albedo, with ambient light subtracted.
 
-        Without a method it is ps4_robust, or least_squares where there are more than four lights.
+        See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
+        least_squares for more.
         """
         return photometric_stereo(
             self.images,
@@ -76,7 +82,7 @@ class CapturedSet:
 
     @property
     def noise(self) -> SensorNoise | None:
-        """Noise of the images, from the camera's gain, read noise and black level; else None."""
+        """Noise of the images; None if the camera's gain or read noise is unknown."""
         camera = self.metadata.camera
         if camera is None:
             return None
@@ -84,7 +90,13 @@ class CapturedSet:
         return image_noise(camera, self.metadata.bit_depth, self.metadata.full_scale, frames)
 
     def save(self, path: str | Path) -> None:
-        """Write one ``.ome.tif``; whole or not at all."""
+        """Write one ``.ome.tif``, whole or not at all; an existing file is replaced.
+
+        Raises
+        ------
+        InputError
+            If the name ends otherwise, or the file cannot be written.
+        """
         ome_tiff.write(Path(path), self.images, self.ambient, self.metadata)
 
     @staticmethod
@@ -94,7 +106,7 @@ class CapturedSet:
         Raises
         ------
         InputError
-            If it is missing, truncated, changed since it was written, no captured set, or of a
-            later version.
+            If the file is missing, truncated, changed since it was written, not a captured set, or
+            of a later version.
         """
         return CapturedSet(*ome_tiff.read(Path(path)))

@@ -1,4 +1,4 @@
-"""Plain photographs into a captured set."""
+"""Import of photographs as a captured set."""
 
 from __future__ import annotations
 
@@ -34,27 +34,27 @@ def import_images(
     ambient: Path | None = None,
     label: str | None = None,
 ) -> CapturedSet:
-    """PNG, JPEG or TIFF, 8 or 16 bit, grey or colour, one per light.
+    """Make a captured set of photographs: PNG, JPEG or TIFF, 8 or 16 bit, grey or colour.
 
-    Grey images that are linear keep their pixel values. All others are made linear, reduced to
-    luminance and stored with 16 bits; a pixel with any channel at full scale is stored at full
-    scale, so that the solver knows it as saturated. An alpha channel is ignored.
+    Linear grey images keep their pixel values. All others are made linear, reduced to luminance and
+    stored with 16 bits. A pixel with any channel at full scale is stored at full scale, so that the
+    solver treats it as saturated. An alpha channel is ignored.
 
     Parameters
     ----------
     paths
-        In the order of `lighting`.
+        One photograph per light, in the order of `lighting`.
     gamma
-        ``linear`` or ``srgb`` response. An 8-bit JPEG does not tell, so there it must be given;
-        elsewhere the default is linear.
+        Response of the photographs, ``linear`` (the default) or ``srgb``. An 8-bit JPEG does not
+        state it, so it must be given.
     ambient
-        Photograph with all lights out.
+        Photograph with all lights off.
 
     Raises
     ------
     InputError
-        If a file is missing, damaged or of another kind, sizes or depths differ, or the response
-        of a JPEG is not stated.
+        If a file is missing, damaged or of another kind, sizes or depths differ, or `gamma` is
+        missing for a JPEG.
     """
     if label is not None:
         checked_label(label)
@@ -88,12 +88,11 @@ def import_images(
     else:
         planes = [photograph.astype(np.uint16) for photograph in photographs]
     images = np.stack(planes[: len(lighting)])
-    dark = None if ambient is None else planes[-1]
+    ambient_image = None if ambient is None else planes[-1]
     records = [
-        ImageRecord(light=light, source_file=_text(path.name)) for light, path in enumerate(paths)
+        ImageRecord(light=light if light < len(paths) else None, source_file=_text(path.name))
+        for light, path in enumerate(files)
     ]
-    if ambient is not None:
-        records.append(ImageRecord(light=None, source_file=_text(ambient.name)))
     metadata = SetMetadata(
         label=label,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
@@ -104,9 +103,9 @@ def import_images(
         images=tuple(records),
         gamma=gamma or "linear",
         software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(images, dark),
+        pixels_sha256=pixels_sha256(images, ambient_image),
     )
-    return CapturedSet(images, dark, metadata)
+    return CapturedSet(images, ambient_image, metadata)
 
 
 def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[np.uint16]:
@@ -126,7 +125,7 @@ def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[n
 
 
 def _text(name: str) -> str:
-    """A file name, whose bytes need not be text, as text."""
+    """Return a file name with bytes that are not UTF-8 escaped."""
     return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 

@@ -1,4 +1,4 @@
-"""Light directions that come with photographs: an RTI ``.lp`` file or JSON."""
+"""Light directions of photographs, from an RTI ``.lp`` file or JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from classify.regular_file import read_regular_file
 __all__ = ["LightList", "load_light_list"]
 
 _MAX_BYTES = 4 * 2**20
-_MAX_LIGHTS = 255
+_MAX_LIGHTS = 255  # of a captured set with an ambient image
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
@@ -38,7 +38,7 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] =
 
 
 class LightList:
-    """Directions as a file gives them: by image name, or in order.
+    """Light directions of a file, by image name or in order.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class LightList:
         return self.named_paths
 
     def lighting_for(self, images: Sequence[Path]) -> Lighting:
-        """The lights of these images, found by name, or in order where the file has no names.
+        """Return the lights of these images, by name, or in order if the file has no names.
 
         Raises
         ------
@@ -120,16 +120,16 @@ class LightList:
 
 
 def load_light_list(path: Path) -> LightList:
-    """Read ``.lp`` (count, then ``name x y z`` a line) or ``.json``.
+    """Read ``.lp`` (a count, then one ``name x y z`` per line) or ``.json``.
 
     JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
-    "direction": [x, y, z]}``, or an object with such a list under ``images``. Beside a direction
-    there may be ``"intensity": number``, relative to the other lights.
+    "direction": [x, y, z]}``, or an object with such a list under ``images``. An entry may have
+    ``"intensity": number``, relative to the other lights.
 
     Raises
     ------
     InputError
-        If it is missing or not of that form; the message names file and line.
+        If the file is missing or has another form; the message names file and line.
     """
     try:
         text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
@@ -150,7 +150,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
     names: list[str] = []
     vectors: list[Vector] = []
     for number, line in numbered[1:]:
-        # The name may hold blanks, and the folders of another computer.
+        # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
         try:
             x, y, z = map(float, fields)
@@ -158,7 +158,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
             raise InputError(f"{path}: line {number} is not 'name x y z'") from None
         names.append(PureWindowsPath(name).name)
         vectors.append((x, y, z))
-    announced = int(numbered[0][1][:9])  # no list is longer
+    announced = int(numbered[0][1][:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
     return LightList(path, names, vectors)
@@ -169,7 +169,7 @@ def _parsed_json(path: Path, text: str) -> LightList:
         content = _JSON.validate_python(json.loads(text))
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error})") from error
-    # pydantic's ValidationError, and what int() says to thousands of digits, are ValueErrors.
+    # ValueError: pydantic's ValidationError, or a number of thousands of digits.
     except (ValueError, RecursionError):
         raise InputError(
             f"{path}: not a list of lights; give [[x, y, z], ...] in the order of the images, or "

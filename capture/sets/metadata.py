@@ -1,4 +1,4 @@
-"""What is known about the images of a captured set: the JSON inside its file."""
+"""The metadata of a captured set: the JSON inside its file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNPROTECTED = (
     "capture cannot be noticed"
 )
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-# Wider than any camera; the squares and quotients of the solvers stay finite in float32.
+# Wider than for any camera, and small enough that squares and quotients stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
@@ -42,7 +42,7 @@ def _printable(label: str | None) -> str | None:
 
 
 class _Record(BaseModel):
-    # A file's keys are the aliases: some are older than the names here.
+    # The aliases are the keys in files; some are older than the names here.
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
@@ -54,14 +54,14 @@ class LightingRecord(_Record):
 
     @classmethod
     def of(cls, lighting: Lighting) -> Self:
-        """The record of a `Lighting`."""
+        """Make the record of a `Lighting`."""
         return cls(
             directions=tuple((x, y, z) for x, y, z in lighting.directions.tolist()),
             intensities=tuple(lighting.intensities.tolist()),
         )
 
     def to_lighting(self) -> Lighting:
-        """The `Lighting` of a record."""
+        """Return the `Lighting` of the record."""
         return Lighting(np.array(self.directions), np.array(self.intensities))
 
 
@@ -99,10 +99,10 @@ class ImageRecord(_Record):
 
 
 class CameraRecord(_Record):
-    """The camera as it was set, read back from it.
+    """The camera with its settings as read back from it.
 
-    Gain, read noise and black level count in the camera's own pixel values, up to
-    2^bit_depth - 1; the images of an averaged set are stretched from there to `full_scale`.
+    Gain, read noise and black level are in the camera's own pixel values, up to
+    2^bit_depth - 1. Averaged images are stretched from there to `full_scale`.
     """
 
     kind: str
@@ -156,12 +156,28 @@ class ChecksRecord(_Record):
 
 
 class SetMetadata(_Record):
-    """What a set's file says about its pixels.
+    """The metadata of a captured set.
 
-    `full_scale` is the pixel value of saturation; `bit_depth` the camera's. `orientation_deg` is
-    how far the part was turned, where that is known. `placement` is the simulated part.
-    `synchronisation` is who moved on from light to light, see `rig.toml`. `checks` is what the
-    images say about their lights, `failed_attempts` why each earlier attempt failed.
+    Attributes
+    ----------
+    bit_depth, full_scale
+        Bit depth of the camera, and the pixel value of saturation in the images.
+    images
+        One record for each image, in the order of the lighting, then the ambient image.
+    orientation_deg
+        Orientation of the part, None if unknown.
+    placement
+        The simulated part, None for a real one.
+    synchronisation
+        Who switched from light to light, see `rig.toml`.
+    checks
+        What the images say about their lights.
+    failed_attempts
+        Why each earlier attempt at the set failed.
+    gamma
+        Response of imported photographs that was undone: ``linear`` or ``srgb``.
+    calibration_ids
+        Hashes of the calibrations that apply to the set.
     """
 
     schema_version: Literal[1, 2] = 2
@@ -188,18 +204,18 @@ class SetMetadata(_Record):
 
     @property
     def is_protected(self) -> bool:
-        """Whether the file has a hash over its metadata: from schema version 2 on."""
+        """True if the file has a hash over its metadata: from schema version 2 on."""
         return self.schema_version > 1
 
 
 def image_noise(
     camera: CameraRecord, bit_depth: int, full_scale: int, frames: int
 ) -> SensorNoise | None:
-    """Noise of images that are the mean of so many frames of a camera; None where it is not known.
+    """Return the noise of images that are each the mean of `frames` frames; None if unknown.
 
-    A camera's gain, read noise and black level count in its own pixel values. The images are
-    stretched by s from there: the gain becomes gain n / s and the read noise s / sqrt(n) times
-    what it is, with the rounding of each of the n frames now part of it.
+    The mean of n frames is stretched by s = full_scale / (2^bit_depth - 1). Its gain is n / s times
+    that of the camera. Its read noise is s sqrt((r^2 + 1/12) / n) with the camera's read noise r;
+    1/12 is the variance of rounding each frame.
     """
     if camera.gain_e_per_dn is None or camera.read_noise_dn is None:
         return None

@@ -116,7 +116,7 @@ def _recorded(path: Path, planes: Planes, fields: dict[str, Any]) -> RecordedSet
         ambient=ambient,
         lighting=Lighting(directions, np.array(fields["lighting"]["intensities"], np.float64)),
         full_scale=full_scale,
-        noise={name: camera.get(name) if own_scale else None for name in names},
+        noise={name: _number(camera.get(name)) if own_scale else None for name in names},
         origin={
             "set_file": str(path),
             "pixels_sha256": fields["pixels_sha256"],
@@ -126,6 +126,12 @@ def _recorded(path: Path, planes: Planes, fields: dict[str, Any]) -> RecordedSet
             "camera": camera.get("name"),
         },
     )
+
+
+def _number(value: float | None) -> float | None:
+    if value is not None and not 0.0 <= float(value) <= 1e6:
+        raise ValueError(f"camera noise {value}")
+    return value
 
 
 def _degrees(angles: npt.NDArray[np.float64]) -> str:

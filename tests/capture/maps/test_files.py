@@ -35,7 +35,7 @@ def captured(sets: Path) -> CapturedSet:
     return CapturedSet.load(sets / "rock-001.ome.tif")
 
 
-def test_maps_are_float32_tiffs_of_exactly_what_was_solved(
+def test_maps_are_float32_tiffs_of_the_solved_values(
     captured: CapturedSet, tmp_path: Path
 ) -> None:
     surface = captured.solve()
@@ -66,7 +66,7 @@ def test_the_height_rises_along_p_and_up_along_q(
     np.testing.assert_allclose(np.diff(height, axis=0), -0.1, atol=2e-3)
 
 
-def test_pictures_can_be_looked_at(captured: CapturedSet, tmp_path: Path) -> None:
+def test_png_files_show_masks_and_shadows(captured: CapturedSet, tmp_path: Path) -> None:
     surface = captured.solve()
     write_maps(captured, surface, tmp_path)
     valid = cv2.imread(str(tmp_path / "valid.png"), cv2.IMREAD_GRAYSCALE)
@@ -77,7 +77,7 @@ def test_pictures_can_be_looked_at(captured: CapturedSet, tmp_path: Path) -> Non
     assert min(cv2.imread(str(tmp_path / "preview.png")).shape[:2]) > 300
 
 
-def test_derived_maps_are_those_of_classify(captured: CapturedSet, tmp_path: Path) -> None:
+def test_derived_maps_are_computed_by_classify(captured: CapturedSet, tmp_path: Path) -> None:
     surface = captured.solve()
     light = Lighting.from_angles([200.0], 30.0)
     write_maps(captured, surface, tmp_path, light=light)
@@ -93,7 +93,7 @@ def test_derived_maps_are_those_of_classify(captured: CapturedSet, tmp_path: Pat
         np.testing.assert_array_equal(tifffile.imread(tmp_path / f"{name}.tif"), values)
 
 
-def test_each_tiff_says_where_it_comes_from_and_in_what_unit(
+def test_each_tiff_describes_its_set_and_unit(
     captured: CapturedSet, tmp_path: Path
 ) -> None:
     write_maps(captured, captured.solve(), tmp_path)
@@ -112,7 +112,7 @@ def test_each_tiff_says_where_it_comes_from_and_in_what_unit(
     assert about["relit"]["light"] == {"tilt_deg": 135.0, "slant_deg": 45.0}
 
 
-def test_roughness_has_units_and_says_what_is_relative(
+def test_roughness_has_units_and_marks_relative_values(
     captured: CapturedSet, tmp_path: Path
 ) -> None:
     surface = captured.solve()
@@ -159,7 +159,7 @@ def test_images_of_any_shape_have_maps(
 
 
 @pytest.mark.parametrize("lights", [3, 9])
-def test_more_or_fewer_lights_have_maps(
+def test_sets_of_three_or_nine_lights_have_maps(
     made_set: Callable[..., CapturedSet], tmp_path: Path, lights: int
 ) -> None:
     set_ = made_set(np.full((lights, 40, 50), 2000, np.uint16))
@@ -168,7 +168,7 @@ def test_more_or_fewer_lights_have_maps(
     assert ("Light images (the first 8 of 9)" in page) == (lights == 9)
 
 
-def test_a_surface_is_relit_by_one_light(captured: CapturedSet, tmp_path: Path) -> None:
+def test_relighting_needs_exactly_one_light(captured: CapturedSet, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="relit under 4 lights; give one"):
         write_maps(captured, captured.solve(), tmp_path / "maps", light=Lighting.ring(45.0))
     assert not (tmp_path / "maps").exists()

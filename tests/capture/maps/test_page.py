@@ -1,4 +1,4 @@
-"""The page of maps: whole, self-contained, and nothing from a set becomes markup."""
+"""The page of maps: complete, self-contained, and text of a set is escaped."""
 
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -16,7 +16,7 @@ VOID = {"meta", "img", "br"}
 
 
 class Page(HTMLParser):
-    """Elements with their attributes, and the text of the page."""
+    """The elements with their attributes, and the text of a page."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ def page(sets: Path) -> Page:
     return page_of(CapturedSet.load(sets / "rock-001.ome.tif"))
 
 
-def test_it_shows_every_map_with_its_name(page: Page) -> None:
+def test_the_page_shows_every_map_with_its_name(page: Page) -> None:
     titles = [image["alt"] for image in page.all("img")]
     assert len(titles) == len(set(titles)) == 4 + 4 + 4 + 2 + 5
     for name in (
@@ -66,7 +66,7 @@ def test_it_shows_every_map_with_its_name(page: Page) -> None:
         assert name in page.text
 
 
-def test_it_says_what_was_solved_and_how(page: Page) -> None:
+def test_the_page_states_set_method_and_units(page: Page) -> None:
     assert "Simulated. No light, camera or part" in page.text
     for fact in ("rock", "ps4", "128 x 128 px, 12 bit", "4, slant 45.0°", "1/px²", "(relative)"):
         assert fact in page.text
@@ -74,7 +74,7 @@ def test_it_says_what_was_solved_and_how(page: Page) -> None:
         assert parameter in page.text
 
 
-def test_it_needs_nothing_beside_it(page: Page) -> None:
+def test_the_page_refers_to_no_other_file(page: Page) -> None:
     assert not page.all("script")
     assert not page.all("link")
     assert not page.all("a")
@@ -88,7 +88,7 @@ def test_it_needs_nothing_beside_it(page: Page) -> None:
 def test_colour_bars_run_from_lowest_to_highest(
     made_set: Callable[..., CapturedSet],
 ) -> None:
-    """A plane: p is 0.2 all over, and so its colours end at -0.2 and 0.2."""
+    """On a plane with p = 0.2 everywhere the scale ends at -0.2 and 0.2."""
     set_ = made_set(np.full((4, 8, 8), 1000, np.uint16))
     normal = np.array([-0.2, 0.0, 1.0]) / np.sqrt(1.04)
     levels = np.rint(40_000 * set_.lighting.directions @ normal).astype(np.uint16)
@@ -98,7 +98,7 @@ def test_colour_bars_run_from_lowest_to_highest(
     assert "Captured set without a label" not in text
 
 
-def test_what_a_set_says_is_text_and_never_markup(made_set: Callable[..., CapturedSet]) -> None:
+def test_text_of_a_set_is_escaped(made_set: Callable[..., CapturedSet]) -> None:
     evil = "<script>alert(\"$title & 'x'\")</script>"
     set_ = made_set(np.full((4, 8, 9), 1000, np.uint16), label=evil, created_utc=evil)
     page = page_of(set_)
@@ -118,7 +118,7 @@ def test_a_set_without_label_or_valid_pixel_is_shown(made_set: Callable[..., Cap
     assert "root mean square gradient-" in text
 
 
-def test_fifty_lights_do_not_make_fifty_pictures(made_set: Callable[..., CapturedSet]) -> None:
+def test_only_eight_of_fifty_light_images_are_shown(made_set: Callable[..., CapturedSet]) -> None:
     page = page_of(made_set(np.full((50, 8, 8), 1000, np.uint16)), "least_squares")
     assert sum("tilt" in (image["alt"] or "") and "light" in (image["alt"] or "")
                for image in page.all("img")) == 8  # fmt: skip

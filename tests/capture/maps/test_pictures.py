@@ -1,4 +1,4 @@
-"""Colours of maps: ends, zero, and one colour for one meaning."""
+"""Colours of maps: ends of scales, zero, and distinct colours for distinct values."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +25,7 @@ def test_signed_colours_are_blue_below_white_at_and_red_above_zero() -> None:
     np.testing.assert_allclose(picture[0], [BLUE, BLUE, WHITE, RED, RED], atol=1)
 
 
-def test_a_few_wild_values_leave_the_others_their_colour() -> None:
+def test_a_few_outliers_do_not_change_the_colours_of_the_others() -> None:
     values = np.full((100, 100), 0.5, np.float32)
     values[0, :20] = -1000.0
     scale = ColourScale.signed(values)
@@ -41,7 +41,7 @@ def test_grey_runs_from_black_at_zero_to_white_at_the_top(value: float, top: flo
 
 
 @pytest.mark.parametrize("dtype", [np.bool_, np.uint8, np.uint16, np.float32])
-def test_an_even_map_has_an_even_picture(dtype: Any) -> None:
+def test_a_uniform_map_has_a_uniform_picture(dtype: Any) -> None:
     for value in (0, 1):
         picture = pictures.grey(np.full((5, 6), value, dtype), top=1.0)
         assert picture.shape == (5, 6, 3)
@@ -59,14 +59,14 @@ def test_large_maps_are_averaged_and_small_ones_stay() -> None:
     assert pictures.reduced(np.zeros((3, 4000, 3), np.float32)).shape[1:] == (512, 3)
 
 
-def test_names_are_thinned_out_and_never_mixed() -> None:
+def test_reducing_a_map_of_names_keeps_its_values() -> None:
     names = np.random.default_rng(0).choice(np.array([0, 3, 255], np.uint8), (900, 1100))
     thinned = pictures.thinned(names)
     assert thinned.shape == (419, 512)
     assert set(np.unique(thinned)) == {0, 3, 255}
 
 
-def test_a_map_of_zeros_and_one_of_nearly_zeros_have_limits() -> None:
+def test_scales_of_maps_of_zeros_have_limits() -> None:
     values = np.zeros((50, 50), np.float32)
     assert (ColourScale.signed(values).low, ColourScale.grey(values).high) == (-1.0, 1.0)
     values[0, 0] = -3.0
@@ -74,7 +74,7 @@ def test_a_map_of_zeros_and_one_of_nearly_zeros_have_limits() -> None:
 
 
 @pytest.mark.parametrize("lights", [1, 4, 8, 255, 300])
-def test_each_light_left_out_has_a_colour_of_its_own(lights: int) -> None:
+def test_each_dropped_light_has_its_own_colour(lights: int) -> None:
     colours = pictures.dropped_colours(lights)
     assert colours.shape == (256, 3)
     assert colours[255].tolist() == [235, 235, 235]

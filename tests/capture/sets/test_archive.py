@@ -1,4 +1,4 @@
-"""Folders of captured sets, and the folders for what is made of them."""
+"""Finding captured sets below folders, and naming folders for their results."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Command = Callable[..., Any]
 
 @pytest.fixture
 def archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Names alone: two sets called a, one b, and what is no set."""
+    """Empty files: two sets called a, one called b, and files that are not sets."""
     for name in ("x/a.ome.tif", "x/y/a.ome.tif", "b.ome.tif", "x/notes.txt", "x/p.tif"):
         path = tmp_path / "archive" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -30,7 +30,7 @@ def test_a_folder_stands_for_the_sets_below_it(archive: Path) -> None:
     assert find_sets([archive]) == [
         archive / "b.ome.tif", archive / "x" / "a.ome.tif", archive / "x" / "y" / "a.ome.tif",
     ]  # fmt: skip
-    # Files stay where they are named, whatever they are called.
+    # A file that is named itself is taken whatever its name is.
     text = archive / "x" / "notes.txt"
     assert find_sets([text, archive / "x" / "y"]) == [text, archive / "x" / "y" / "a.ome.tif"]
 
@@ -42,7 +42,7 @@ def test_a_folder_stands_for_the_sets_below_it(archive: Path) -> None:
         ("empty", r"empty: holds no captured sets \(\*\.ome\.tif\)"),
     ],
 )
-def test_a_place_without_sets_is_named(archive: Path, place: str, message: str) -> None:
+def test_an_error_names_the_place_without_sets(archive: Path, place: str, message: str) -> None:
     with pytest.raises(InputError, match=f"^{message}$"):
         find_sets([archive, Path(place)])
 
@@ -60,7 +60,7 @@ def test_a_place_without_sets_is_named(archive: Path, place: str, message: str) 
     ],
 )
 @pytest.mark.usefixtures("archive")
-def test_no_two_sets_share_a_folder(places: list[str], folders: list[str]) -> None:
+def test_each_set_has_a_folder_of_its_own(places: list[str], folders: list[str]) -> None:
     found = output_folders([Path(place) for place in places], Path("out"))
     assert [str(folder) for folder in found.values()] == folders
 
@@ -99,7 +99,7 @@ def test_solve_says_of_how_many_lights_the_page_shows_a_part(
     assert "17 files, the page shows 8 of 9 light images" in result.stdout
 
 
-def test_folders_serve_wherever_sets_do(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
+def test_train_and_classify_take_folders(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
     library = tmp_path / "t.ps4lib"
     assert ps4rig("train", sets, "--library", library).exit_code == 0
     answers = json.loads(ps4rig("classify", sets, "--library", library, "--json").stdout)

@@ -1,4 +1,4 @@
-"""A captured set as a value."""
+"""Captured sets as values: validation and solving."""
 
 from collections.abc import Callable
 

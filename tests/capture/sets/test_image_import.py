@@ -1,4 +1,4 @@
-"""Photographs into a captured set: their numbers, and which are refused."""
+"""Import of photographs: stored values, refused files, and the command."""
 
 import json
 from collections.abc import Callable
@@ -23,13 +23,13 @@ Refused = Callable[..., str]
 
 
 def pattern(dtype: type[np.uint8 | np.uint16], channels: int = 0) -> npt.NDArray[Any]:
-    """Any pixels without a saturated one."""
+    """Random pixels, none of them saturated."""
     shape = SHAPE if channels == 0 else (*SHAPE, channels)
     return np.random.default_rng(5).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
 
 
 def written(path: Path, image: npt.NDArray[Any]) -> Path:
-    """An RGB or grey image as a file of the kind its name says."""
+    """Write an RGB or grey image in the format of the suffix."""
     if path.suffix in (".tif", ".tiff"):
         tifffile.imwrite(path, image, photometric="rgb" if image.ndim == 3 else "minisblack")
     else:
@@ -42,7 +42,7 @@ def written(path: Path, image: npt.NDArray[Any]) -> Path:
 
 @pytest.fixture
 def four(tmp_path: Path) -> Photographs:
-    """Write an image four times and return the paths."""
+    """Write one image to four files and return their paths."""
 
     def write(image: npt.NDArray[Any], suffix: str = ".png") -> list[Path]:
         return [written(tmp_path / f"image{light}{suffix}", image) for light in range(4)]
@@ -51,11 +51,11 @@ def four(tmp_path: Path) -> Photographs:
 
 
 def srgb(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """IEC 61966-2-1, from [0, 1] to [0, 1]."""
+    """Undo the sRGB response (IEC 61966-2-1) of values in [0, 1]."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-# numbers
+# stored values
 
 
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
@@ -90,7 +90,7 @@ def test_colour_becomes_linear_luminance(
     assert captured.metadata.full_scale == 65535
 
 
-def test_equal_channels_are_grey(four: Photographs) -> None:
+def test_equal_channels_give_their_grey_value(four: Photographs) -> None:
     grey = pattern(np.uint16)
     captured = import_images(four(np.dstack([grey] * 3)), RING)
     assert abs(captured.images[0].astype(int) - grey).max() <= 1
@@ -98,7 +98,7 @@ def test_equal_channels_are_grey(four: Photographs) -> None:
 
 @pytest.mark.parametrize("channels", [0, 3])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_srgb_is_undone_by_its_formula(
+def test_srgb_is_undone(
     four: Photographs, channels: int, dtype: type[np.uint8 | np.uint16]
 ) -> None:
     image = pattern(dtype, channels)
@@ -109,14 +109,14 @@ def test_srgb_is_undone_by_its_formula(
     assert captured.metadata.gamma == "srgb"
 
 
-def test_every_level_of_srgb(four: Photographs) -> None:
+def test_each_8_bit_level_of_srgb_is_undone(four: Photographs) -> None:
     ramp = np.arange(256, dtype=np.uint8).reshape(8, 32)
     captured = import_images(four(ramp), RING, gamma="srgb")
     np.testing.assert_allclose(captured.images[0], 65535 * srgb(ramp / 255), atol=0.51)
     assert (captured.images[0, 0, 0], captured.images[0, -1, -1]) == (0, 65535)
 
 
-def test_one_saturated_channel_saturates_the_pixel(four: Photographs) -> None:
+def test_a_pixel_with_one_saturated_channel_is_saturated(four: Photographs) -> None:
     image = np.full((*SHAPE, 3), 100, np.uint8)
     image[4, 5] = (100, 100, 255)
     captured = import_images(four(image), RING)
@@ -156,7 +156,7 @@ def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_pa
     np.testing.assert_allclose(captured.solve().albedo, 50 / 255 / np.cos(np.pi / 4), rtol=1e-5)
 
 
-def test_a_jpeg_needs_its_response_stated(four: Photographs) -> None:
+def test_a_jpeg_needs_gamma(four: Photographs) -> None:
     paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
     with pytest.raises(InputError, match=r"image0\.jpg: a JPEG does not say .* --gamma srgb"):
         import_images(paths, RING)
@@ -165,7 +165,7 @@ def test_a_jpeg_needs_its_response_stated(four: Photographs) -> None:
     assert (import_images(paths, RING, gamma="srgb").images == expected).all()
 
 
-def test_a_name_that_is_no_text_is_kept_readable(four: Photographs, tmp_path: Path) -> None:
+def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
     captured = import_images(paths, RING)
@@ -174,7 +174,7 @@ def test_a_name_that_is_no_text_is_kept_readable(four: Photographs, tmp_path: Pa
     assert read.metadata.images[3].source_file == "odd\\udcff.png"
 
 
-# what is refused
+# errors
 
 
 def refuse(paths: list[Path], message: str, **options: Any) -> None:
@@ -183,18 +183,18 @@ def refuse(paths: list[Path], message: str, **options: Any) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_another_count_of_images(four: Photographs) -> None:
+def test_the_numbers_of_images_and_lights_must_agree(four: Photographs) -> None:
     refuse(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
 
 
-def test_three_images_can_be_a_set_but_not_be_solved_by_ps4(four: Photographs) -> None:
+def test_three_images_make_a_set_that_ps4_cannot_solve(four: Photographs) -> None:
     three = import_images(four(pattern(np.uint8))[:3], Lighting.ring(45.0, [0.0, 120.0, 240.0]))
     with pytest.raises(InputError, match="this set has 3; use least_squares"):
         three.solve()
     assert three.solve("least_squares").p.shape == SHAPE
 
 
-def test_images_of_another_size_or_depth(four: Photographs) -> None:
+def test_images_must_have_one_size_and_depth(four: Photographs) -> None:
     paths = four(pattern(np.uint8))
     written(paths[2], pattern(np.uint8)[:-1])
     refuse(paths, r"image2\.png: 17 x 11 px, but .*image0\.png has 17 x 12 px")
@@ -202,12 +202,12 @@ def test_images_of_another_size_or_depth(four: Photographs) -> None:
     refuse(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
 
 
-def test_an_ambient_image_of_another_size(four: Photographs, tmp_path: Path) -> None:
+def test_the_ambient_image_must_have_the_size_of_the_others(four: Photographs, tmp_path: Path) -> None:
     ambient = written(tmp_path / "ambient.png", pattern(np.uint8)[:5])
     refuse(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
 
 
-def test_a_label_that_no_file_could_hold(four: Photographs) -> None:
+def test_an_unprintable_label_is_refused(four: Photographs) -> None:
     refuse(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
 
 

@@ -1,4 +1,4 @@
-"""Light directions from `.lp` and `.json`."""
+"""Light directions from `.lp` and `.json` files."""
 
 import json
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_an_lp_file_gives_the_lights_of_its_images_in_any_order(tmp_path: Path, 
 @pytest.mark.parametrize(
     "folder", ["", "C:\\Users\\me\\my photos\\", "/home/me/", "..\\", "\\\\server\\share\\", "x/y/"]
 )
-def test_folders_of_another_computer_and_blanks_in_names_do_no_harm(
+def test_names_may_contain_blanks_and_folders_of_another_computer(
     tmp_path: Path, folder: str
 ) -> None:
     names = tuple(f"my  photo {name}" for name in NAMES)
@@ -53,7 +53,7 @@ def test_folders_of_another_computer_and_blanks_in_names_do_no_harm(
     assert lights.image_paths() == [tmp_path / name for name in names]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_count(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     content = "\n".join(["4", *rows()]).encode("utf-8-sig")
     assert load_light_list(lp(tmp_path, content)).lighting_for(PATHS) == RING
 
@@ -75,7 +75,7 @@ def test_a_byte_order_mark_is_no_part_of_the_count(tmp_path: Path) -> None:
         ("1\na\0b.png 0 0\n", "line 2 is not"),
     ],
 )
-def test_a_wrong_lp_file_is_refused_by_name_and_line(
+def test_an_error_in_an_lp_file_names_file_and_line(
     tmp_path: Path, content: str | bytes, message: str
 ) -> None:
     with pytest.raises(InputError, match=rf"lights\.lp: {message}"):
@@ -92,7 +92,7 @@ def test_a_wrong_lp_file_is_refused_by_name_and_line(
         ("0 0 0", "zero"),
     ],
 )
-def test_a_light_that_cannot_shine_on_the_surface_is_refused_by_file(
+def test_an_impossible_light_direction_names_the_file(
     tmp_path: Path, vector: str, message: str
 ) -> None:
     lights = load_light_list(lp(tmp_path, f"1\na.png {vector}\n"))
@@ -159,12 +159,12 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
         [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],
     ],
 )
-def test_json_of_another_form_is_refused_with_the_right_one(tmp_path: Path, content: Any) -> None:
+def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> None:
     with pytest.raises(InputError, match=r"lights\.json: not a list of lights; give \[\[x, y, z"):
         load_light_list(as_json(tmp_path, content))
 
 
-def test_what_is_no_json_or_no_list_at_all(tmp_path: Path) -> None:
+def test_files_that_are_no_light_list_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lights\.json: not JSON \(.*line 1 column 2"):
         load_light_list(as_json(tmp_path, "[0, 0, 1"[:1] + "x"))
     with pytest.raises(InputError, match="lists 0 lights"):

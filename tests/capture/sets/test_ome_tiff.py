@@ -1,4 +1,4 @@
-"""The OME-TIFF of a captured set: what goes in comes out, or the reader says why not."""
+"""Files of captured sets: round trips, other readers, and files that are refused."""
 
 import json
 import os
@@ -67,7 +67,7 @@ def with_metadata(path: Path, change: Callable[[dict[str, Any]], object], sign: 
                      metadata=None)  # fmt: skip
 
 
-# there and back
+# round trips
 
 
 @settings(max_examples=60, deadline=None)
@@ -94,7 +94,7 @@ def test_labels_of_any_script_come_back(path: Path, made_set: MadeSet, label: st
     assert CapturedSet.load(path).label == label
 
 
-def test_names_that_xml_could_not_hold_come_back(path: Path, made_set: MadeSet) -> None:
+def test_file_names_that_xml_cannot_hold_come_back(path: Path, made_set: MadeSet) -> None:
     names = ["a\x01.png", "\uffff.png", "tab\t.png", "\u2028.png"]
     records = tuple(ImageRecord(light=i, source_file=name) for i, name in enumerate(names))
     made_set(np.ones((4, 2, 2), np.uint16), images=records).save(path)
@@ -107,7 +107,7 @@ def test_a_captured_set_comes_back_with_all_its_records(rig: Rig, tmp_path: Path
     assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
 
 
-# for other readers
+# other readers
 
 
 def test_keys_in_a_file_are_those_of_earlier_versions(rig: Rig) -> None:
@@ -116,7 +116,7 @@ def test_keys_in_a_file_are_those_of_earlier_versions(rig: Rig) -> None:
     assert {"contradiction", "light_strengths", "second_look"} < fields["checks"].keys()
 
 
-def test_any_tiff_reader_sees_channels_named_by_tilt(path: Path) -> None:
+def test_tiff_readers_see_channels_named_by_tilt(path: Path) -> None:
     with tifffile.TiffFile(path) as tiff:
         assert tiff.is_ome
         assert tiff.series[0].axes == "CYX"
@@ -155,12 +155,12 @@ def test_the_description_is_plain_ascii(path: Path, made_set: MadeSet) -> None:
         assert tiff.pages.first.description.isascii()
 
 
-# files that are refused
+# refused files
 
 
 def test_a_file_cut_off_anywhere_is_refused_by_name(path: Path, tmp_path: Path) -> None:
     whole = path.read_bytes()
-    # The last 20 bytes tell the resolution of the last page; a set is whole without them.
+    # The last 20 bytes hold the resolution of the last page, which is not read.
     last = len(whole) - 20
     cut = tmp_path / "cut.ome.tif"
     lengths = {*range(0, 400, 7), *range(0, last, 97), *range(last - 200, last)}
@@ -219,7 +219,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
         (lambda f: f.update(camera=CAMERA | {"gain_e_per_dn": 1e-200}), "camera.gain_e_per_dn: "),
     ],
 )
-def test_edited_metadata_are_refused_by_file_and_field(
+def test_an_error_in_the_metadata_names_file_and_field(
     path: Path, change: Callable[[dict[str, Any]], object], message: str
 ) -> None:
     with_metadata(path, change, sign=True)
@@ -288,7 +288,7 @@ def test_metadata_that_cannot_be_read_are_refused(
         CapturedSet.load(path)
 
 
-def test_other_tiffs_and_other_files_are_told_apart(tmp_path: Path) -> None:
+def test_an_error_tells_other_tiffs_from_other_files(tmp_path: Path) -> None:
     plain, text, empty = (tmp_path / name for name in ("p.tif", "t.ome.tif", "e.ome.tif"))
     tifffile.imwrite(plain, np.zeros((4, 5, 6), np.uint16), photometric="minisblack")
     text.write_text("no image at all")
@@ -313,7 +313,7 @@ def test_another_suffix_is_refused(tmp_path: Path, made_set: MadeSet) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path, made_set: MadeSet) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path, made_set: MadeSet) -> None:
     with pytest.raises(InputError, match=r"none/a\.ome\.tif: cannot be written: No such file"):
         made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "none" / "a.ome.tif")
 
@@ -356,7 +356,7 @@ def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> Non
     assert len(CapturedSet.load(tmp_path / "many.ome.tif").images) == 255
 
 
-def test_metadata_of_other_pixels_are_not_written(tmp_path: Path, made_set: MadeSet) -> None:
+def test_a_set_with_the_hash_of_other_pixels_is_not_written(tmp_path: Path, made_set: MadeSet) -> None:
     whole = made_set(np.ones((4, 2, 2), np.uint16))
     other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
     with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
