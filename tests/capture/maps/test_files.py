@@ -35,9 +35,7 @@ def captured(sets: Path) -> CapturedSet:
     return CapturedSet.load(sets / "rock-001.ome.tif")
 
 
-def test_maps_are_float32_tiffs_of_the_solved_values(
-    captured: CapturedSet, tmp_path: Path
-) -> None:
+def test_maps_are_float32_tiffs_of_the_solved_values(captured: CapturedSet, tmp_path: Path) -> None:
     surface = captured.solve()
     paths = write_maps(captured, surface, tmp_path / "new" / "maps")
     assert {path.name for path in paths} == {
@@ -93,9 +91,7 @@ def test_derived_maps_are_computed_by_classify(captured: CapturedSet, tmp_path: 
         np.testing.assert_array_equal(tifffile.imread(tmp_path / f"{name}.tif"), values)
 
 
-def test_each_tiff_describes_its_set_and_unit(
-    captured: CapturedSet, tmp_path: Path
-) -> None:
+def test_each_tiff_describes_its_set_and_unit(captured: CapturedSet, tmp_path: Path) -> None:
     write_maps(captured, captured.solve(), tmp_path)
     about = {}
     for name in FLOAT_MAPS:

@@ -49,6 +49,8 @@ def test_roughness_is_that_of_the_true_surface(
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.03), name
 
 
-def test_relighting_by_several_lights_is_refused(found_and_true: tuple[SurfaceMaps, SurfaceMaps]) -> None:
+def test_relighting_by_several_lights_is_refused(
+    found_and_true: tuple[SurfaceMaps, SurfaceMaps],
+) -> None:
     with pytest.raises(InputError, match="give one"):
         SurfaceMaps.of(found_and_true[0].surface, Lighting.ring(45.0))

@@ -202,7 +202,9 @@ def test_images_must_have_one_size_and_depth(four: Photographs) -> None:
     refuse(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
 
 
-def test_the_ambient_image_must_have_the_size_of_the_others(four: Photographs, tmp_path: Path) -> None:
+def test_the_ambient_image_must_have_the_size_of_the_others(
+    four: Photographs, tmp_path: Path
+) -> None:
     ambient = written(tmp_path / "ambient.png", pattern(np.uint8)[:5])
     refuse(four(pattern(np.uint8)), r"ambient\.png: 17 x 5 px", ambient=ambient)
 

@@ -288,7 +288,7 @@ def test_metadata_that_cannot_be_read_are_refused(
         CapturedSet.load(path)
 
 
-def test_an_error_tells_other_tiffs_from_other_files(tmp_path: Path) -> None:
+def test_other_files_are_named(tmp_path: Path) -> None:
     plain, text, empty = (tmp_path / name for name in ("p.tif", "t.ome.tif", "e.ome.tif"))
     tifffile.imwrite(plain, np.zeros((4, 5, 6), np.uint16), photometric="minisblack")
     text.write_text("no image at all")
@@ -356,7 +356,7 @@ def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> Non
     assert len(CapturedSet.load(tmp_path / "many.ome.tif").images) == 255
 
 
-def test_a_set_with_the_hash_of_other_pixels_is_not_written(tmp_path: Path, made_set: MadeSet) -> None:
+def test_a_set_with_a_wrong_pixel_hash_is_not_written(tmp_path: Path, made_set: MadeSet) -> None:
     whole = made_set(np.ones((4, 2, 2), np.uint16))
     other = CapturedSet(whole.images + np.uint16(1), whole.ambient, whole.metadata)
     with pytest.raises(InputError, match="pixels_sha256 in the metadata"):
