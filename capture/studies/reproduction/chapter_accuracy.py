@@ -134,7 +134,6 @@ def _by_texture(results: Results) -> Exhibit:
     systems = (*((solver, ONE_D, ONE_SEGMENT) for solver in SOLVERS), (BEST_SOLVER, OURS, ""))
     panels = []
     columns: dict[str, list[float | None]] = {}
-    means = []
     for slant_deg in results.plan.chapter_slants_deg:
         groups = []
         for solver, classifier, suffix in systems:
@@ -143,9 +142,6 @@ def _by_texture(results: Results) -> Exhibit:
             colour = plots.OUR_COLOUR if classifier == OURS else plots.COLOURS[solver]
             groups.append((_title(solver, classifier), colour, values))
             columns[f"slant_{slant_deg:g}_{solver}_{classifier}_pct"] = values
-            if classifier == ONE_D:
-                mean = results.accuracy_pct(*system)
-                means.append(f"{SOLVER_TITLES[solver]} at slant {slant_deg:g} {mean:.1f} %")
         panels.append((f"slant {slant_deg:g}", groups))
     return Exhibit(
         "figure_9_11",
@@ -153,7 +149,7 @@ def _by_texture(results: Results) -> Exhibit:
         list(zip(names, *columns.values(), strict=True)),
         draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
         size_in=(10.0, 0.38 * len(names) + 1.0),
-        values={"means": ", ".join(means)} | results.plan.thirty.facts,
+        values=results.plan.thirty.facts,
     )
 
 
@@ -164,7 +160,6 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
     )
     rows: list[Row] = []
     panels = []
-    order = []
     for protocol, title in _PROTOCOLS.items():
         for slant_deg in results.plan.chapter_slants_deg:
             groups = []
@@ -177,11 +172,6 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
                     rows.append((protocol, slant_deg, solver, name, segments, value))
                     values.append(value)
                 groups.append((SOLVER_TITLES[solver], plots.COLOURS[solver], values))
-                if solver == "ps4":
-                    one, two = (values[systems.index((n, ONE_SEGMENT))] for n in (ONE_D, THESIS))
-                    order.append(
-                        f"{title} at slant {slant_deg:g}, 1D {one:.1f} % and 2D {two:.1f} %"
-                    )
             panels.append((f"{title}, slant {slant_deg:g}", groups))
     return Exhibit(
         "figure_9_13",
@@ -194,7 +184,6 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
             x_label="accuracy, %",
         ),
         size_in=(12.0, 5.6),
-        values={"order": "; ".join(order)},
     )
 
 

@@ -70,8 +70,6 @@ def _shadow_by_texture(results: Results) -> Exhibit:
         name: [100.0 * results.shadow_shares[name, slant_deg][0] for slant_deg in slants_deg]
         for name in textures
     }
-    at = slants_deg.index(SAND_SLANT_DEG)
-    by_shadow = sorted(textures, key=lambda name: percents[name][at])
     lines = [plots.Line(name, slants_deg, values) for name, values in percents.items()]
     return Exhibit(
         "figure_9_02",
@@ -79,7 +77,6 @@ def _shadow_by_texture(results: Results) -> Exhibit:
         list(zip(slants_deg, *percents.values(), strict=True)),
         draw=_drawn_shadow("light at tilt 0", lines),
         size_in=(6.5, 4.0),
-        values={"slant": _SLANT, "most": by_shadow[-1], "least": by_shadow[0]},
     )
 
 
@@ -88,11 +85,6 @@ def _shadow_of_sand(results: Results) -> Exhibit:
     shares = np.array([results.shadow_shares["sand", slant_deg] for slant_deg in slants_deg])
     by_tilt = (100.0 * shares.T).tolist()
     thesis = [_THESIS_SAND_SHADOW_PCT.get(round(slant_deg)) for slant_deg in slants_deg]
-    differences = [
-        abs(ours - other)
-        for ours, other in zip(by_tilt[0], thesis, strict=True)
-        if other is not None
-    ]
     lines = [
         plots.Line(f"tilt {tilt_deg:g}", slants_deg, values)
         for tilt_deg, values in zip(SHADOW_TILTS_DEG, by_tilt, strict=True)
@@ -105,7 +97,6 @@ def _shadow_of_sand(results: Results) -> Exhibit:
         list(zip(slants_deg, *by_tilt, thesis, strict=True)),
         draw=_drawn_shadow("sand", lines),
         size_in=(6.5, 4.0),
-        values={"difference": f"{max(differences):.1f}"},
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from importlib.metadata import version
-from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
@@ -23,10 +24,10 @@ from .comparison import comparison_exhibits
 from .exhibit import Exhibit
 from .output import write_exhibit, write_numbers, write_text
 from .page import page
-from .plan import Plan, Texture
+from .plan import Plan
 from .rejection import rejection_exhibits
 from .results import Results
-from .sand import SandTask, ShadowTask, polar_spectra, sand_maps, shadow_shares
+from .sand import polar_spectra, sand_maps, shadow_shares
 from .testing import Outcome, System, match_patch, patch_tasks
 from .timing import measured_costs
 from .training import train, training_tasks
@@ -90,36 +91,32 @@ def measure(
     ):
 
         def run(
-            function: Callable[[Item], Result], items: Iterable[Item], name: str
+            function: Callable[[Item], Result], items: Sequence[Item], name: str
         ) -> Iterator[Result]:
-            listed = list(items)
-            return progress(batch.map(function, listed), len(listed), name)
+            return progress(batch.map(function, items), len(items), name)
 
         folder = Path(libraries)
-        shadow_tasks = [
-            ShadowTask(Texture(name), slant_deg)
-            for name in SYNTHETIC_TEXTURES[:4]
-            for slant_deg in _SHADOW_SLANTS_DEG
-        ]
-        shares = list(run(shadow_shares, shadow_tasks, "shadow"))
-        sand = [SandTask(deg, 2 * plan.frame_px) for deg in _POLAR_ORIENTATIONS_DEG]
-        polar = list(run(polar_spectra, sand, "polar spectra"))
-        (maps,) = run(sand_maps, [SandTask(0.0, 256)], "maps")
-        training = chain.from_iterable(training_tasks(each, folder) for each in plan.experiments)
+        shadows = list(itertools.product(SYNTHETIC_TEXTURES[:4], _SHADOW_SLANTS_DEG))
+        shares = list(run(shadow_shares, shadows, "shadow"))
+        spectra = partial(polar_spectra, size_px=2 * plan.frame_px)
+        polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
+        (maps,) = run(sand_maps, [256], "maps")
+        training = itertools.chain.from_iterable(
+            training_tasks(each, folder) for each in plan.experiments
+        )
         for _ in run(train, training, "train"):
             pass
-        tests = chain.from_iterable(patch_tasks(each, folder) for each in plan.experiments)
+        tests = itertools.chain.from_iterable(
+            patch_tasks(each, folder) for each in plan.experiments
+        )
         outcomes: dict[System, list[Outcome]] = {}
-        for outcome in chain.from_iterable(run(match_patch, tests, "test")):
+        for outcome in itertools.chain.from_iterable(run(match_patch, tests, "test")):
             outcomes.setdefault(outcome.system, []).append(outcome)
         costs = measured_costs(plan, folder)
     return Results(
         plan=plan,
         outcomes=outcomes,
-        shadow_shares={
-            (task.texture.name, task.slant_deg): share
-            for task, share in zip(shadow_tasks, shares, strict=True)
-        },
+        shadow_shares=dict(zip(shadows, shares, strict=True)),
         polar=dict(zip(_POLAR_ORIENTATIONS_DEG, polar, strict=True)),
         maps=maps,
         costs=costs,

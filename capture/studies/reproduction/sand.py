@@ -23,8 +23,6 @@ __all__ = [
     "TRUTH",
     "Polar",
     "SandMaps",
-    "SandTask",
-    "ShadowTask",
     "polar_spectra",
     "sand_maps",
     "shadow_shares",
@@ -34,35 +32,20 @@ SAND_SLANT_DEG = 60.0
 """A fifth of sand lies in shadow of each light there; the slant of the thesis is not known."""
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
+_SHADOW_PX = 512
 POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", *SOLVERS[1:])
 TRUTH = "truth"
 
 Polar = dict[str, list[float]]
 
 
-@dataclass(frozen=True)
-class ShadowTask:
-    """One texture under lights of one slant."""
-
-    texture: Texture
-    slant_deg: float
-    size_px: int = 512
-
-
-def shadow_shares(task: ShadowTask) -> tuple[float, ...]:
-    """Share of the pixels in attached or cast shadow of a light, for each tilt."""
-    surface = load_surface(task.texture, 0, task.size_px)
-    scene = render_frame(surface, Lighting.ring(task.slant_deg, SHADOW_TILTS_DEG), task.size_px)
+def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
+    """Share of the pixels of a synthetic texture in shadow of a light, for each tilt."""
+    name, slant_deg = texture_and_slant
+    surface = load_surface(Texture(name), 0, _SHADOW_PX)
+    scene = render_frame(surface, Lighting.ring(slant_deg, SHADOW_TILTS_DEG), _SHADOW_PX)
     shares: list[float] = scene.shadowed.mean(axis=(1, 2)).tolist()
     return tuple(shares)
-
-
-@dataclass(frozen=True)
-class SandTask:
-    """A patch of sand."""
-
-    rotate_deg: float
-    size_px: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +72,9 @@ class SandMaps:
     shadows: dict[str, npt.NDArray[np.uint8]]
 
 
-def polar_spectra(task: SandTask) -> Polar:
+def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     """1D polar spectrum of M at 90 angles over 180 degrees, by solver and of the truth."""
-    scene, surfaces = _solved(task, POLAR_SOLVERS)
+    scene, surfaces = _solved(rotate_deg, size_px, POLAR_SOLVERS)
     fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
     fields[TRUTH] = TextureFields(scene.p, scene.q, scene.albedo)
     segment_px = segment_for(scene.p.shape)
@@ -101,9 +84,9 @@ def polar_spectra(task: SandTask) -> Polar:
     }
 
 
-def sand_maps(task: SandTask) -> SandMaps:
+def sand_maps(size_px: int) -> SandMaps:
     """Relief, albedo and shadow of the patch."""
-    scene, surfaces = _solved(task, SOLVERS)
+    scene, surfaces = _solved(0.0, size_px, SOLVERS)
     shadows = scene.shadowed.sum(axis=0).astype(np.uint8)
     relief = {TRUTH: integrate_gradients(scene.p, scene.q)}
     albedo = {TRUTH: scene.albedo}
@@ -124,9 +107,9 @@ def sand_maps(task: SandTask) -> SandMaps:
 
 
 def _solved(
-    task: SandTask, solvers: tuple[Method, ...]
+    rotate_deg: float, size_px: int, solvers: tuple[Method, ...]
 ) -> tuple[SceneImages, dict[str, SurfaceEstimate]]:
-    position = PatchPosition(Texture("sand"), 0, False, task.rotate_deg)
-    scene = render_patch(position, SAND_SLANT_DEG, task.size_px)
-    images = expose(scene, Conditions(SAND_SLANT_DEG, task.size_px), round(task.rotate_deg))
+    position = PatchPosition(Texture("sand"), 0, False, rotate_deg)
+    scene = render_patch(position, SAND_SLANT_DEG, size_px)
+    images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), round(rotate_deg))
     return scene, {solver: solve(images, solver) for solver in solvers}

@@ -26,7 +26,7 @@ from capture.studies.reproduction.plan import (
 from capture.studies.reproduction.rejection import ScorePair, accepted_pct, rejection_curve
 from capture.studies.reproduction.results import Results
 from capture.studies.reproduction.run import reproduce
-from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, ShadowTask, shadow_shares
+from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, shadow_shares
 from capture.studies.reproduction.testing import Outcome, System, without_class
 from classify import Match, TextureLibrary, Trial
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
@@ -123,7 +123,7 @@ def test_smaller_frames_are_the_middle_of_larger_ones() -> None:
 
 
 def test_sand_has_the_shadow_counts_of_the_thesis() -> None:
-    shares = [shadow_shares(ShadowTask(Texture("sand"), s)) for s in (40.0, 60.0, 80.0)]
+    shares = [shadow_shares(("sand", slant_deg)) for slant_deg in (40.0, 60.0, 80.0)]
     at_0 = [100.0 * share[0] for share in shares]
     np.testing.assert_allclose(at_0, [1.0, 19.0, 61.0], atol=2.0)
     assert SHADOW_TILTS_DEG[-1] == 90.0
