@@ -101,14 +101,10 @@ def measure(
         spectra = partial(polar_spectra, size_px=2 * plan.frame_px)
         polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
         (maps,) = run(sand_maps, [256], "maps")
-        training = itertools.chain.from_iterable(
-            training_tasks(each, folder) for each in plan.experiments
-        )
+        training = [task for each in plan.experiments for task in training_tasks(each, folder)]
         for _ in run(train, training, "train"):
             pass
-        tests = itertools.chain.from_iterable(
-            patch_tasks(each, folder) for each in plan.experiments
-        )
+        tests = [task for each in plan.experiments for task in patch_tasks(each, folder)]
         outcomes: dict[System, list[Outcome]] = {}
         for outcome in itertools.chain.from_iterable(run(match_patch, tests, "test")):
             outcomes.setdefault(outcome.system, []).append(outcome)
