@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import fields
 from pathlib import Path
 from threading import Lock
@@ -31,14 +31,9 @@ def surface_names() -> tuple[str, ...]:
 
 
 class SceneCache:
-    """Rendered scenes, the least recently used of which go first.
+    """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig.
 
-    Rendering takes most of the time that it takes to open a simulated rig.
-
-    Parameters
-    ----------
-    limit_bytes
-        Memory of all kept scenes together.
+    When all scenes together exceed `limit_bytes`, the least recently used ones go.
     """
 
     def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
@@ -46,19 +41,16 @@ class SceneCache:
         self._scenes: OrderedDict[Hashable, SceneImages] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, key: Hashable) -> SceneImages | None:
-        """The scene that was added under `key`, None if it is not kept."""
+    def get(self, key: Hashable, render: Callable[[], SceneImages]) -> SceneImages:
+        """The scene of `key`, rendered if it is not kept."""
         with self._lock:
-            if key in self._scenes:
-                self._scenes.move_to_end(key)
-            return self._scenes.get(key)
-
-    def add(self, key: Hashable, scene: SceneImages) -> None:
-        """Keep a scene as long as there is room."""
-        with self._lock:
-            self._scenes[key] = scene
+            if key not in self._scenes:
+                self._scenes[key] = render()
+            self._scenes.move_to_end(key)
+            scene = self._scenes[key]
             while sum(map(_bytes_of, self._scenes.values())) > self._limit_bytes:
                 self._scenes.popitem(last=False)
+            return scene
 
 
 _SHARED_CACHE = SceneCache()
@@ -89,11 +81,15 @@ class SceneRenderer:
         InputError
             If the surface is neither a name nor a readable material folder.
         """
+        name = placement.surface
+        if name not in SYNTHETIC_TEXTURES and name not in bundled_materials():
+            return self._render(placement)
         camera, ambient = self._config.camera, self._config.simulation.ambient
         key = (placement, self._config.lights, camera.width_px, camera.height_px, ambient)
-        scene = self._cache.get(key)
-        if scene is not None:
-            return scene
+        return self._cache.get(key, lambda: self._render(placement))
+
+    def _render(self, placement: Placement) -> SceneImages:
+        camera = self._config.camera
         size_px = max(camera.width_px, camera.height_px)
         scene = render_frame(
             self._surface_of(placement, size_px),
@@ -101,11 +97,9 @@ class SceneRenderer:
             size_px,
             placement.rotate_deg,
             placement.shift_px,
-            ambient,
-        ).cropped(camera.height_px, camera.width_px)
-        if placement.surface in SYNTHETIC_TEXTURES or placement.surface in bundled_materials():
-            self._cache.add(key, scene)
-        return scene
+            self._config.simulation.ambient,
+        )
+        return scene.cropped(camera.height_px, camera.width_px)
 
     def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
         name = placement.surface
