@@ -7,6 +7,7 @@ the signatures that a match needs are read.
 from __future__ import annotations
 
 import json
+import math
 import struct
 import tokenize
 import zipfile
@@ -16,7 +17,15 @@ from typing import Annotated, Any, BinaryIO, Final, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    FailFast,
+    Field,
+    FiniteFloat,
+    PlainValidator,
+    ValidationError,
+)
 
 from classify.durable_file import durable_file, require_folder
 from classify.errors import InputError, LibraryError
@@ -52,7 +61,20 @@ _UNREADABLE = (
     tokenize.TokenError, SyntaxError, TypeError, MemoryError,
 )  # fmt: skip
 
+
+def _checked_limits(limits: object) -> dict[str, float]:
+    if not isinstance(limits, dict):
+        raise ValueError("give a number for each class")
+    for label, limit in limits.items():
+        if type(limit) not in (int, float) or not abs(limit) < math.inf:
+            raise ValueError(f"the limit of {label!r} is not a finite number")
+    return limits
+
+
+# `FailFast` and the check of limits end at the first error. Pydantic keeps a kilobyte of each
+# error, which would turn a header of a few megabytes into gigabytes.
 Label = Annotated[str, Field(min_length=1)]
+Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Library = TypeVar("Library", bound=LibraryContents)
 Array = npt.NDArray[Any]
@@ -67,10 +89,10 @@ class _Header(BaseModel):
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
     simulated: bool = False
-    classes: tuple[Label, ...] = Field(min_length=1)
-    limits: dict[str, FiniteFloat] = Field(default_factory=dict)
-    light_directions: tuple[Vector, ...] | None = None
-    sources: tuple[tuple[str, str], ...] = ()
+    classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
+    limits: Limits = Field(default_factory=dict)
+    light_directions: Annotated[tuple[Vector, ...] | None, FailFast()] = None
+    sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
 
 
 def check_path(path: Path) -> None:
@@ -180,12 +202,17 @@ def _read(archive: _Archive, kind: type[Library]) -> Library:
 def _checked_header(content: bytes) -> _Header:
     try:
         raw = json.loads(content)
-        version = raw["version"] if isinstance(raw, dict) else None
+        if not isinstance(raw, dict):
+            raise LibraryError("the header is not a JSON object; train it again")
+        version = raw["version"]
         if isinstance(version, int) and version != VERSION:
             which = "use a newer ps4rig or train" if version > VERSION else "train"
             raise LibraryError(
                 f"library version {version}, this program reads {VERSION}; {which} it again"
             )
+        unknown = raw.keys() - _Header.model_fields
+        if unknown:
+            raise LibraryError(f"header field {min(unknown)} is unknown; train it again")
         header = _Header.model_validate(raw)
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
         raise LibraryError(f"the header is not readable ({error}); train it again") from error

@@ -130,7 +130,11 @@ class TextureLibrary(LibraryContents):
         if classifier.from_images:
             _check_same_lights(surface.lighting, self.lighting, self.classifier)
         observation = classifier.observe(surface, self.segment_px)
-        return classifier.signature(observation, self.parameters)
+        with np.errstate(all="ignore"):  # the result is tested instead
+            signature = classifier.signature(observation, self.parameters)
+        if not np.isfinite(signature).all():
+            raise LibraryError("the library's parameters give NaN or infinity; train it again")
+        return signature
 
     def match(self, signature: FloatMap) -> Match:
         """Find the nearest class, or unknown, and the orientation; `signature` from `observe`."""
@@ -139,7 +143,8 @@ class TextureLibrary(LibraryContents):
                 f"the library's signatures have shape {self.signatures.shape[1:]}, those of "
                 f"{self.classifier} {signature.shape}; train it again"
             )
-        indices, found = self.candidates(signature)
+        with np.errstate(all="ignore"):  # the result is tested instead
+            indices, found = self.candidates(signature)
         if not np.isfinite(found.distances).all():
             raise LibraryError("the library contains NaN or infinity; train it again")
         labels = [self.labels[index] for index in indices.tolist()]

@@ -282,11 +282,24 @@ def test_from_images_to_a_match(photographed, stationary) -> None:
     assert off_deg(match.orientation_deg, 60.0) < 2.0
 
 
-def test_a_library_that_holds_what_is_no_number_says_so(library, stationary) -> None:
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, 1e38])
+def test_a_library_of_wrong_signatures_says_so(library, stationary, value: float) -> None:
     signatures = library.signatures.copy()
-    signatures[1, 7] = np.nan
-    with pytest.raises(LibraryError, match="contains NaN"):
+    signatures[1, :7] = value
+    with pytest.raises(LibraryError, match="contains NaN or infinity"):
         replace(library, signatures=signatures).classify(stationary("malv"))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("density_floor", -1.0), ("spectral_scatter", 0.0), ("whitening", 1e300), ("pixels", 1e300)],
+)
+def test_parameters_that_give_nan_say_so(library, stationary, name: str, value: float) -> None:
+    wrong = {**library.parameters, name: np.full_like(library.parameters[name], value)}
+    with pytest.raises(LibraryError, match="parameters give NaN or infinity; train it again"):
+        replace(library, parameters=wrong).classify(stationary("malv"))
 
 
 def test_a_library_of_another_make_says_so(library, stationary) -> None:
