@@ -18,7 +18,7 @@ from .commands import bench, demo, reproduce, sets, textures
 from .commands.rig import rig_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
-from .process.settings import settle_process
+from .process_settings import settle_process
 
 __all__ = ["app", "run"]
 

@@ -50,7 +50,7 @@ STOREYS = {
         {"doctor"},
     ),
     "capture": (
-        {"errors", "outputs", "process"},
+        {"errors", "outputs", "process", "process_settings"},
         {"console"},
         {"sets"},
         {"acquisition", "maps"},

@@ -1,1 +1,1 @@
-"""The process of the command line: signals, standard streams, crash logs, threads and memory."""
+"""The process of the command line: signals, standard streams and crash logs."""

@@ -1,4 +1,4 @@
-"""Threads and memory of a process that works on one frame after the other."""
+"""Memory and threads of a process that works on one frame after the other."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from classify.threads import thread_count
 
 __all__ = ["settle_process"]
 
-# Rounds of the waiting loop of GNU OpenMP: some hundred microseconds, about the time between two
-# kernels. With the default, some milliseconds, idle threads hold the cores that transforms need.
-_SPIN_COUNT = "10000"
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 # Free memory that is kept: the maps of a frame of several megapixels.
@@ -21,7 +18,7 @@ _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
 
 
 def settle_process() -> None:
-    """Let idle threads sleep, and keep freed memory for the next frame; child processes too.
+    """Keep freed memory for the next frame, in this process and in its child processes.
 
     Call it before numba is imported. The GNU C library returns the memory of each frame to the
     system, and new pages cost more time than most operations on them. Environment variables that
@@ -30,15 +27,13 @@ def settle_process() -> None:
     Raises
     ------
     InputError
-        If ``NUMBA_NUM_THREADS`` is not a positive whole number.
+        If the environment variable ``NUMBA_NUM_THREADS`` is not a positive whole number.
     """
     # numba reads the variable as well, but prints a traceback if it is wrong or blank.
     if os.environ.get("NUMBA_NUM_THREADS", "").strip():
         thread_count()
     else:
         os.environ.pop("NUMBA_NUM_THREADS", None)
-    if "OMP_WAIT_POLICY" not in os.environ:
-        os.environ.setdefault("GOMP_SPINCOUNT", _SPIN_COUNT)
     for variable, option, size in (
         ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _TRIM_BYTES),
         ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _MMAP_BYTES),

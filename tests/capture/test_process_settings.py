@@ -1,0 +1,72 @@
+"""Memory that is kept from frame to frame, and the number of threads."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+VARIABLES = ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+PROGRAM = """
+import json, os, resource
+{settle}
+import numpy as np
+
+def work():
+    # Four maps of a frame of 512 x 512 px.
+    for plane in [np.empty((512, 512), np.float32) for _ in range(4)]:
+        plane.fill(1.0)
+
+work()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(10):
+    work()
+faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+print(json.dumps([faults, [os.environ.get(name) for name in {variables}]]))
+"""
+SETTLE = "from capture.process_settings import settle_process; settle_process()"
+
+
+def outcome(settle: str = "", **variables: str) -> tuple[int, list[str | None]]:
+    """Count the page faults of ten frames; list the variables that child processes see."""
+    inherited = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(settle=settle, variables=VARIABLES)],
+        env=inherited | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    faults, found = json.loads(done.stdout)
+    return faults, found
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="mallopt belongs to the GNU C library")
+def test_the_memory_of_a_frame_is_used_for_the_next() -> None:
+    assert outcome()[0] > 1000
+    faults, variables = outcome(SETTLE)
+    assert faults < 100
+    assert variables == [str(256 * 2**20), str(32 * 2**20)]
+
+
+def test_variables_of_the_user_take_precedence() -> None:
+    theirs = dict.fromkeys(VARIABLES, "131072")
+    faults, variables = outcome(SETTLE, **theirs)
+    assert variables == ["131072"] * 2
+    if sys.platform == "linux":
+        assert faults > 1000
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "many"])
+def test_a_wrong_number_of_threads_is_one_line(
+    spawn: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, count: str
+) -> None:
+    monkeypatch.setenv("NUMBA_NUM_THREADS", count)
+    process = spawn("solve", "none.ome.tif", "--out", "maps")
+    stdout, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stdout) == (2, "")
+    line = f"ps4rig: NUMBA_NUM_THREADS is {count!r}; give a whole number from 1, or unset it\n"
+    assert stderr == line
