@@ -8,6 +8,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,19 @@ def camera(simulation: subprocess.Popen[str], config: Path) -> Iterator[V4l2Came
     opened.close()
 
 
+def opened_output(
+    fourcc: str, side_px: int, bytes_per_line: int, device: str = VIDEO
+) -> V4l2Output:
+    return V4l2Output(
+        device,
+        fourcc=fourcc,
+        width_px=side_px,
+        height_px=side_px,
+        bytes_per_line=bytes_per_line,
+        period_s=PERIOD_S,
+    )
+
+
 # v4l2loopback has no formats Y10 and Y12, see below.
 @pytest.mark.parametrize("name", [name for name in PACKINGS if name not in ("Y10", "Y12")])
 def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path) -> None:
@@ -69,22 +83,13 @@ def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path
     written = np.random.default_rng(1).integers(
         0, 2**entry.bit_depth, (SIDE_PX, SIDE_PX), dtype=np.uint16
     )
-    output = V4l2Output(
-        VIDEO,
-        fourcc=packing.fourcc,
-        width_px=SIDE_PX,
-        height_px=SIDE_PX,
-        bytes_per_line=SIDE_PX * packing.bytes_per_px,
-        period_s=PERIOD_S,
-    )
-    reader = V4l2Camera(load_config(path).camera)
-    try:
+    with (
+        closing(opened_output(packing.fourcc, SIDE_PX, SIDE_PX * packing.bytes_per_px)) as output,
+        closing(V4l2Camera(load_config(path).camera)) as reader,
+    ):
         end_s = round(time.monotonic(), 6)
         output.write(packing.to_bytes(written), end_s)
         frame = reader.read(2.0)
-    finally:
-        reader.close()
-        output.close()
     assert frame.bit_depth == entry.bit_depth
     assert frame.exposure_end_s + 0.004 == pytest.approx(end_s, abs=2e-6)
     if name in ("YUYV", "UYVY"):
@@ -99,14 +104,7 @@ def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path
 @pytest.mark.parametrize("name", ["Y10", "Y12"])
 def test_a_format_that_the_driver_does_not_have_is_named(name: str) -> None:
     with pytest.raises(CameraError, match=rf"a line of {name} 64x64 .* instead of 128; .*Y16"):
-        V4l2Output(
-            VIDEO,
-            fourcc=PACKINGS[name].fourcc,
-            width_px=64,
-            height_px=64,
-            bytes_per_line=128,
-            period_s=0.1,
-        )
+        opened_output(PACKINGS[name].fourcc, 64, 128)
 
 
 def test_sets_are_captured_through_real_devices(
@@ -165,21 +163,12 @@ def test_a_second_simulation_is_refused(gadget: Gadget) -> None:
     with pytest.raises(BlockingIOError):
         serve_tty(SimulatedController(SimulatedBoard(clock), clock), gadget.far_end)
     with pytest.raises(CameraError, match="another simulated rig writes to it"):
-        V4l2Output(
-            VIDEO,
-            fourcc="Y16 ",
-            width_px=SIDE_PX,
-            height_px=SIDE_PX,
-            bytes_per_line=2 * SIDE_PX,
-            period_s=PERIOD_S,
-        )
+        opened_output("Y16 ", SIDE_PX, 2 * SIDE_PX)
 
 
 def test_a_device_that_takes_no_frames_is_named() -> None:
     with pytest.raises(CameraError, match="is no video device"):
-        V4l2Output(
-            "/dev/null", fourcc="GREY", width_px=64, height_px=64, bytes_per_line=64, period_s=0.1
-        )
+        opened_output("GREY", 64, 64, "/dev/null")
 
 
 def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: subprocess.Popen[str]) -> None:

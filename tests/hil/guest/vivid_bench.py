@@ -1,15 +1,18 @@
 """The test driver vivid as a camera whose brightness follows the LEDs."""
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+import pytest
+
 from firmware_sim import SimulatedBoard
-from rig import Frame, Rig
+from rig import CameraError, Frame, Rig
 from rig.config.camera import OpencvCameraConfig, V4l2CameraConfig
 from rig.v4l2.camera import V4l2Camera
-from rig.v4l2.controls import Control, list_controls, write_control
+from rig.v4l2.controls import Control, list_controls, read_control, write_control
 from rig.v4l2.device import V4l2Device
 
 VIDEO = "/dev/video0"
@@ -27,6 +30,7 @@ SETTLE_MS = 60.0
 AMBIENT, STEP = 128, 12
 CID_GAIN = 0x980913
 CID_BRIGHTNESS = 0x980900
+_CAMERA = {"width_px": 320, "height_px": 180, "exposure_ms": 20.0, "fixed_exposure": True}
 
 
 def config(
@@ -35,15 +39,11 @@ def config(
     frame_rate_hz: float = RATE_HZ,
     **changes: object,
 ) -> V4l2CameraConfig:
-    values = {
+    values = _CAMERA | {
         "kind": "v4l2",
         "device": device,
         "pixel_format": pixel_format,
-        "width_px": 320,
-        "height_px": 180,
         "frame_rate_hz": frame_rate_hz,
-        "exposure_ms": 20.0,
-        "fixed_exposure": True,
         # A frame is filled at some time in the period before its stamp.
         "readout_ms": 1000.0 / frame_rate_hz,
     }
@@ -51,20 +51,16 @@ def config(
 
 
 def opencv_config(**changes: object) -> OpencvCameraConfig:
-    values = {
-        "kind": "opencv",
-        "device": VIDEO,
-        "width_px": 320,
-        "height_px": 180,
-        "frame_rate_hz": RATE_HZ,
-        "exposure_ms": 20.0,
-        "fixed_exposure": True,
-    }
+    values = _CAMERA | {"kind": "opencv", "device": VIDEO, "frame_rate_hz": RATE_HZ}
     return OpencvCameraConfig.model_validate(values | changes)
 
 
-def read_some(camera: V4l2Camera, count: int, timeout_s: float) -> list[Frame]:
-    return [camera.read(timeout_s) for _ in range(count)]
+def assert_fails_in_time(camera: V4l2Camera, message: str) -> None:
+    """Read more frames than the driver buffers, until the camera fails."""
+    started_s = time.monotonic()
+    with pytest.raises(CameraError, match=message):
+        [camera.read(2.0) for _ in range(6)]
+    assert time.monotonic() - started_s < DEADLINE_S
 
 
 def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
@@ -82,6 +78,18 @@ def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
 
 def named(device: V4l2Device, slug: str) -> Control:
     return next(control for control in list_controls(device) if control.slug == slug)
+
+
+@contextmanager
+def control_set(device: V4l2Device, slug: str, value: int) -> Iterator[None]:
+    """Set a control, and set it back afterwards."""
+    control = named(device, slug)
+    before = read_control(device, control)
+    write_control(device, control, value)
+    try:
+        yield
+    finally:
+        write_control(device, control, before)
 
 
 def press(device: V4l2Device, slug: str) -> None:
