@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,7 +52,7 @@ class SimulatedSet:
         seed: int,
         *,
         exposure_ms: float = EXPOSURE_MS,
-        led_levels: Sequence[float] | None = None,
+        led_levels: npt.ArrayLike | None = None,
         shadows: bool = True,
     ) -> SimulatedSet:
         """Expose a scene: one image under each light, then the ambient image.
@@ -72,7 +71,7 @@ class SimulatedSet:
         rng = np.random.default_rng(seed)
         take = sensor.expose if shadows else sensor.expose_unclipped
         seen = scene if shadows else scene.without_shadow(lighting)
-        levels = np.ones(len(lighting)) if led_levels is None else led_levels
+        levels = np.ones(len(lighting)) if led_levels is None else np.asarray(led_levels)
         time_ms = np.float32(exposure_ms)
         images = [
             take((light * np.float32(level) + scene.ambient) * time_ms, rng)

@@ -6,24 +6,18 @@ import numpy as np
 import pytest
 
 from capture.maps.surface_maps import SurfaceMaps
-from classify import InputError, Lighting, photometric_stereo
+from classify import InputError, Lighting
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
-
-EXPOSURE_MS = np.float32(20.0)
+from rig.simulation.simulated_set import SimulatedSet
 
 
 @pytest.fixture(scope="module", params=["rock", "sand"])
 def found_and_true(request: pytest.FixtureRequest) -> tuple[SurfaceMaps, SurfaceMaps]:
     lighting = Lighting.ring(45.0)
     scene = render_frame(synthetic_surface(request.param, 0, 512), lighting, 192)
-    sensor, rng = SensorModel(bit_depth=12), np.random.default_rng(0)
-    lit = [sensor.expose((light + scene.ambient) * EXPOSURE_MS, rng) for light in scene.lights]
-    ambient = sensor.expose(scene.ambient * EXPOSURE_MS, rng)
-    found = photometric_stereo(
-        np.stack(lit), lighting, ambient=ambient, full_scale=sensor.full_scale_dn
-    )
+    found = SimulatedSet.expose(scene, lighting, SensorModel(), seed=0).solve()
     everywhere = np.ones(found.shape, bool)
     p, q = scene.p.astype(np.float32), scene.q.astype(np.float32)
     return SurfaceMaps.of(found), SurfaceMaps.of(replace(found, p=p, q=q, valid=everywhere))
