@@ -21,13 +21,13 @@ __all__ = [
     "switch_to",
 ]
 
-# Time to wait beyond what frame rate and queue explain. Longer only delays the error message: a
-# camera may pause when it starts to stream, or while the computer is busy.
+# Time to wait beyond what frame rate and queue explain, for a camera that has just started to
+# stream or a busy computer. A longer time only delays the error message.
 _SPARE_S = 2.0
 
 
 class FrameKind(Enum):
-    """What a received frame is to a program that waits for a fresh one; the value says it."""
+    """Kinds of frames while waiting for a fresh one, with their names in messages."""
 
     FRESH = "fresh"
     STALE = "from before the switch"
@@ -36,21 +36,15 @@ class FrameKind(Enum):
 
 
 class NoFreshFrameError(CameraError):
-    """The camera delivers frames, but no fresh one.
-
-    Attributes
-    ----------
-    waited_s
-        How long frames were read.
-    """
+    """The camera delivers frames, but no fresh one; `found` says which, and in what time."""
 
     def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
-        self.waited_s = waited_s
         received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
+        self.found = f"{received} in {waited_s:.1f} s"
         super().__init__(
-            f"no fresh frame in {waited_s:.1f} s after a switch of the lights ({received}); run "
-            "ps4rig rig latency to measure what the camera's time stamps mean; stamps that are "
-            "not on the rig's clock need another camera"
+            f"no fresh frame after a switch of the lights ({self.found}); run ps4rig rig latency "
+            "to measure the meaning of the camera's time stamps; if they are not on the rig's "
+            "clock, use another camera"
         )
 
 
@@ -62,7 +56,7 @@ def switch_to(rig: Rig, light: int | None) -> Switch:
 def fresh_frame(rig: Rig, light: int | None) -> Frame:
     """Switch to `light` (None: all off) and return the first good frame exposed under it.
 
-    Enough for looking at a rig; `capture_set` checks more.
+    For previews and the doctor; `capture_set` checks more.
 
     Raises
     ------
@@ -129,7 +123,7 @@ def frames_until_fresh(
     patience_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
     counts: Counter[FrameKind] = Counter()
     while rig.clock.now_s() < now_s + patience_s:
-        # The whole patience for each read: a camera that delivers stale frames is not dead.
+        # The full time for each read: after a stale frame the camera may still be slow.
         frame = rig.camera.read(patience_s)
         kind = receive(frame, not_before_s)
         counts[kind] += 1

@@ -15,7 +15,7 @@ from .repeated_frames import RepeatDetector
 
 __all__ = ["FrameHistory", "FreshFrames", "light_name"]
 
-# Shorter than for a preview, because a set has several attempts.
+# As in `rig.fresh_frame`, but shorter, because a set has several attempts.
 _SPARE_S = 0.5
 
 
@@ -28,7 +28,7 @@ def light_name(rig: Rig, light: int | None) -> str:
 
 @dataclass(frozen=True)
 class FrameHistory:
-    """What the frames of one attempt tell about one another."""
+    """Repeats and exposure times of the frames of one attempt."""
 
     repeats: RepeatDetector
     timeline: ExposureTimeline
@@ -105,13 +105,10 @@ class FreshFrames:
         try:
             return next_fresh_frame(self._rig, self._not_before_s, self._receive, _SPARE_S)
         except NoFreshFrameError as error:
-            counts = ", ".join(
-                f"{self.counts[kind]} {kind.value}"
-                for kind in (FrameKind.STALE, FrameKind.CORRUPT, FrameKind.REPEATED)
-            )
             raise SetRejected(
-                f"set rejected: no good frame under {light_name(self._rig, self._light)} in "
-                f"{error.waited_s:.1f} s ({counts}, {self.lost} lost)"
+                f"set rejected: no good frame under {light_name(self._rig, self._light)} "
+                f"({error.found}, {self.lost} lost); check the camera's cable, or run ps4rig rig "
+                "latency"
             ) from None
 
     def _receive(self, frame: Frame, not_before_s: float) -> FrameKind:

@@ -27,6 +27,7 @@ from rig.frame_time import start_known_to_s
 from rig.lights.sequence import exposure_left_s
 
 from .frame_mean import FrameMean, SetImage, check_frame
+from .fresh_frames import light_name
 
 __all__ = ["images_in_sequence"]
 
@@ -107,7 +108,32 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             sequence.is_running()
             break  # the controller may know why
     report = sequence.report()
-    exposures_s = _exposures_s(rig, plan, report)
+    exposures_s, tolerance_s = _exposures_s(rig, plan, report), _tolerance_s(rig, report)
+    while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
+        pass
+    names = [light_name(rig, light) for light in plan.lights]
+    found = [
+        frames.at(begun_s, tolerance_s, name)
+        for begun_s, name in zip(exposures_s, names, strict=True)
+    ]
+    for (before, after), name in zip(pairwise(found), names[1:], strict=True):
+        passed = after.sequence - before.sequence
+        if passed != plan.frames_per_step:
+            raise SetRejected(
+                f"set rejected: {passed} frames from the previous light to {name} instead of "
+                f"{plan.frames_per_step}: a frame was lost, or the strobe line is noisy; check "
+                "both cables"
+            )
+        if np.array_equal(frames.before(after).pixels, after.pixels):
+            raise SetRejected(
+                f"set rejected: the frame under {name} has the pixels of the previous one: the "
+                "camera repeats frames; check its cable"
+            )
+    return found, report
+
+
+def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
+    """Largest distance of a frame's time stamp from the controller's record of its exposure."""
     most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
     if report.clock.uncertainty_s > most_s:
         raise SetRejected(
@@ -115,30 +141,9 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
             f"{1e3 * report.clock.uncertainty_s:.1f} ms, which does not tell frames apart: the "
             "serial line or this computer is too slow; stop other programs"
         )
-    # A stamp is early by up to twice its uncertainty.
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
-    stamp_s = start_known_to_s(camera)
-    tolerance_s = min(most_s, stamp_s + _TOLERANCE_S) + report.clock.uncertainty_s
-    while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
-        pass
-    found = [
-        frames.at(begun_s, tolerance_s, _name(light))
-        for begun_s, light in zip(exposures_s, plan.lights, strict=True)
-    ]
-    for (before, after), light in zip(pairwise(found), plan.lights[1:], strict=True):
-        passed = after.sequence - before.sequence
-        if passed != plan.frames_per_step:
-            raise SetRejected(
-                f"set rejected: {passed} frames from the previous light to {_name(light)} instead "
-                f"of {plan.frames_per_step}: a frame was lost, or the strobe line is noisy"
-            )
-        if np.array_equal(frames.before(after).pixels, after.pixels):
-            raise SetRejected(
-                f"set rejected: the frame under {_name(light)} has the pixels of the previous "
-                "one: the camera repeats frames; check its cable"
-            )
-    return found, report
+    return min(most_s, start_known_to_s(camera) + _TOLERANCE_S) + report.clock.uncertainty_s
 
 
 class _Frames:
@@ -226,7 +231,8 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
     if report.cause is not None or done != plan.lights:
         raise SetRejected(
             f"set rejected: the sequence ended at step {len(done)} of {len(plan.lights)}: "
-            f"{report.cause or 'the controller used another order'}"
+            f"{report.cause or 'the controller used another order'}; check the cables of strobe "
+            "and trigger"
         )
     blind = plan.triggers and all(step.exposures == 0 for step in report.steps)
     least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
@@ -238,7 +244,7 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
         if blind and step.triggered_us is not None:
             # No strobe is connected: the exposure starts at the trigger.
             begun_us, ended_us = step.triggered_us, step.triggered_us + round(1e6 * plan.exposed_s)
-        name = _name(step.light)
+        name = light_name(rig, step.light)
         if begun_us is None or ended_us is None:
             raise SetRejected(
                 f"set rejected: no complete exposure under {name} on the strobe line; check the "
@@ -263,7 +269,3 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             )
         begun_s.append(report.clock.on_rig_s(begun_us))
     return begun_s
-
-
-def _name(light: int | None) -> str:
-    return "ambient light" if light is None else f"LED {light}"

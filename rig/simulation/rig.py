@@ -61,6 +61,13 @@ class _View:
 class Simulation:
     """Everything in a simulated rig that is hardware in a real one.
 
+    Parameters
+    ----------
+    config
+        The rig. Its lights and camera are simulated even if they are configured as real.
+    serve
+        Starts the firmware and returns its address.
+
     Attributes
     ----------
     port
@@ -76,13 +83,6 @@ class Simulation:
         What a program reads: the camera's frames with the configured faults.
     placement
         The part below the camera, None if the camera replays a captured set.
-
-    Parameters
-    ----------
-    config
-        The rig. Its lights and camera are simulated even if they are configured as real.
-    serve
-        Starts the firmware and returns its address.
     """
 
     def __init__(self, config: RigConfig, serve: Callable[[Device], Server] = serve_pty) -> None:

@@ -36,9 +36,9 @@ def test_a_long_settle_time_is_waited_for() -> None:
 @pytest.mark.parametrize(
     ("changes", "counts"),
     [
-        ({"exposure_start_s": -1.0}, r"\(\d+ from before the switch\).*time stamps"),
-        ({"exposure_start_s": math.nan}, r"\(\d+ from before the switch\)"),
-        ({"flags": FrameFlag.CORRUPT}, r"\d+ corrupt or empty\)"),
+        ({"exposure_start_s": -1.0}, r"\(\d+ from before the switch in 2\.\d s\).*time stamps"),
+        ({"exposure_start_s": math.nan}, r"\(\d+ from before the switch in 2\.\d s\)"),
+        ({"flags": FrameFlag.CORRUPT}, r"\d+ corrupt or empty in 2\.\d s\)"),
     ],
 )
 def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(
@@ -46,6 +46,6 @@ def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(
 ) -> None:
     with open_rig(SMALL) as rig:
         asked_s = rig.clock.now_s()
-        with pytest.raises(NoFreshFrameError, match=rf"no fresh frame in 2\.\d s .*{counts}"):
+        with pytest.raises(NoFreshFrameError, match=rf"no fresh frame .*{counts}"):
             fresh_frame(with_frames(rig, lambda frame: replace(frame, **changes)), 0)
         assert rig.clock.now_s() - asked_s < 3.0

@@ -251,7 +251,7 @@ def shifted(frame: Frame, start_s: float, end_s: float) -> Frame:
     )
 
 
-NO_FRAME = r"no good frame under (ambient light|LED \d .*) in .* s \(.*"
+NO_FRAME = r"no good frame under (ambient light|LED \d .*) \(.*"
 OFF_CLOCK = "time stamps are not on the rig's clock"
 
 
