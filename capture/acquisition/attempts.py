@@ -150,12 +150,12 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         retaken = _light_images(_capture(rig, average, history, retake=True))
         check_retake(images, _stack(retaken), agreement, rig.lighting, names)
     found = agreement.found
-    levels = None if found is None else found.strengths
+    levels = None if found is None else found.levels
     checks = ChecksRecord(
         ambient_change=ambient_change,
-        redundancy_residual=None if found is None else found.contradiction,
+        redundancy_residual=None if found is None else found.redundancy_residual,
         light_levels=levels,
-        light_levels_error=None if found is None or levels is None else found.strength_error,
+        light_levels_error=None if found is None or levels is None else found.level_error,
         retaken=bool(agreement.undecided),
         light_order=check_order(images, rig.lighting),
         undecided=agreement.undecided,

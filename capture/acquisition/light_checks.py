@@ -16,7 +16,7 @@ from capture.errors import SetRejected
 from classify import Lighting
 from classify.errors import InputError
 from classify.images.noise import SensorNoise
-from classify.lights.agreement import LightAgreement, light_agreement, picture_difference
+from classify.lights.agreement import LightAgreement, image_difference, light_agreement
 from classify.lights.order import light_order
 from rig.acceptance import (
     LED_LEVEL_STANDARD_ERRORS,
@@ -101,7 +101,7 @@ def check_ambient(images: LightImages) -> float | None:
     if images.later_ambient is None:
         return None
     signal = max(1.0, float(images.signals().max()))
-    change = picture_difference(images.ambient, images.later_ambient, signal, images.noise)
+    change = image_difference(images.ambient, images.later_ambient, signal, images.noise)
     if change > MAX_AMBIENT_CHANGE:
         raise SetRejected(
             f"set rejected: the two ambient images differ by {change:.0%} of an LED's light: an "
@@ -157,7 +157,7 @@ def check_retake(
     for name, first, second, signal in zip(
         names, images.images, retaken, signals.tolist(), strict=True
     ):
-        change = picture_difference(first, second, signal, images.noise)
+        change = image_difference(first, second, signal, images.noise)
         change = max(change, abs(float(second.mean()) - ambient - signal) / signal)
         if change > MAX_RETAKE_CHANGE:
             raise SetRejected(
@@ -165,7 +165,7 @@ def check_retake(
                 "the exposure drifts, a frame was torn or showed another light, or the part moved; "
                 "keep the part still, then check LED and camera"
             )
-    if agreement.found is not None and agreement.found.strengths is not None:
+    if agreement.found is not None and agreement.found.levels is not None:
         return
     shares = signals / lighting.intensities
     shares /= np.median(shares)
@@ -216,12 +216,12 @@ def _refuse_equal(images: Images, names: list[str]) -> None:
 
 
 def _check_levels(found: LightAgreement, images: LightImages, names: list[str]) -> None:
-    if found.strengths is None:
+    if found.levels is None:
         return
-    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.strength_error)
+    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
-        for light, (name, level) in enumerate(zip(names, found.strengths, strict=True))
+        for light, (name, level) in enumerate(zip(names, found.levels, strict=True))
         if abs(level - 1.0) > limit
     ]
     if causes:
@@ -249,12 +249,12 @@ def _stays_on(images: LightImages, light: int) -> str:
 
 def _undecided(found: LightAgreement) -> list[str]:
     causes = []
-    if found.contradiction > MAX_REDUNDANCY_RESIDUAL:
-        causes.append(f"the redundancy residual is {found.contradiction:.1%} of the signal")
-    if found.seen < MIN_COMPARED_ROWS:
-        causes.append(f"all lights together reach {found.seen:.0%} of the rows")
-    if found.strengths is None:
+    if found.redundancy_residual > MAX_REDUNDANCY_RESIDUAL:
+        causes.append(f"the redundancy residual is {found.redundancy_residual:.1%} of the signal")
+    if found.compared_rows < MIN_COMPARED_ROWS:
+        causes.append(f"all lights together reach {found.compared_rows:.0%} of the rows")
+    if found.levels is None:
         causes.append("no LED levels explain the light images")
-    elif found.strength_error > MAX_LED_LEVEL_ERROR:
-        causes.append(f"LED levels are known to {found.strength_error:.1%} only")
+    elif found.level_error > MAX_LED_LEVEL_ERROR:
+        causes.append(f"LED levels are known to {found.level_error:.1%} only")
     return causes

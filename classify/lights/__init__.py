@@ -1,5 +1,5 @@
-"""What the lights alone decide, and what the images say about the lights.
+"""Constants that follow from the light directions, and checks of the lights by their images.
 
-`algebra` makes the constants of the solvers; `balance`, `agreement` and `order` find out from four
-images how strong the lights are, whether each image is of its light, and of which.
+`algebra` makes the constants of the solvers. From four images, `led_levels` finds the LED levels,
+`agreement` whether each image is of one light, and `order` of which.
 """

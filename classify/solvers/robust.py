@@ -16,7 +16,7 @@ import numpy.typing as npt
 from classify.compiling import kernel
 from classify.lighting import Lighting
 from classify.lights.algebra import drop_one_constants
-from classify.lights.balance import light_balance
+from classify.lights.led_levels import level_corrections
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
 from classify.threads import STRIP_PX, run_on_rows
 
@@ -52,23 +52,23 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     stack, shape = problem.stack, problem.shape
-    balance = light_balance(
+    corrections = level_corrections(
         stack.images, stack.ambient, problem.gains, float(problem.saturation), problem.variance,
         null,
     )  # fmt: skip
-    levels = problem.lighting.intensities / balance
+    levels = problem.lighting.intensities / corrections
     balanced = replace(problem, lighting=Lighting(problem.lighting.directions, levels))
     dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
     unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
     images, dark = stack.images, stack.dark_rows
-    least_bz, corrections = slope_noise(pinv), (pinv / null).astype(np.float32)
+    least_bz, per_residual = slope_noise(pinv), (pinv / null).astype(np.float32)
     pinv, null = pinv.astype(np.float32), null.astype(np.float32)
 
     def solve(first: int, last: int) -> None:
         _gate(
             first, last, images, dark, balanced.gains, problem.saturation,
-            problem.variance, problem.frames, least_bz, pinv, corrections, null,
+            problem.variance, problem.frames, least_bz, pinv, per_residual, null,
             maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit, row_counts,
         )  # fmt: skip
 

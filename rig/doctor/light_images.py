@@ -172,17 +172,17 @@ def _levels(images: LightImages, lighting: Lighting) -> Check:
     if len(lighting) != 4:
         return Check(name, "unknown", "can be estimated for four LEDs only")
     told = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
-    if told.strengths is None or told.strength_error > MAX_LED_LEVEL_ERROR:
+    if told.levels is None or told.level_error > MAX_LED_LEVEL_ERROR:
         return Check(
             name,
             "unknown",
             "cannot be estimated from these images",
             "put something matt with relief in all directions below the camera",
         )
-    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in told.strengths)
-    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in told.strengths):
+    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in told.levels)
+    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in told.levels):
         return Check(name, "ok", seen)
-    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.strengths)
+    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.levels)
     return Check(
         name, "warning", seen, f"if the LEDs are built so, set lights.intensities = [{line}]"
     )

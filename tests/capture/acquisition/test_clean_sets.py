@@ -88,6 +88,6 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     # Near lights differ over the frame, so that these images cannot confirm one another.
     assert agreement.undecided
     assert agreement.found is not None
-    assert agreement.found.strengths is None
+    assert agreement.found.levels is None
     check_retake(images, photographs.images, agreement, lighting, names)
     check_order(images, lighting)

@@ -1,4 +1,4 @@
-"""What four images say about their lights, on surfaces whose truth is known."""
+"""Agreement of four light images, on surfaces whose truth is known."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,7 +6,7 @@ import pytest
 
 from classify import Lighting
 from classify.images.noise import SensorNoise
-from classify.lights.agreement import light_agreement, like_signed, picture_difference
+from classify.lights.agreement import image_difference, light_agreement, like_signed
 
 Images = npt.NDArray[np.uint16]
 LIGHTING = Lighting.ring(45.0)
@@ -22,119 +22,119 @@ def bumps(slope: float = 0.4) -> npt.NDArray[np.float64]:
     return 2000.0 * np.tensordot(LIGHTING.directions, normals, 1)
 
 
-def taken(light: npt.NDArray[np.float64], seed: int = 1) -> Images:
-    """With the noise of the sensor."""
+def exposed(light: npt.NDArray[np.float64], seed: int = 1) -> Images:
+    """Pixel values with the noise of the sensor."""
     rng = np.random.default_rng(seed)
     noise = np.sqrt(light / NOISE.gain_e_per_dn + NOISE.read_noise_dn**2)
     values = 64.0 + light + noise * rng.standard_normal(light.shape)
     return np.clip(np.rint(values), 0, 4095).astype(np.uint16)
 
 
-AMBIENT = taken(np.full((SIDE, SIDE), 40.0), 99)
+AMBIENT = exposed(np.full((SIDE, SIDE), 40.0), 99)
 
 
 def agreement(light: npt.NDArray[np.float64], noise: SensorNoise | None = NOISE) -> tuple:
-    told = light_agreement(taken(light + 40.0), LIGHTING, AMBIENT, 4095, noise)
-    return told.contradiction, told.strengths, told.strength_error, told.seen
+    found = light_agreement(exposed(light + 40.0), LIGHTING, AMBIENT, 4095, noise)
+    return found.redundancy_residual, found.levels, found.level_error, found.compared_rows
 
 
 @pytest.mark.parametrize("noise", [NOISE, None], ids=["known noise", "unknown noise"])
 def test_a_matt_surface_agrees_with_itself(noise: SensorNoise | None) -> None:
-    contradiction, strengths, error, seen = agreement(bumps(), noise)
-    assert contradiction == 0.0
-    assert strengths == pytest.approx((1.0,) * 4, abs=0.004)
+    residual, levels, error, compared = agreement(bumps(), noise)
+    assert residual == 0.0
+    assert levels == pytest.approx((1.0,) * 4, abs=0.004)
     assert error < 0.003
-    assert seen == 1.0
+    assert compared == 1.0
 
 
 @pytest.mark.parametrize("share", [0.97, 0.9, 0.5, 0.3])
 def test_a_weak_light_is_measured(share: float) -> None:
     light = bumps()
     light[2] *= share
-    contradiction, strengths, _, _ = agreement(light)
-    assert contradiction == 0.0
-    assert strengths == pytest.approx((1.0, 1.0, share, 1.0), abs=0.006)
+    residual, levels, _, _ = agreement(light)
+    assert residual == 0.0
+    assert levels == pytest.approx((1.0, 1.0, share, 1.0), abs=0.006)
 
 
 def test_two_equal_weak_lights_are_measured_too() -> None:
     light = bumps()
     light[:2] *= 0.8
-    _, strengths, _, _ = agreement(light)
-    assert strengths is not None
-    assert strengths[0] / strengths[2] == pytest.approx(0.8, abs=0.006)
+    _, levels, _, _ = agreement(light)
+    assert levels is not None
+    assert levels[0] / levels[2] == pytest.approx(0.8, abs=0.006)
 
 
-def test_known_intensities_are_taken_off() -> None:
+def test_known_intensities_are_divided_out() -> None:
     uneven = Lighting(LIGHTING.directions, np.array([1.0, 0.5, 0.8, 1.2]))
     light = bumps() * uneven.intensities[:, None, None]
-    told = light_agreement(taken(light + 40.0), uneven, AMBIENT, 4095, NOISE)
-    assert told.contradiction == 0.0
-    assert told.strengths == pytest.approx((1.0,) * 4, abs=0.006)
+    found = light_agreement(exposed(light + 40.0), uneven, AMBIENT, 4095, NOISE)
+    assert found.redundancy_residual == 0.0
+    assert found.levels == pytest.approx((1.0,) * 4, abs=0.006)
 
 
 @pytest.mark.parametrize("rows", [1, 5, 48, 90])
-def test_rows_of_another_light_contradict(rows: int) -> None:
+def test_rows_of_another_light_disagree(rows: int) -> None:
     light = bumps()
     light[1, -rows:] = light[0, -rows:]
-    contradiction, _, _, _ = agreement(light)
+    residual, _, _, _ = agreement(light)
     truth = bumps()
     wrong = np.sqrt(((light[1] - truth[1]) ** 2).mean() / (truth**2).mean())
-    assert contradiction > 0.5 * wrong
+    assert residual > 0.5 * wrong
 
 
-def test_light_of_two_lights_in_one_image_is_not_even_strength() -> None:
+def test_a_mixture_of_two_lights_in_one_image_is_noticed() -> None:
     light = bumps()
     light[1] = 0.7 * light[1] + 0.3 * light[0]
-    contradiction, strengths, _, _ = agreement(light)
-    assert contradiction > 0.02 or (strengths is not None and max(strengths) > 1.1)
+    residual, levels, _, _ = agreement(light)
+    assert residual > 0.02 or (levels is not None and max(levels) > 1.1)
 
 
-def test_a_level_surface_knows_no_strengths_and_says_so() -> None:
-    contradiction, strengths, error, seen = agreement(bumps(0.0))
-    assert contradiction == 0.0
-    assert strengths is None or error > 0.1
-    assert seen == 1.0
+def test_a_level_surface_determines_no_levels() -> None:
+    residual, levels, error, compared = agreement(bumps(0.0))
+    assert residual == 0.0
+    assert levels is None or error > 0.1
+    assert compared == 1.0
 
 
-def test_a_near_light_has_no_one_strength() -> None:
+def test_a_near_light_has_no_single_level() -> None:
     light = bumps()
     light[0] *= np.linspace(0.8, 1.2, SIDE)
-    _, strengths, _, _ = agreement(light)
-    assert strengths is None
+    _, levels, _, _ = agreement(light)
+    assert levels is None
 
 
-def test_glints_and_shadows_are_no_contradiction() -> None:
+def test_glints_and_shadows_are_tolerated() -> None:
     light = bumps()
     light[0, 10:14, 10:20] = 4000.0
     light[3, 40:60, 40:60] = 0.0
-    contradiction, strengths, _, _ = agreement(light)
-    assert contradiction < 0.02
-    assert strengths == pytest.approx((1.0,) * 4, abs=0.01)
+    residual, levels, _, _ = agreement(light)
+    assert residual < 0.02
+    assert levels == pytest.approx((1.0,) * 4, abs=0.01)
 
 
-def test_lights_that_count_alike_are_opposite_ones() -> None:
+def test_opposite_lights_of_a_ring_have_weights_of_one_sign() -> None:
     assert like_signed(LIGHTING) == ((0, 2), (1, 3))
     assert like_signed(Lighting.ring(40.0, (0.0, 180.0, 90.0, 270.0))) == ((0, 1), (2, 3))
     assert like_signed(Lighting.ring(40.0, (0.0, 120.0, 240.0))) == ((0, 1), (2,))
 
 
-def test_two_pictures_of_one_scene_differ_by_noise_alone() -> None:
+def test_two_images_of_one_scene_differ_by_noise_only() -> None:
     scene = bumps()[0]
-    assert picture_difference(taken(scene, 1), taken(scene, 2), 1400.0, NOISE) == 0.0
+    assert image_difference(exposed(scene, 1), exposed(scene, 2), 1400.0, NOISE) == 0.0
 
 
 @pytest.mark.parametrize("gain", [1.03, 0.9])
-def test_two_pictures_of_other_light_differ_by_its_share(gain: float) -> None:
+def test_two_images_differ_by_the_change_of_light(gain: float) -> None:
     scene = bumps()[0]
     signal = float(np.sqrt((scene**2).mean()))
-    told = picture_difference(taken(scene, 1), taken(gain * scene, 2), signal, NOISE)
+    found = image_difference(exposed(scene, 1), exposed(gain * scene, 2), signal, NOISE)
     # Robust, and made for noise: of what is even it gives up to 1.48 times as much.
-    assert 0.9 < told / abs(gain - 1.0) < 1.5
+    assert 0.9 < found / abs(gain - 1.0) < 1.5
 
 
-def test_one_row_of_other_light_shows() -> None:
+def test_one_row_of_another_light_is_noticed() -> None:
     scene = bumps()[0]
     torn = scene.copy()
     torn[-1] *= 0.4
-    told = picture_difference(taken(scene, 1), taken(torn, 2), float(scene.mean()), NOISE)
-    assert 0.9 < told / (0.6 / np.sqrt(SIDE)) < 1.7
+    found = image_difference(exposed(scene, 1), exposed(torn, 2), float(scene.mean()), NOISE)
+    assert 0.9 < found / (0.6 / np.sqrt(SIDE)) < 1.7

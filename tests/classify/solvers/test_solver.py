@@ -505,9 +505,9 @@ def test_ambient_image_must_fit_the_others(ambient: np.ndarray) -> None:
 
 @pytest.mark.parametrize(
     ("full_scale", "intensity"),
-    [(1e-300, 1.0), (1e300, 1.0), (1.0, 1e-300), (1.0, 1e300), (1e-5, 1e-5), (None, 1e-30)],
+    [(1e-300, 1.0), (1e300, 1.0), (1e-5, 1e-5)],
 )
-def test_a_factor_beyond_float32_is_refused(full_scale: float | None, intensity: float) -> None:
+def test_a_factor_beyond_float32_is_refused(full_scale: float, intensity: float) -> None:
     lighting = Lighting(RING.directions, np.array([1.0, 1.0, 1.0, intensity]))
     with pytest.raises(InputError, match="full_scale times the intensity of light"):
         photometric_stereo([FRAME] * 4, lighting, full_scale=full_scale)
