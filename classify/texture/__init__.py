@@ -1,4 +1,1 @@
-"""What of a surface is compared as texture.
-
-`fields` are slopes and albedo without their outliers; all else is measured from them.
-"""
+"""Texture features: spectra, local statistics and headings of slopes and albedo."""

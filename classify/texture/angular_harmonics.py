@@ -1,9 +1,9 @@
-"""Polar maps as Fourier series in the angle: turning is a phase, comparing over all turns a sum.
+"""Polar maps as Fourier series in the angle: comparison over all circular shifts at once.
 
-A map over half a turn is f(theta) = sum_m c_m exp(2 i m theta). Turned by phi, c_m takes the
-phase exp(-2 i m phi), so the squared difference of two maps for every phi at once is one
-short inverse transform of sum c_m conj(d_m): nothing is interpolated, and no angle has to be
-guessed beforehand. The moduli do not turn at all, and give a bound from below for every turn.
+A map over 180 degrees is f(theta) = sum_m c_m exp(2 i m theta). A circular shift by phi multiplies
+c_m by exp(-2 i m phi). The squared difference of two maps for every phi is therefore one short
+inverse transform of sum c_m conj(d_m), without interpolation. The moduli |c_m| do not depend on
+phi and give a lower bound for all shifts.
 """
 
 from __future__ import annotations
@@ -22,21 +22,30 @@ from classify.threads import run_on_rows
 __all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "shift_invariant_norms"]
 
 HARMONICS = 16
-"""Kept of a series, zero included: steps of 12 degrees, finer than spectra of a surface hold."""
+"""Harmonics of a series, zero included: they resolve 12 degrees, more than spectra contain."""
 
-_TURNS = 180
-_TURN_DEG = 180.0 / _TURNS
+# Shifts that are compared, one degree apart; a parabola refines the best of them.
+_SHIFTS = 180
+_STEP_DEG = 180.0 / _SHIFTS
+# Relative curvature below which rounding decides, so that the parabola has no vertex.
+_LEAST_CURVATURE = 1e-9
 
 Array = npt.NDArray[Any]
 Complex = npt.NDArray[np.complex64]
 
 
 class LeastError(NamedTuple):
-    """Least squared difference over all turns.
+    """Least squared difference over all shifts, of one stack of maps and n references.
 
-    `errors` (n,) float64; `shifts_deg` (n,) anticlockwise from the reference to the test;
-    `sharpness` (n,) how much of the directional part agrees at that turn: 0 where every angle is
-    as good as another, 1 where one angle explains all.
+    Attributes
+    ----------
+    errors
+        (n,) float64.
+    shifts_deg
+        (n,) shift from the reference to the test, anticlockwise, [0, 180).
+    sharpness
+        (n,) share of the energy of all harmonics but 0 that agrees at this shift: 0 where all
+        shifts do equally well, 1 where both are equal.
     """
 
     errors: npt.NDArray[np.float64]
@@ -45,19 +54,19 @@ class LeastError(NamedTuple):
 
 
 def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
-    """(..., A) real maps over half a turn to (..., 16) complex64 series of equal energy.
+    """(..., A) real maps over 180 degrees to (..., 16) complex64 series of equal energy.
 
-    The sum of |c|^2 over the series is the sum of squares over the angles, less what lies in
-    finer harmonics (Parseval).
+    The sum of |c|^2 over the series is the sum of squares over the angles, except for the energy
+    of finer harmonics (Parseval).
     """
     series = scipy.fft.rfft(polar, norm="ortho")[..., :HARMONICS]
-    # A real map has its negative harmonics too.
+    # A real map has negative harmonics of the same modulus.
     series[..., 1:] *= np.sqrt(2.0)
     return np.ascontiguousarray(series, np.complex64)
 
 
 def least_error(test: Complex, references: Complex) -> LeastError:
-    """Compare one stack of maps with n others over all common turns.
+    """Compare one stack of maps with n others over all shifts that the maps of a stack share.
 
     Parameters
     ----------
@@ -70,34 +79,33 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     energies = np.empty(cross.shape, np.float64)
     count, maps, length = references.shape
     run_on_rows(partial(_products, test, references, cross, energies), (count, maps * length))
-    padded = np.zeros((len(cross), _TURNS // 2 + 1), np.complex128)
+    padded = np.zeros((len(cross), _SHIFTS // 2 + 1), np.complex128)
     padded[:, :HARMONICS] = cross
     padded[:, 1:] *= 0.5
-    correlations = scipy.fft.irfft(padded, n=_TURNS, norm="forward")
+    correlations = scipy.fft.irfft(padded, n=_SHIFTS, norm="forward")
     energies += _squares(test).sum(axis=0, dtype=np.float64)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
     row = np.arange(len(errors))
     best = np.argmin(errors, axis=1)
-    before, least, after = (errors[row, (best + step) % _TURNS] for step in (-1, 0, 1))
+    before, least, after = (errors[row, (best + step) % _SHIFTS] for step in (-1, 0, 1))
     curvature = before - 2.0 * least + after
-    flat = curvature <= 1e-9 * total + 1e-30
+    flat = curvature <= _LEAST_CURVATURE * total + 1e-30
     offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
     least = np.maximum(least - 0.25 * (before - after) * offset, 0.0)
-    # Without harmonic 0, which no turn changes: how far the directions agree, once turned.
     directional = energies[:, 1:].sum(axis=1)
     agreed = 2.0 * (correlations.max(axis=1) - cross[:, 0].real)
     sharpness = np.clip(agreed / np.maximum(directional, np.finfo(np.float64).tiny), 0.0, 1.0)
-    # Twice: a hair below 0 is rounded up to a whole turn.
-    shifts_deg = ((best + offset) % _TURNS % _TURNS) * _TURN_DEG
+    # The second modulo: a remainder of -1e-17 is rounded up to 180.
+    shifts_deg = ((best + offset) % _SHIFTS % _SHIFTS) * _STEP_DEG
     return LeastError(errors=least, shifts_deg=shifts_deg, sharpness=sharpness)
 
 
 def shift_invariant_norms(series: Complex) -> FloatMap:
-    """(..., K, 16) series to (..., 2 K) float32 that no turn changes.
+    """(..., K, 16) series to (..., 2 K) float32 that no shift changes.
 
-    The real harmonic 0 of each map and the norm of all its others. The Euclidean distance of two
-    such vectors is at most the least error's square root (triangle inequality).
+    They are harmonic 0 of each map, which is real, and the norm of all others. The squared distance
+    of two such vectors is at most their least error (triangle inequality).
     """
     norms: FloatMap = np.concatenate(
         [series[..., 0].real, np.sqrt(_squares(series[..., 1:]).sum(axis=-1))], axis=-1
@@ -113,7 +121,7 @@ def _squares(series: Complex) -> npt.NDArray[np.float32]:
 def _products(
     test: Array, references: Array, cross: Array, energies: Array, first: int, stop: int
 ) -> None:
-    """Sums over k of test times conjugate reference, and of the reference's squares, (n, 16)."""
+    """(n, 16) sums over k of test times conjugate reference, and of the reference's squares."""
     _, maps, length = references.shape
     for n in range(first, stop):
         sums = np.zeros((3, length), np.float64)

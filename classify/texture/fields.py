@@ -1,4 +1,4 @@
-"""What of a surface estimate is compared as texture: slopes and albedo without their outliers."""
+"""Texture fields: the slopes and the albedo of a surface estimate without outliers."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from classify.threads import run_on_rows
 
 __all__ = ["TextureFields", "texture_fields"]
 
-# Where two or more lights are in shadow a solver can return any slope; one such pixel outweighs
-# a thousand others in a power spectrum unless it is bounded.
+# Bounds of slope and relative albedo. Where two or more lights are in shadow a solver can return
+# any slope, and one such pixel outweighs a thousand others in a power spectrum; so does a bright
+# speck in a dark albedo. `test_fields.py` and the shadow tests of test_joint.py hold both.
 _MAX_SLOPE = np.float32(2.0)
-# The same for a speck in a dark albedo.
 _MAX_ALBEDO = np.float32(8.0)
-# Whose sums are taken together, in single precision.
+# Rows whose sums are taken in single precision; larger blocks would lose digits.
 _ROWS = 16
 
 Array = npt.NDArray[Any]
@@ -46,15 +46,15 @@ class TextureFields:
 
 
 def texture_fields(surface: SurfaceEstimate) -> TextureFields:
-    """The fields of a surface.
+    """Compute the fields of a surface.
 
     Raises
     ------
     InputError
-        If no pixel is valid, or the valid ones have no albedo at all, or hold what is no number.
+        If no pixel is valid, or the valid ones contain NaN or have an albedo of 0.
     """
-    # One block of memory and not three: a large one is used again once it was given back, while
-    # the pages of small ones are each asked of the system anew.
+    # One allocation instead of three: the allocator reuses a large block, while it returns small
+    # ones to the system and their pages have to be cleared again.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)
     rows, columns = surface.shape
     sums = np.empty((-(-rows // _ROWS), 4), np.float64)
@@ -66,7 +66,7 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
     if not np.isfinite([p_sum, q_sum, albedo_sum]).all():
-        raise InputError("a valid pixel of this surface has a slope or albedo that is no number")
+        raise InputError("a valid pixel of this surface has a slope or albedo of NaN")
     if not albedo_sum > 0.0:
         raise InputError("the valid pixels of this surface reflect nothing; check exposure")
     means = (np.array([p_sum, q_sum, albedo_sum]) / count).astype(np.float32)
@@ -79,16 +79,16 @@ def _bounded(
     p: Array, q: Array, albedo: Array, valid: Array,
     p_out: Array, q_out: Array, albedo_out: Array, sums: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Valid pixels with bounded slopes, 0 elsewhere; their count and sums per block of rows."""
+    """Bound valid pixels, set others to 0; count and sum valid ones per block of rows."""
     rows, columns = p.shape
     zero, one = np.float32(0.0), np.float32(1.0)
     for block in range(first, stop):
-        # Column by column, which can be done eight at a time in the order it is written.
+        # Sums of columns, which vectorise without changing the order of additions.
         lines = np.zeros((4, columns), np.float32)
         for r in range(block * _ROWS, min((block + 1) * _ROWS, rows)):
             for c in range(columns):
                 slope = np.sqrt(p[r, c] * p[r, c] + q[r, c] * q[r, c])
-                # A factor for both bounds a slope and keeps its direction.
+                # One factor for both components keeps the direction.
                 factor = _MAX_SLOPE / max(slope, _MAX_SLOPE)
                 p_out[r, c] = p[r, c] * factor if valid[r, c] else zero
                 q_out[r, c] = q[r, c] * factor if valid[r, c] else zero
@@ -109,7 +109,7 @@ def _bounded(
 def _complete(
     valid: Array, means: Array, p: Array, q: Array, albedo: Array, first: int, stop: int
 ) -> None:
-    """Means where nothing is known, and albedo in units of its mean."""
+    """Set pixels that are not valid to the mean; divide albedo by its mean."""
     columns = p.shape[1]
     one = np.float32(1.0)
     # Read outside the loop: elements of an array that may overlap another prevent vectorisation.

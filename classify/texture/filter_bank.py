@@ -1,9 +1,8 @@
-"""MR8: 38 filters in three shapes and scales, of which the strongest orientation answers.
+"""The MR8 filter bank: 38 filters, reduced to 8 responses by the maximum over orientations.
 
 After Varma and Zisserman, "A statistical approach to texture classification from single images",
-International Journal of Computer Vision 62, 2005, section 3. Orientation is discarded pixel by
-pixel, which makes the responses indifferent to a turn of the image; a turn of the surface under
-fixed light changes the image itself.
+International Journal of Computer Vision 62, 2005, section 3. The responses do not change when the
+image is rotated. When the surface is rotated under fixed lights, the image itself changes.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ RESPONSES = 8
 """Edges at three scales, bars at three scales, Gaussian, Laplacian of Gaussian."""
 
 MIN_IMAGE_PX = 64
-"""Shortest side that leaves enough pixels, 16 x 16, to which whole filters reach."""
+"""Shortest side of an image: 16 x 16 pixels then have a whole filter around them."""
 
 _SCALES_PX = (1.0, 2.0, 4.0)
 _ELONGATION = 3.0
@@ -35,18 +34,17 @@ _ORIENTATIONS = 6
 _ISOTROPIC_PX = 10.0
 _WEBER = np.float32(0.03)
 _MARGIN = FILTER_PX // 2
-# Transforms of larger blocks leave the caches, and those of the filters grow with them.
+# Transforms of larger blocks do not fit into the caches.
 _MAX_BLOCK_PX = 512
 
 
 @lru_cache(maxsize=1)
 def mr8_filters() -> FloatMap:
-    """The filters, (38, 49, 49) float32, of mean 0 and of sum of magnitudes 1.
+    """The filters, (38, 49, 49) float32, of mean 0 and L1 norm 1.
 
-    In this order: edges at sigma 1, 2 and 4, each in 6 orientations from 0 to 150 degrees
-    anticlockwise (the direction of differentiation), bars the same, then Gaussian and Laplacian
-    of Gaussian at sigma 10. Edges and bars are the first and second derivative of a Gaussian
-    three times as long as wide.
+    Their order: edges at sigma 1, 2 and 4, each differentiated along 6 directions from 0 to 150
+    degrees anticlockwise; bars likewise; Gaussian and Laplacian of Gaussian at sigma 10. Edges and
+    bars are the first and second derivative of a Gaussian three times as long as wide.
     """
     offsets = np.arange(FILTER_PX) - _MARGIN
     x, y = offsets[None, :], -offsets[:, None]
@@ -69,17 +67,16 @@ def mr8_filters() -> FloatMap:
 
 
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
-    """What MR8 says about each pixel of an image.
+    """MR8 responses of each pixel of an image.
 
-    The image is brought to mean 0 and standard deviation 1. Edges and bars give the largest
+    The image is scaled to mean 0 and standard deviation 1. Edges and bars give the largest
     magnitude over their orientations; each pixel's vector R becomes R log(1 + |R| / 0.03) / |R|
-    (Weber's law). Only pixels to which all filters reach are kept: what a border would have to be
-    continued with is not part of the texture.
+    (Weber's law). Only pixels with a whole filter around them are kept.
 
     Parameters
     ----------
     image
-        (H, W), integers or floats, under one light and without the ambient light.
+        (H, W), integers or floats: the image under one light minus the ambient image.
 
     Returns
     -------
@@ -102,7 +99,7 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
             ]
             responses[valid] = _block_responses(block)
     magnitude = np.sqrt(np.einsum("ijk,ijk->jk", responses, responses))
-    # log(1 + m) / m, which tends to 1 / 0.03 where there is no response.
+    # log(1 + m / 0.03) / m tends to 1 / 0.03 where there is no response.
     safe = np.maximum(magnitude, np.float32(1e-12))
     responses *= np.log1p(safe / _WEBER) / safe
     return responses
@@ -116,9 +113,9 @@ def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
         )
     values = image.astype(np.float32)
     if not np.isfinite(values).all():
-        raise InputError("the image for the filter bank holds NaN or infinity; replace them")
+        raise InputError("the image for the filter bank contains NaN or infinity; replace them")
     mean, std = float(values.mean(dtype=np.float64)), float(values.std(dtype=np.float64))
-    # Rounding leaves a constant image of floats a deviation of its last bit.
+    # A constant image of floats has a deviation of its last bit, by rounding.
     if std <= 1e-6 * abs(mean):
         raise InputError(
             f"the image for the filter bank is constant, {mean:g} throughout; "
@@ -130,7 +127,7 @@ def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
 
 
 def _blocks(length: int) -> Iterator[slice]:
-    """Equal stretches of at most `_MAX_BLOCK_PX` whose valid parts cover the length."""
+    """Equal overlapping slices of at most `_MAX_BLOCK_PX` whose valid parts cover the length."""
     valid = length - 2 * _MARGIN
     count = -(-valid // (_MAX_BLOCK_PX - 2 * _MARGIN))
     side = -(-valid // count) + 2 * _MARGIN
@@ -142,8 +139,8 @@ def _blocks(length: int) -> Iterator[slice]:
 def _block_responses(block: FloatMap) -> FloatMap:
     """The 8 responses before Weber's law, (8, H - 48, W - 48).
 
-    A circular convolution is right where no filter reaches over the edge, and just those pixels
-    are kept: no padding.
+    A circular convolution is correct where no filter crosses the edge; only those pixels are kept,
+    so that no padding is needed.
     """
     rows, columns = block.shape
     shape = scipy.fft.next_fast_len(rows), scipy.fft.next_fast_len(columns, real=True)
@@ -151,7 +148,7 @@ def _block_responses(block: FloatMap) -> FloatMap:
     valid_rows, valid_columns = (slice(_MARGIN, side - _MARGIN) for side in block.shape)
 
     def filtered(spectrum: npt.NDArray[np.complex64], bank: FloatMap) -> FloatMap:
-        # irfft2 of a stack does the same in four times the time.
+        # Four times as fast as irfft2 of a stack.
         along_rows = scipy.fft.ifft(spectrum * bank, axis=1, overwrite_x=True)[:, valid_rows]
         images: FloatMap = scipy.fft.irfft(along_rows, shape[1], axis=2)
         return images[:, :, valid_columns]
@@ -167,10 +164,10 @@ def _block_responses(block: FloatMap) -> FloatMap:
 
 @lru_cache(maxsize=4)
 def _transfer_functions(rows: int, columns: int) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Of edges and bars, (3 scales, 6 orientations, rows, columns // 2 + 1), and of the last two.
+    """Transfer functions: edges, bars, both (3, 6, rows, columns // 2 + 1), and the last two.
 
-    Edges are odd, so that their transforms are imaginary, and this is without the factor i; the
-    others are even and have real transforms.
+    Edges are odd, so that their transforms are imaginary: their factor i is left out. The others
+    are even and have real transforms.
     """
     padded = np.zeros((len(mr8_filters()), rows, columns), np.float32)
     padded[:, :FILTER_PX, :FILTER_PX] = mr8_filters()

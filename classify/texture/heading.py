@@ -1,9 +1,9 @@
-"""Which of two ways a texture lies: spectra are the same after half a turn, surfaces need not be.
+"""The heading of a texture: its orientation over 360 degrees, by third moments of the gradient.
 
-A ripple that is steep on one side, a tile with its joint in shadow paint on the left: what is odd
-in the gradient changes its sign when the surface makes half a turn. Means of such products turn
-with the surface like vectors, so that once the turn is known modulo 180 degrees their sign says
-which of the two turns it is. Surfaces whose slopes are as likely one way as the other have none.
+Spectra are equal after a rotation by 180 degrees. Odd moments of the gradient change their sign, as
+on ripples that are steep on one side. They rotate with the surface like vectors: where the
+orientation is known modulo 180 degrees, their sign tells it modulo 360. A surface whose slopes are
+as likely one way as the other has no heading.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ __all__ = [
 ]
 
 LEAST_SCORE = 4.0
-"""Standard deviations by which one of the two ways must be the better to be told."""
+"""Least score of a heading that is told, in standard deviations (false ones: test_heading.py)."""
 
 HEADING_SUMS = 13
 MOMENTS = 6
 _MAX_LEVELS = 4
 HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
-"""Real and imaginary parts of the moments, and a weight of each."""
+"""Length of `heading_numbers`: real and imaginary parts of the moments, and their weights."""
 
-# How many times its angle each moment turns when the surface turns.
+# Multiple of the surface's rotation by which the angle of each moment changes.
 _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
-# Squared moments must be so many times their variance, in the mean, for a surface to have a way.
+# Mean ratio of squared moments to their variance from which a surface has a heading: noise gives 1.
 _LEAST_SIGNIFICANCE = 2.0
 
 Array = npt.NDArray[Any]
@@ -52,7 +52,7 @@ def add_row(
     p: Array, q: Array, z: Array, a: Array, p_mean: np.float32, q_mean: np.float32,
     begin: int, end: int, sums: Array,
 ) -> None:  # fmt: skip
-    """Sums over a part of a row: |g|^2, then the real and imaginary parts of the moments."""
+    """Sum over part of a row: |g|^2, then the real and imaginary parts of the moments."""
     zero = np.float32(0.0)
     energy, g1, g2, z1, z2, a1, a2 = zero, zero, zero, zero, zero, zero, zero
     aa1, aa2, az1, az2, c1, c2 = zero, zero, zero, zero, zero, zero
@@ -82,16 +82,16 @@ def add_row(
 def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
     """(..., 6) complex moments without unit, from sums over pixels.
 
-    With g = p + i q less its mean, z and a the responses of relief and albedo, these are the means
-    of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 over the rms of each factor. Turned anticlockwise
-    by t the first five take the factor exp(i t), the last exp(3 i t).
+    With g = p + i q minus its mean, z and a the responses of relief and albedo, these are the means
+    of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 divided by the rms of each factor. A rotation by t
+    multiplies the first five by exp(i t), the last by exp(3 i t).
 
     Parameters
     ----------
     sums
-        (..., 13) as from `add_row`, of `counts` (...) pixels.
+        (..., 13) from `add_row`, over `counts` (...) pixels.
     variances
-        (..., 2) of relief and of albedo responses.
+        (..., 2) of the responses of relief and of albedo.
     """
     means = sums / counts[..., None]
     tiny = 1e-12
@@ -103,7 +103,7 @@ def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
 
 
 def heading_variances(moments: Complex) -> Floats:
-    """(levels, 6) variance of the moments of a frame, from those of its quarters.
+    """(levels, 6) variance of the moments of a frame, from its quarters.
 
     `moments` is (5, levels, 6), the frame first.
     """
@@ -114,15 +114,15 @@ def heading_variances(moments: Complex) -> Floats:
 
 
 def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
-    """(72,) float32: moments, and their weights as those of a reference.
+    """(72,) float32: moments, and the weights they have in a reference.
 
     Parameters
     ----------
     moments
         (5, levels, 6), the frame first.
     typical
-        (levels, 6) `heading_variances`, the mean over all training sets: four quarters tell those
-        of one set only roughly, and half of either is believed.
+        (levels, 6) mean `heading_variances` of all training sets. Four quarters give those of one
+        set only roughly, so the mean of both is used.
     """
     found = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))
@@ -139,25 +139,24 @@ def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
     )
 
 
-def heading_scores(test: FloatMap, references: FloatMap, turns_deg: Floats) -> Floats:
-    """(n,) standard deviations by which a test, turned back, lies as a reference does.
+def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
+    """(n,) scores of the given orientations against the opposite ones, in standard deviations.
 
-    Negative where it lies the other way round, and the turn is half a turn more; 0 where the
-    reference has no way to lie.
+    Negative where the orientation is 180 degrees more; 0 where the reference has no heading.
 
     Parameters
     ----------
     test, references
-        (72,) and (n, 72) of `heading_numbers`.
-    turns_deg
-        (n,) from the reference to the test, modulo 180.
+        (72,) and (n, 72) from `heading_numbers`.
+    orientations_deg
+        (n,) of the test relative to each reference, modulo 180.
     """
     size = MOMENTS * _MAX_LEVELS
     own = test[:size] + 1j * test[size : 2 * size]
     others = references[:, :size] + 1j * references[:, size : 2 * size]
     weights = references[:, 2 * size :]
-    turned = own * np.exp(-1j * np.radians(turns_deg)[:, None] * _SPINS)
-    agreement = (weights * (turned * others.conj()).real).sum(axis=1)
+    rotated = own * np.exp(-1j * np.radians(orientations_deg)[:, None] * _SPINS)
+    agreement = (weights * (rotated * others.conj()).real).sum(axis=1)
     energy = (weights * np.square(np.abs(others))).sum(axis=1)
     noise = np.sqrt(0.5 * np.maximum(energy, 0.0))
     scores: Floats = np.divide(agreement, noise, out=np.zeros(len(noise)), where=noise > 0.0)

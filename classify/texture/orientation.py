@@ -1,4 +1,4 @@
-"""How far one texture is turned against another, from their polar spectra."""
+"""The circular shift between polar spectra, which is the orientation of a surface."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ def squared_errors_by_shift(
 ) -> npt.NDArray[np.float64]:
     """Sum over theta of (test(theta + phi) - reference(theta))^2 for every phi of the grid.
 
-    One circular cross-correlation along the last axis, by FFT, for all references at once
-    (thesis section 6.4.6).
+    One circular cross-correlation along the last axis by FFT (thesis section 6.4.6).
 
     Parameters
     ----------
     test
-        (..., A) sampled at A angles over half a turn.
+        (..., A) sampled at A angles over 180 degrees.
     references
         (n, ..., A).
 
     Returns
     -------
     (n, A) float64, summed over all axes between. Entry j is the error if the test is the
-    reference turned anticlockwise by j steps of the grid.
+    reference shifted anticlockwise by j steps of the grid.
     """
     between = tuple(range(1, references.ndim - 1))
     cross = scipy.fft.rfft(test.astype(np.float64)) * np.conj(
@@ -46,7 +45,7 @@ def squared_errors_by_shift(
 
 
 def best_shift(errors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(n,) turn in grid steps at the lowest of (n, A) errors, refined by a parabola."""
+    """(n,) shift in grid steps at the lowest of (n, A) errors, refined by a parabola."""
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))
@@ -54,22 +53,22 @@ def best_shift(errors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     curvature = before - 2.0 * here + after
     flat = curvature <= 1e-12 * np.abs(here) + 1e-30
     offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
-    turn: npt.NDArray[np.float64] = (lowest + offset) % count
-    return turn
+    shifts: npt.NDArray[np.float64] = (lowest + offset) % count
+    return shifts
 
 
 def roll_angles(
-    polar: npt.NDArray[np.floating], turns: npt.NDArray[np.float64]
+    polar: npt.NDArray[np.floating], shifts: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """`polar` (..., A) turned back by each of `turns` (n,) grid steps, exactly: (n, ..., A).
+    """Shift `polar` (..., A) back by each of `shifts` (n,) grid steps, exactly: (n, ..., A).
 
-    A shift along the angle axis is a phase ramp in its Fourier transform, so nothing is lost by
-    interpolation, whatever the fraction of a step.
+    A shift along the angle axis is a phase ramp in the Fourier transform, so a fraction of a step
+    needs no interpolation.
     """
     transform = scipy.fft.rfft(polar.astype(np.float64))
     order = np.arange(transform.shape[-1])
     count = polar.shape[-1]
-    ramp = np.exp(2j * np.pi * order * turns[:, None] / count)
-    ramp = ramp.reshape(len(turns), *(1,) * (polar.ndim - 1), -1)
-    turned: npt.NDArray[np.float64] = scipy.fft.irfft(transform * ramp, n=count)
-    return turned
+    ramp = np.exp(2j * np.pi * order * shifts[:, None] / count)
+    ramp = ramp.reshape(len(shifts), *(1,) * (polar.ndim - 1), -1)
+    shifted: npt.NDArray[np.float64] = scipy.fft.irfft(transform * ramp, n=count)
+    return shifted

@@ -1,9 +1,8 @@
-"""One surface under lights that were turned: what a turned part would have looked like.
+"""One surface under rotated lights, which stands for a rotated part under the same lights.
 
-Four lights leave errors wherever two of them are in shadow, and where that is depends on how the
-texture lies to the lights: a turned part has its errors elsewhere. From one training set, as far
-as its surface is known, the others can be had by computing: relit with attached and cast shadows
-under lights turned the other way, and solved again. No pixel is resampled.
+Four lights leave errors where two of them are in shadow, and the place of shadows depends on the
+orientation of the texture. The estimate of one training set is relit with attached and cast shadows
+under lights rotated the other way, and solved again. No pixel is resampled.
 """
 
 from __future__ import annotations
@@ -21,24 +20,24 @@ from classify.surface.estimate import SurfaceEstimate
 __all__ = ["under_rotated_lights"]
 
 _STEPS = 4
-# With less of the surface in shadow the errors are those of noise, which do not turn.
+# With less of the surface in shadow, noise causes most errors, whatever the orientation.
 _LEAST_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Estimates of the same pixels as if the part had been turned, lights staying where they are.
+    """Yield estimates of the same pixels as if the part had been rotated under its lights.
 
-    The part counts as turned by three steps of a quarter of the angle between lights; after four
-    the ring of lights is the same again. Yields nothing for an estimate that does not know its
-    lights or comes from PS3, and where shadow is too rare to matter.
+    The orientations are three steps of a quarter of the angle between lights; after four steps the
+    ring of lights is the same again. Yields nothing for an estimate without lighting or by PS3, nor
+    where less than 1 % of the surface is in shadow.
 
     Parameters
     ----------
     surface
-        As it was solved; its slopes are relative to the image, and stay so.
+        A solved surface. Slopes stay relative to the image.
     """
     lighting = surface.lighting
-    # The versions of PS3 choose lights by where they stand: turned, they would be others.
+    # PS3 chooses lights by their tilt: rotated, it would choose others.
     if lighting is None or surface.method not in METHODS or surface.method.startswith("ps3"):
         return
     if surface.shadow_mask.mean() < _LEAST_SHADOW:
@@ -46,11 +45,11 @@ def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
     height = integrate_gradients(surface.p, surface.q)
     step_deg = 360.0 / len(lighting) / _STEPS
     for step in range(1, _STEPS):
-        turned = Lighting.from_angles(
+        rotated = Lighting.from_angles(
             list(lighting.tilts_deg - step * step_deg), list(lighting.slants_deg)
         )
-        images = relight(surface, turned)
-        for image, direction in zip(images, turned.directions, strict=True):
+        images = relight(surface, rotated)
+        for image, direction in zip(images, rotated.directions, strict=True):
             image[cast_shadow(height, direction)] = 0.0
-        # No noise is added: the surface holds that of its own images already.
-        yield photometric_stereo(images, turned, surface.method)
+        # The surface contains the noise of its own images; none is added.
+        yield photometric_stereo(images, rotated, surface.method)

@@ -20,34 +20,34 @@ from .fields import TextureFields
 __all__ = ["check_side", "segment_powers"]
 
 _POWERS = 6
-# Sums of so many threads at most. As many on every machine: the order of a sum decides its last
-# digits.
+# Number of partial sums. It is the same on every machine, because the order of additions decides
+# the last digits of a sum.
 _LANES = 4
-# Below so many pixels all is done before another thread has woken.
+# With fewer pixels the work is done before another thread has started.
 _FEW_PX = 1 << 17
 
 Array = npt.NDArray[Any]
 
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
-    """Mean powers of segments, for each wave vector of half a plane.
+    """Mean powers of overlapping segments, for each wave vector of half a plane.
 
-    The thesis is silent on window, segments and mean: here the segments overlap by half or a
-    little more so that they cover the frame, each loses its mean and gets a circular Hann window
-    (a square one would stay behind when the surface turns).
+    The thesis does not specify window, segments and mean. Here segments overlap by half or a little
+    more to cover the frame. Each is reduced by its mean and multiplied by a circular Hann window,
+    because a square window does not rotate with the surface.
 
     Parameters
     ----------
     fields
         (H, W) slopes and albedo.
     side
-        Of the segments, pixels.
+        Side of the segments, pixels.
 
     Returns
     -------
     powers
         (side, 6, side // 2 + 1) float32 |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and
-        Im Q A*, by rows and columns of the discrete Fourier transform.
+        Im Q A*, by row and column of the discrete Fourier transform.
 
     Raises
     ------
@@ -96,10 +96,11 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sums over pairs of segments, each in the same memory as the pair before.
+    """Sum the powers of pairs of segments, using the same memory for every pair.
 
-    Two real fields are one complex one, whose transform costs little more than that of one: p and
-    q of a segment, then albedos of two segments. So neither leaves its rounding in the other.
+    Two real fields make one complex field, whose transform costs little more than that of one: p
+    and q of a segment, and the albedos of two segments. Fields of different magnitude are not
+    paired, because the larger one would leave its rounding error in the smaller one.
     """
     side, weight = len(window), window.sum()
     sums = np.zeros((side, _POWERS, side // 2 + 1), np.float32)
@@ -117,7 +118,7 @@ def _cut(
     planes: tuple[Array, ...], corners: Array, window: Array, weight: np.float32,
     slopes: Array, albedos: Array,
 ) -> None:  # fmt: skip
-    """Fields of one segment or two, each less its weighted mean, times the window."""
+    """Cut one segment or two from all fields, reduce them by their mean, apply the window."""
     p, q, albedo = planes
     for n in range(len(corners)):
         _pair(p, corners[n], q, corners[n], window, weight, slopes[n])
@@ -131,7 +132,7 @@ def _pair(
     real: Array, real_corner: Array, imaginary: Array, imaginary_corner: Array,
     window: Array, weight: np.float32, target: Array,
 ) -> None:  # fmt: skip
-    """Two segments, of one plane or two, as a complex one."""
+    """Combine segments of two planes, or two segments of one plane, as complex numbers."""
     side = len(window)
     real_mean = _weighted_mean(real, real_corner, window, weight)
     imaginary_mean = _weighted_mean(imaginary, imaginary_corner, window, weight)
@@ -144,7 +145,7 @@ def _pair(
 
 @kernel
 def _weighted_mean(plane: Array, corner: Array, window: Array, weight: np.float32) -> np.float32:
-    # Sums of columns: these can be done eight at a time in the order they are written.
+    # Sums of columns, which vectorise without changing the order of additions.
     side = len(window)
     sums = np.zeros(side, np.float32)
     for r in range(side):
@@ -162,32 +163,32 @@ def _line(plane: Array, corner: Array, r: int, side: int) -> Array:
 
 @kernel
 def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
-    """Add the powers of one segment or two to those of others.
+    """Add the powers of one segment or two to the sums.
 
-    Of C, the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
+    If C is the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
     Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
     """
     side = len(albedo)
     columns = side // 2 + 1
-    # Lines of real and imaginary parts at k, then at -k; of albedo, those of either segment.
+    # Rows of real and imaginary parts at k and at -k; of albedo, for either segment.
     parts, albedos = np.empty((4, columns), np.float32), np.empty((2, 2, columns), np.float32)
     for r in range(side):
         opposite = (side - r) % side
         pair = albedos.reshape(4, columns)
-        _untwine(albedo[r], albedo[opposite], pair)
+        _read_row_pair(albedo[r], albedo[opposite], pair)
         _separate(pair)
         for n in range(len(slopes)):
-            _untwine(slopes[n, r], slopes[n, opposite], parts)
+            _read_row_pair(slopes[n, r], slopes[n, opposite], parts)
             _add_line(parts, albedos[n], sums[r])
 
 
 @kernel
-def _untwine(here: Array, there: Array, parts: Array) -> None:
+def _read_row_pair(here: Array, there: Array, parts: Array) -> None:
     side = len(here)
     for c in range(side // 2 + 1):
         parts[0, c] = here[c, 0]
         parts[1, c] = here[c, 1]
-    # The column opposite to the first is the first itself.
+    # Column 0 is opposite to itself.
     parts[2, 0], parts[3, 0] = there[0, 0], there[0, 1]
     for c in range(1, side // 2 + 1):
         parts[2, c] = there[side - c, 0]
@@ -196,7 +197,7 @@ def _untwine(here: Array, there: Array, parts: Array) -> None:
 
 @kernel
 def _separate(parts: Array) -> None:
-    """Of C(k) and C(-k) make X(k) and Y(k)."""
+    """Replace C(k) and C(-k) by X(k) and Y(k)."""
     half = np.float32(0.5)
     for c in range(parts.shape[1]):
         re, im, opposite_re, opposite_im = parts[0, c], parts[1, c], parts[2, c], parts[3, c]
@@ -208,8 +209,8 @@ def _separate(parts: Array) -> None:
 
 @kernel
 def _add_line(slopes: Array, albedo: Array, sums: Array) -> None:
-    # Arrays with two indices, not lines of them by name: of these the compiler would not know
-    # that they lie apart, and do one number at a time.
+    # Arrays with two indices instead of named rows: the compiler cannot know that rows do not
+    # overlap, and would not vectorise.
     half = np.float32(0.5)
     for c in range(slopes.shape[1]):
         re, im, opposite_re, opposite_im = slopes[0, c], slopes[1, c], slopes[2, c], slopes[3, c]

@@ -1,4 +1,4 @@
-"""Gradient and albedo spectra on a polar grid: what turns with the surface and only with it."""
+"""Power spectra of gradient and albedo on a polar grid, which rotate with the surface."""
 
 from __future__ import annotations
 
@@ -31,11 +31,13 @@ __all__ = [
     "surface_spectra",
 ]
 
+# The polar grid of the ablation in classify/README.md.
 ANGLES = 90
 RADII = 28
 MIN_SEGMENT_PX = 32
 MAX_SEGMENT_PX = 256
-# Radii run geometrically between these, so that a coarse and a fine texture get equal shares.
+# The first and last radius, in bins and in Nyquist frequencies. Between them radii are geometric:
+# coarse and fine textures get equal shares. Bins 0 and 1 contain the window's own spectrum.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
 
@@ -44,24 +46,24 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Power spectra of one surface, averaged over segments, on a polar grid of half a turn.
+    """Power spectra of one surface, averaged over segments, on a polar grid of 180 degrees.
 
     Attributes
     ----------
     gradient
         (R, 90) float32, M = |P|^2 + |Q|^2 in slope^2 per (cycle/px)^2. The cos^2 and sin^2 of the
-        direction of differentiation cancel in the sum, so M turns rigidly with the surface; the
+        direction of differentiation cancel in the sum, so that M rotates with the surface; the
         spectrum of an image does not (thesis section 9.4).
     albedo
         (R, 90) float32, A, the same for albedo divided by its mean.
     relief
         (R, 90) float32, |cos(theta) P + sin(theta) Q|^2: the part of M whose slopes lie along the
-        wave vector, as those of a relief do. The rest of M is curl, which no relief has: error.
+        wave vector, as those of a relief do. The rest of M is curl, which is an error.
     co_spectrum
-        (R, 90) float32, real part of relief times conjugate albedo: positive where what is high
-        is bright. A wave's relief counts as its slope turned a quarter wave back.
+        (R, 90) float32, real part of height times conjugate albedo, in the units of relief and
+        albedo: positive where high places are bright.
     segment_px
-        Side of the segments. It fixes the radii, so only spectra of equal segments compare.
+        Side of the segments. It fixes the radii: only spectra of equal segments compare.
     """
 
     gradient: FloatMap
@@ -88,24 +90,24 @@ class Spectra:
 
     @property
     def radial(self) -> tuple[FloatMap, FloatMap]:
-        """1D radial spectra of M and A, (R,) each: integrals over half a turn."""
+        """1D radial spectra of M and A, (R,) each: integrals over 180 degrees."""
         step = np.float32(np.pi / ANGLES)
         return self.gradient.sum(axis=1) * step, self.albedo.sum(axis=1) * step
 
     @property
     def curl_density(self) -> float:
-        """Mean of M less relief over the plane, in units of M: how large the errors are."""
-        area = np.square(self.radii_cpp)  # of rings whose radii are geometric
+        """Mean of M - relief, the error of the gradient, over the frequency plane."""
+        area = np.square(self.radii_cpp)  # of rings of geometric radii
         return float(((self.gradient - self.relief).mean(axis=1) * area).sum() / area.sum())
 
 
 def segment_for(shape: tuple[int, int]) -> int:
-    """Side of the segments for a frame: a power of two, at most half its shorter side.
+    """Side of the segments for a frame: the largest power of two up to half its shorter side.
 
     Raises
     ------
     InputError
-        If the frame is too small to be cut into segments of 32 px that overlap.
+        If the frame is smaller than two segments of 32 px.
     """
     shorter = min(shape)
     if shorter < 2 * MIN_SEGMENT_PX:
@@ -122,7 +124,7 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
     Parameters
     ----------
     surface
-        Its valid pixels are used; others count as of mean slope and mean albedo.
+        Pixels that are not valid count as of mean slope and mean albedo.
     segment_px
         Side of the segments, 32 or more; by default `segment_for` the frame.
 
@@ -151,7 +153,7 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
     powers = segment_powers(fields, segment_px)
     columns, rows = _polar_map(segment_px)
     amplitudes = _amplitudes(powers, _wave_directions(segment_px))
-    # Beyond the last row comes the first: frequencies repeat, and columns never leave the array.
+    # The spectrum is periodic along its rows.
     polar = cv2.remap(amplitudes, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     gradient, albedo, relief, co_spectrum = np.ascontiguousarray(
         np.moveaxis(polar * np.abs(polar), 2, 0)
@@ -162,8 +164,8 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
 def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
     """(R, 90) float32 power spectrum of one image divided by its mean, on the same polar grid.
 
-    It carries cos^2(theta - tilt) of the light it was taken under, and so does not turn with the
-    surface: what chapter 6 of the thesis begins with, and chapters 7 to 9 improve on.
+    It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
+    surface (thesis chapter 6; chapters 7 to 9 use gradients instead).
 
     Raises
     ------
@@ -181,9 +183,9 @@ def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
 
 @lru_cache(maxsize=8)
 def _wave_directions(side: int) -> FloatMap:
-    """(4, side, side // 2 + 1) cos and sin of the direction of each wave vector, and of twice it.
+    """(4, side, side // 2 + 1) cos and sin of the angle of each wave vector and of twice the angle.
 
-    y up; 0 at zero frequency, which has none.
+    y points up. Zero frequency has no direction and gets 0.
     """
     u = scipy.fft.rfftfreq(side)[None, :]
     v = -scipy.fft.fftfreq(side)[:, None]
@@ -203,13 +205,13 @@ def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
-    """Column and row in a half-plane spectrum, rows shifted to put zero frequency at side // 2."""
+    """Columns and rows of the polar grid in a half plane with zero frequency at side // 2."""
     angles = np.arange(ANGLES) * (np.pi / ANGLES)
     radii = polar_radii_px(side)[:, None]
     u = radii * np.cos(angles)
     v = radii * np.sin(angles)
-    # The half plane stores u >= 0: the other half is the same by point symmetry. Rows hold the
-    # frequency along the row index, which is -v as y points up.
+    # The half plane stores u >= 0; the other half follows by point symmetry. Row frequencies are
+    # -v, because y points up.
     flip = np.where(u < 0.0, -1.0, 1.0)
     return (u * flip).astype(np.float32), (side // 2 - v * flip).astype(np.float32)
 
@@ -218,8 +220,8 @@ def _polar_map(side: int) -> tuple[FloatMap, FloatMap]:
 def _amplitudes(powers: Array, directions: Array) -> Array:
     """(side, side // 2 + 1, 4) roots of M, A, relief and co-spectrum, zero frequency in the middle.
 
-    Amplitudes, not powers, are interpolated: they bend less between bins. With its sign, the
-    co-spectrum stays within the root of both powers (Cauchy and Schwarz).
+    Amplitudes are interpolated instead of powers, because they vary less between bins. The root of
+    the co-spectrum keeps its sign.
     """
     side, _, columns = powers.shape
     amplitudes = np.empty((side, columns, 4), np.float32)
@@ -229,7 +231,7 @@ def _amplitudes(powers: Array, directions: Array) -> Array:
         for c in range(columns):
             gradient, difference, product = powers[r, 0, c], powers[r, 1, c], powers[r, 2, c]
             cos, sin, cos_2, sin_2 = directions[:, r, c]
-            # Along its wave vector the slope is cos P + sin Q, and i k z: z lies along -i slope.
+            # The slope along the wave vector is cos P + sin Q = i k z, so that z has phase -i.
             relief = half * (gradient + cos_2 * difference + sin_2 * product)
             both = cos * powers[r, 4, c] + sin * powers[r, 5, c]
             target[c, 0] = np.sqrt(gradient)

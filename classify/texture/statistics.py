@@ -1,9 +1,8 @@
-"""What relief and albedo do at a point, summed over a surface: more than spectra can tell.
+"""Local statistics of relief and albedo, which distinguish textures of equal spectra.
 
-A spectrum knows how strong each wave is, not how waves meet. Pits and domes, cracks and ridges,
-bricks and gravel may share a spectrum; skewness, kurtosis and the way that fine detail keeps to
-the coarse tell them apart (after Portilla and Simoncelli 2000). All of it is a sum over pixels of
-responses that have no direction, so it does not change when the surface turns.
+A power spectrum has no phase: pits and domes, cracks and ridges, bricks and gravel can share one.
+They differ in skewness, kurtosis and the correlation of fine and coarse energy (after Portilla and
+Simoncelli 2000). All are sums over pixels of isotropic responses, which rotations do not change.
 """
 
 from __future__ import annotations
@@ -32,19 +31,20 @@ __all__ = [
 ]
 
 PARTS = 4
-"""Quarters of a frame, each measured on its own: how much one surface differs from itself."""
+"""Quarters of a frame; their differences show how much one surface differs from itself."""
 
-# Before the first derivative: enough that a 3 x 3 stencil is the same in every direction.
+# Blur before the first derivative, which makes the 3 x 3 stencils isotropic (test_statistics.py).
 _BLUR_PX = 0.8
-# What is further than two pixels away weighs a thousandth.
+# Pixels beyond the kernel would weigh less than a thousandth.
 _BLUR_SIZE = (5, 5)
 # The coarsest level has at least this many pixels on a side of a quarter.
 _COARSEST_PX = 16
-# Energies below this share of their mean count as this: their logarithm would be all noise.
+# Share of the mean energy that is added to each energy: logarithms of noise would outweigh others.
 _ENERGY_FLOOR = np.float32(0.01)
-# The same of the energy of relief at that point, as energy of albedo: on a surface of one albedo
-# it is what half shadows, gloss and lights of unequal strength let through.
+# Share of the local energy of relief that is added to that of albedo: penumbra, gloss and unequal
+# lights leak about as much of the relief into a constant albedo.
 _LEAK = np.float32(0.025)
+# Rows and columns at the edge of the frame that the repeated border changes.
 _BORDER = 2
 _SUMS = 12
 
@@ -63,14 +63,14 @@ class LocalStatistics:
     Attributes
     ----------
     moments
-        (5, levels, 8) float64: variance of relief, of albedo, third central moments of both,
+        (5, levels, 8) float64: variance of relief and of albedo, third central moments of both,
         fourth cumulants of both, covariance of relief and albedo, variance of the curl
-        dq/dx - dp/dy, which a relief does not have: the error of the first.
+        dq/dx - dp/dy, which is the error of the first.
     energies
         (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
         albedo of each level in turn, finest first.
     headings
-        (5, levels - 1, 6) complex128 `heading_moments`, of all levels but the finest.
+        (5, levels - 1, 6) complex128 `heading_moments` of all levels except the finest.
     """
 
     moments: Moments
@@ -84,7 +84,7 @@ class LocalStatistics:
 
 
 def levels_for(segment_px: int) -> int:
-    """Octaves of a library whose segments have this side; frames have twice that or more."""
+    """Octaves of a library with segments of this side; frames are at least twice as large."""
     return (segment_px // _COARSEST_PX).bit_length()
 
 
@@ -112,7 +112,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         rows, columns = planes[0].shape
         energy = np.empty((rows, columns, 2), np.float32)
         row_sums = np.zeros((rows, 2, _SUMS), np.float64)
-        # The finest level is four times the work, and mostly noise where three numbers multiply.
+        # The finest level would take most of the time, and its third moments are mostly noise.
         odd = np.zeros((rows if level else 0, 2, HEADING_SUMS), np.float64)
         respond = partial(_respond, *planes, p_mean, q_mean, energy, row_sums, odd)
         run_on_rows(respond, (rows, columns))
@@ -140,18 +140,18 @@ def statistics_vector(
     albedo_floors: Moments,
     albedo_leaks: Moments | float = 0.0,
 ) -> npt.NDArray[np.float64]:
-    """(5, d) float64: moments as numbers of order one whose differences can be compared.
+    """(5, d) float64: statistics scaled to order one, so that differences can be compared.
 
     Parameters
     ----------
     measured
-        Of a frame and its quarters.
+        Statistics of a frame and its quarters.
     relief_floors, albedo_floors
-        (levels,) variances that are added to those measured. What is fainter than its own error
-        then differs from other faint things by nothing, not by the logarithm of noise.
+        (levels,) variances that are added to the measured ones: textures fainter than their error
+        then differ little, instead of by the logarithm of noise.
     albedo_leaks
-        (levels,) share of the variance of relief that counts as albedo's: what lights of not quite
-        the strength they are taken for let through.
+        (levels,) share of the variance of relief that counts as variance of albedo, because lights
+        of slightly wrong levels let as much through.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0
@@ -273,7 +273,7 @@ def _respond_row(p: Array, q: Array, albedo: Array, responses: Array) -> None:
 
 
 def _of_parts(row_sums: Array) -> Moments:
-    """(5, d): of the frame and of its quarters, from sums per row and side."""
+    """(5, d) sums of the frame and of its quarters, from sums per row and side."""
     half = len(row_sums) // 2
     quarters = np.concatenate([row_sums[:half].sum(axis=0), row_sums[half:].sum(axis=0)])
     return np.concatenate([quarters.sum(axis=0, keepdims=True), quarters])

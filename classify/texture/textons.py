@@ -1,9 +1,9 @@
-"""Textons: the texture of a single image as a histogram over a dictionary of filter responses.
+"""Textons: the texture of an image as a histogram over a dictionary of filter responses.
 
 After Varma and Zisserman, "A statistical approach to texture classification from single images",
-International Journal of Computer Vision 62, 2005. Each class gives some cluster centres of its
-MR8 responses, all of them are the dictionary, an image is the histogram of its pixels' nearest
-textons, and the nearest training histogram by chi-squared names the class::
+International Journal of Computer Vision 62, 2005. Textons are cluster centres of the MR8 responses
+of each class; those of all classes are the dictionary. An image is the histogram of the nearest
+textons of its pixels. The class is that of the nearest training histogram by chi-squared::
 
     responses = [mr8_responses(image) for image in images_of_one_class]
     textons   = np.concatenate([learn_textons(r) for r in responses_by_class])
@@ -26,24 +26,26 @@ from .filter_bank import RESPONSES
 __all__ = ["TEXTONS_PER_CLASS", "chi_squared", "learn_textons", "texton_histogram"]
 
 TEXTONS_PER_CLASS = 10
+"""As in the paper."""
 
+# k-means on a sample of the pixels takes a second; test_varma_zisserman.py holds its accuracy.
 _SAMPLES = 20_000
 _ITERATIONS = 30
 _SEED = 1
-# Rows of the distance table that stay in the cache while their smallest is looked for.
+# Rows of the distance table, chosen so that they stay in the cache.
 _CHUNK = 1024
 
 
 def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS) -> FloatMap:
-    """Cluster centres of the responses of one class: k-means with spread-out first centres.
+    """Cluster centres of the responses of one class, by k-means++.
 
-    The same responses give the same textons: whatever is drawn at random comes from a fixed seed.
+    The seed is fixed: the same responses give the same textons.
 
     Parameters
     ----------
     responses
-        One (8, H, W) of `mr8_responses` for each image of the class; sizes may differ. From each
-        an equal share of at most 20,000 pixels altogether is used.
+        One (8, H, W) of `mr8_responses` for each image of the class; sizes may differ. An equal
+        share of each is used, 20,000 pixels in total.
     count
         Number of textons.
 
@@ -57,7 +59,7 @@ def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS)
         Without images, for another shape, or with fewer different pixels than textons.
     """
     if not responses:
-        raise InputError("textons are learned from at least one image of the class; got none")
+        raise InputError("textons are learned from at least one image of the class; give one")
     rng = np.random.default_rng(_SEED)
     share = -(-_SAMPLES // len(responses))
     samples = []
@@ -74,14 +76,14 @@ def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS)
 
 
 def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
-    """How the pixels of an image share out over their nearest textons.
+    """Histogram of the nearest textons of an image's pixels.
 
     Parameters
     ----------
     responses
         (8, H, W) of `mr8_responses`.
     textons
-        (T, 8), those of all classes.
+        (T, 8), of all classes.
 
     Returns
     -------
@@ -120,7 +122,7 @@ def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
 
     Returns
     -------
-    (R,) float32. Bins that are empty in both count nothing.
+    (R,) float32. Bins that are empty in both count 0.
 
     Raises
     ------
