@@ -1,17 +1,17 @@
-"""The ground floor of the rig: the LED controller's firmware and the simulated device it runs in.
+"""The LED controller's firmware, and a simulated device that runs it.
 
-`firmware` is the program of the real controller, one file for MicroPython and CPython.
-Everything else stands in for the hardware around it: `SimulatedBoard` (LEDs that rise and fall in
-time), `RealClock` and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay
-as one device), and `serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device
-an address. A host opens the address and cannot tell that it is simulated.
+`firmware` is the program of the real controller, one file for MicroPython and CPython. The rest
+simulates the hardware around it: `SimulatedBoard` (LEDs that rise and fall over time), `RealClock`
+and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay as one device), and
+`serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device an address. A host that
+opens the address cannot tell that it is simulated.
 
     clock = VirtualClock()
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
         ...  # open server.address as a serial port; ask `board` how much light an exposure saw
 
-The protocol is in README.md. `python -m firmware_sim` serves a device to type at.
+README.md describes the protocol. `python -m firmware_sim` serves a device to type at.
 """
 
 from .board import Board, SimulatedBoard

@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Serve until SIGINT, SIGTERM or SIGHUP; return the exit status."""
     options = _parser().parse_args(arguments)
     clock = RealClock()
-    # blocked before the server's thread exists, so that only sigwait below takes them
+    # Blocked before the server's thread starts, so that only sigwait below receives them.
     signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
     try:
         board = SimulatedBoard(
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _serve(controller: SimulatedController, options: argparse.Namespace) -> tuple[Server, str]:
-    """Serve where the options say; return the server and how to talk to it."""
+    """Serve as the options say; return the server, and a hint how to talk to it."""
     if options.unix is not None:
         server = serve_unix(controller, options.unix)
         return server, f"unix socket {server.address}, try: socat - UNIX-CONNECT:{server.address}"
@@ -55,7 +55,7 @@ def _serve(controller: SimulatedController, options: argparse.Namespace) -> tupl
 
 
 class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:  # one line instead of the usage and one line
+    def error(self, message: str) -> NoReturn:  # without the usage
         sys.exit(_fail(message))
 
 
@@ -66,7 +66,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--pty", nargs="?", const="", metavar="LINK", help="pseudo-terminal; LINK will link to it"
+        "--pty",
+        nargs="?",
+        const="",
+        metavar="LINK",
+        help="pseudo-terminal; LINK becomes a link to it",
     )
     where.add_argument("--unix", metavar="PATH", help="unix socket")
     where.add_argument(

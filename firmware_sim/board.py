@@ -1,4 +1,4 @@
-"""The board under the firmware: what the firmware asks of any, and the simulated one."""
+"""The board below the firmware: its interface, and a simulated one."""
 
 import math
 import threading
@@ -11,12 +11,12 @@ from .led import Led, LedLight
 
 __all__ = ["Board", "SimulatedBoard"]
 
-_OUTPUT_BYTES = 4096
-_CLOCK_ROUNDING_S = 1e-6
+_OUTPUT_BYTES = 4096  # that wait for a host; about 100 replies
+_CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
 
 
 class Board(Protocol):
-    """Pins, clock and serial line of the controller: all that the firmware knows."""
+    """Pins, clock and serial line of the controller, as the firmware sees them."""
 
     @property
     def led_count(self) -> int:
@@ -24,16 +24,16 @@ class Board(Protocol):
 
     @property
     def serial_number(self) -> str:
-        """Printable ASCII without blanks and commas, as it stands in the identity."""
+        """Printable ASCII without blanks and commas; part of the identity."""
 
     def micros(self) -> int:
         """Microseconds since boot; a board whose counter wraps extends it."""
 
     def read(self) -> bytes:
-        """What has arrived since the last call, b"" if nothing has; never waits."""
+        """Return the bytes received since the last call, b"" without any; never wait."""
 
     def write(self, data: bytes) -> None:
-        """Send to the host; never waits."""
+        """Send to the host; never wait."""
 
     def set_led(self, index: int, percent: int) -> int:
         """Drive one LED at 0 to 100 percent; return the `micros` at which it changed."""
@@ -45,27 +45,26 @@ class Board(Protocol):
         """The largest share of the time that an LED may be on in the long run, 1 to 99."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        """Edges of the camera's strobe line since the last call, oldest first; never waits.
+        """Return the edges of the camera's strobe since the last call, oldest first; never wait.
 
-        Each is the `micros` at which it happened and the level after it, True while the camera
-        exposes, whatever the polarity of the wire. The time is taken where the edge happens, in
-        an interrupt or in hardware, not when it is asked for. At most STROBE_BUFFER_EDGES (of
-        `firmware`) wait; those that come when the buffer is full are dropped, so a list of that
-        length says that edges may be missing.
+        Each edge is its time in `micros`, taken in an interrupt or in hardware, and the level after
+        it: True while the camera exposes, whatever the polarity of the wire. At most
+        STROBE_BUFFER_EDGES of `firmware` are kept and later ones dropped, so in a list of that
+        length edges may be missing.
         """
 
     def trigger(self) -> int:
         """Begin a pulse on the camera's trigger line; return the `micros` of its beginning.
 
-        The board ends the pulse by itself. It may wait for that, but for no more than 100 us.
+        The board ends the pulse by itself. It may wait for the end for at most 100 us.
         """
 
 
 class SimulatedBoard:
-    """A board of LEDs that rise and fall in time, with bytes in and out.
+    """A board with LEDs that rise and fall over time.
 
-    Thread-safe: the firmware may run in one thread while a camera asks for light in another.
-    All times but `micros` are on the clock's `now_s`.
+    Thread-safe: the firmware may run in one thread while a camera reads the light in another.
+    All times except `micros` are on the clock's `now_s`.
 
     Parameters
     ----------
@@ -74,18 +73,18 @@ class SimulatedBoard:
     led_count, serial_number
         What the firmware reports as model and serial number.
     rise_ms, fall_ms
-        10 % to 90 % times of the LEDs' exponential approaches; 0 switches at once.
+        10 % to 90 % times of the LEDs' exponential approach; 0 switches at once.
     max_on_ms, max_duty_percent
-        Limits of each LED, which the firmware keeps. The defaults leave room for the mean of 1024
-        frames under one LED at 9 frames per second, and for any order of four LEDs.
+        Limits of each LED, which the firmware enforces. The defaults allow 1024 frames under one
+        LED at 9 frames per second, and any order of four LEDs.
     leds
-        Its `led_count` LEDs, where they are others than `rise_ms` and `fall_ms` make.
+        The `led_count` LEDs; LEDs with `rise_ms` and `fall_ms` if left out.
 
     Raises
     ------
     ValueError
-        For no LED, a serial number that would break the protocol, a time that is negative or not
-        finite, or a limit that leaves no light.
+        Without an LED, or for a serial number that would break the protocol, a time that is
+        negative or not finite, or limits without light.
     """
 
     def __init__(
@@ -126,7 +125,7 @@ class SimulatedBoard:
         self._strobe_edges: list[tuple[int, bool]] = []
         self._triggered: Callable[[], object] = _nobody
 
-    # the firmware's side
+    # The firmware's side
 
     def micros(self) -> int:
         return self._micros_at(self._clock.now_s())
@@ -168,31 +167,31 @@ class SimulatedBoard:
         self._triggered()
         return triggered_us
 
-    # the world's side
+    # The side of host and camera
 
     def receive(self, data: bytes) -> None:
-        """Bytes from the host arrive on the serial line."""
+        """Receive bytes from the host."""
         with self._lock:
             self._received += data
 
     def take_output(self) -> bytes:
-        """What the firmware has sent since the last call."""
+        """Return the bytes that the firmware has sent since the last call."""
         with self._lock:
             data, self._sent = self._sent, b""
             return data
 
     def strobe(self, exposing: bool, at_s: float) -> None:
-        """An edge of the strobe line, which waits for the firmware to come to it."""
+        """Add an edge of the strobe line, which waits for the firmware."""
         with self._lock:
             if len(self._strobe_edges) < STROBE_BUFFER_EDGES:
                 self._strobe_edges.append((self._micros_at(at_s), exposing))
 
     def on_trigger(self, callback: Callable[[], object]) -> None:
-        """Call `callback` at each beginning of a trigger pulse: the wire to a camera."""
+        """Connect a camera: call `callback` at the beginning of each trigger pulse."""
         self._triggered = callback
 
     def reset(self) -> None:
-        """Power cycle: LEDs off, bytes and edges under way lost, `micros` starts again at 0."""
+        """Power cycle: LEDs off, waiting bytes and edges lost, `micros` starts again at 0."""
         with self._lock:
             self._booted_s = self._clock.now_s()
             for led in self._leds:
@@ -201,7 +200,7 @@ class SimulatedBoard:
             self._strobe_edges = []
 
     def output(self, led: int, at_s: float) -> float:
-        """Relative optical output of an LED, 0 to 1, at a time that is not in the future."""
+        """Relative optical output of an LED, 0 to 1, at a time not in the future."""
         with self._lock:
             self._refuse_future(at_s)
             return self._leds[led].output(at_s)
@@ -220,7 +219,7 @@ class SimulatedBoard:
         ------
         ValueError
             For an interval that ends in the future or before its start, or that starts before
-            the switch history, of 65536 events per LED, does.
+            the history of 65536 switches per LED.
         """
         with self._lock:
             if end_s < start_s:
@@ -229,7 +228,7 @@ class SimulatedBoard:
             return self._leds[led].output_integral_s(start_s, end_s)
 
     def _micros_at(self, now_s: float) -> int:
-        # round: a virtual clock's whole microseconds must not be cut to the one before
+        # Rounded, because truncation could lose a microsecond of a virtual clock.
         return round((now_s - self._booted_s) * 1e6)
 
     def _refuse_future(self, at_s: float) -> None:
@@ -239,4 +238,4 @@ class SimulatedBoard:
 
 
 def _nobody() -> None:
-    """The far end of a trigger line that no camera is on."""
+    """Receive triggers without a camera."""

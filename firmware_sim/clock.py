@@ -1,4 +1,4 @@
-"""Time for everything simulated: the real clock, or a virtual one that nobody has to wait for."""
+"""Clocks of the simulation: the real one, and a virtual one on which sleeping takes no time."""
 
 import heapq
 import itertools
@@ -13,33 +13,33 @@ _TICK_NS = 1_000_000
 
 
 class Clock(Protocol):
-    """A monotonic clock and the one way to wait on it."""
+    """A monotonic clock, and waiting on it."""
 
     def now_s(self) -> float:
-        """Time since an arbitrary start; it never goes back. May be called with any lock held."""
+        """Time since an arbitrary start; never goes back. May be called with any lock held."""
 
     def sleep_s(self, duration_s: float) -> None:
-        """Return when the duration has passed; at once if it is zero or negative."""
+        """Return after the duration; at once if it is zero or negative."""
 
     def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
-        """Call `callback` once when it is `at_s`, or as soon as may be if that is past.
+        """Call `callback` once at `at_s`, or as soon as possible if that has passed.
 
-        It is called on a thread of the clock's own or on one that sleeps, never from in here: this
-        may be called with any lock held. `callback` must not sleep on the clock.
+        The call comes from a thread of the clock or from one that sleeps, never from this method,
+        which may be called with any lock held. `callback` must not sleep on the clock.
 
         Returns
         -------
         Callable
-            Cancels the call, if it has not begun.
+            Cancels the call if it has not begun.
         """
 
 
 class _Agenda:
-    """Calls to be made, in the order of their times. Thread-safe."""
+    """Calls in the order of their times. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._order = itertools.count()  # calls at the same time are made as they came
+        self._order = itertools.count()  # keeps the order of calls at the same time
         self._calls: list[tuple[int, int, Callable[[], object]]] = []
 
     def add(self, at_ns: int, callback: Callable[[], object]) -> Callable[[], None]:
@@ -55,12 +55,12 @@ class _Agenda:
         return cancel
 
     def next_ns(self) -> int | None:
-        """The time of the first call, None if there is none."""
-        first = self._calls[:1]  # without the lock: a clock asks at every tick
+        """The time of the first call, None without one."""
+        first = self._calls[:1]  # without the lock, which every tick would take
         return first[0][0] if first else None
 
     def take(self, now_ns: int) -> Callable[[], object] | None:
-        """Remove and return the first call, if its time has come."""
+        """Remove and return the first call if its time has come."""
         with self._lock:
             if self._calls and self._calls[0][0] <= now_ns:
                 return heapq.heappop(self._calls)[2]
@@ -68,7 +68,7 @@ class _Agenda:
 
 
 class RealClock:
-    """The machine's own monotonic clock. A thread waits for calls while there are any."""
+    """The machine's monotonic clock. A thread runs while calls are waiting."""
 
     def __init__(self) -> None:
         self._agenda = _Agenda()
@@ -96,7 +96,7 @@ class RealClock:
             callback()
 
     def _next_call(self) -> Callable[[], object] | None:
-        """Wait for the next call; None, which ends the thread, if there is none."""
+        """Wait for the next call; None, which ends the thread, without one."""
         with self._changed:
             while (next_ns := self._agenda.next_ns()) is not None:
                 callback = self._agenda.take(time.monotonic_ns())
@@ -108,21 +108,21 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock on which time passes only while somebody sleeps, and then at once.
+    """A clock on which time passes only while somebody sleeps, and then immediately.
 
-    A sleep moves the time in steps of at most 1 ms and calls every tick callback after each step,
-    so that what would run in a main loop (a watchdog) runs at its simulated time. What was asked
-    for with `call_at` is called at its exact time, on the thread that sleeps. Threads may sleep
-    together: each returns when the common time has reached its own deadline.
+    A sleep advances the time in steps of at most 1 ms and calls every tick callback after each
+    step, so that a main loop with its watchdog runs at its simulated time. Callbacks of `call_at`
+    are called at their exact time, on the thread that sleeps. Several threads may sleep: each
+    returns when the common time has reached its own deadline.
 
     Parameters
     ----------
     start_s
-        The time it shows at first.
+        The initial time.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:
-        # whole nanoseconds: thousands of steps add up without rounding
+        # Whole nanoseconds, so that thousands of steps add up without rounding.
         self._now_ns = round(start_s * 1e9)
         self._ticked_ns = self._now_ns
         self._agenda = _Agenda()
@@ -150,14 +150,14 @@ class VirtualClock:
         Returns
         -------
         Callable
-            Unregisters the callback; once it has returned, the callback is not called again.
+            Unregisters the callback; after it returns, the callback is not called again.
         """
 
         def unregister() -> None:
             with self._step_lock:
                 self._callbacks = tuple(c for c in self._callbacks if c is not entry)
 
-        def entry() -> None:  # a name of its own, so that one callback may be registered twice
+        def entry() -> None:  # its own object, so that one callback may be registered twice
             callback()
 
         with self._step_lock:
@@ -165,7 +165,7 @@ class VirtualClock:
         return unregister
 
     def _step_towards(self, deadline_ns: int) -> None:
-        # another sleeper may have come past the deadline since it was last looked at
+        # Another thread may have slept past the deadline since it was checked.
         if deadline_ns <= self._now_ns:
             return
         tick_ns = min(deadline_ns, self._ticked_ns + _TICK_NS)
@@ -177,7 +177,7 @@ class VirtualClock:
                 for tick in self._callbacks:
                     tick()
             else:
-                # asked for in the past, or by a call at this very time: the time stays
+                # Added in the past or by a call at the current time: the time stays.
                 self._now_ns = max(self._now_ns, call_ns)
                 while (call := self._agenda.take(self._now_ns)) is not None:
                     call()

@@ -1,4 +1,4 @@
-"""The whole simulated device: the firmware on its board, how it boots, how long its line takes."""
+"""The simulated device as a whole: firmware, board, boot time and delay of the line."""
 
 import random
 import threading
@@ -11,9 +11,9 @@ __all__ = ["SimulatedController"]
 
 
 class SimulatedController:
-    """An LED controller as a host meets it at the other end of a cable.
+    """An LED controller as a host sees it at the other end of a cable.
 
-    Thread-safe: `poll` may come from a clock's tick while a server feeds bytes.
+    Thread-safe: a clock's tick may call `poll` while a server feeds bytes.
 
     Parameters
     ----------
@@ -22,16 +22,15 @@ class SimulatedController:
     clock
         Its time, real or virtual.
     resets_on_open
-        True: a host that opens the port resets the board (Arduino style); False: it does not
-        (Raspberry Pi Pico).
+        Whether opening the port resets the board, as with an Arduino and not with a Pico.
     boot_ms
-        From a reset to the banner; bytes that arrive in this time are lost.
+        Time from a reset to the banner; bytes that arrive during it are lost.
     link_delay_ms
-        The time each line takes on the wire, spent before it is executed.
+        Time of each line on the wire, before it is executed.
     turn_us
-        The least and the most time of one turn of the firmware's main loop; some 50 to 200 us
-        for MicroPython. While a sequence runs the loop is simulated turn by turn, so that it comes
-        to an edge of the strobe, or to a time it waits for, up to one turn late.
+        Shortest and longest pass of the firmware's main loop; about 50 to 200 us with MicroPython.
+        While a sequence runs, the loop is simulated pass by pass, so that it handles edges of the
+        strobe and deadlines up to one pass late.
     """
 
     def __init__(
@@ -51,43 +50,43 @@ class SimulatedController:
         self._link_delay_s = link_delay_ms / 1000.0
         self._turn_us = turn_us
         self._turns = random.Random(0)
-        self._in_loop = False  # the next turn is on the clock's agenda
+        self._in_loop = False  # whether the clock will call the next pass
         self._lock = threading.Lock()
         self._firmware: Firmware | None = Firmware(board)  # None while it boots
 
     def connect(self) -> None:
-        """A host has opened the port. What was sent when nobody listened is lost."""
+        """A host has opened the port; output from before is lost."""
         with self._lock:
             self._board.take_output()
         if self._resets_on_open:
             self.reset()
 
     def reset(self) -> None:
-        """Power cycle: LEDs out at once, the banner after the boot time."""
+        """Power cycle: LEDs off at once, the banner after the boot time."""
         with self._lock:
             self._firmware = None
             self._board.reset()
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host; returns when every line in them has been executed."""
+        """Receive bytes from the host; return when every line in them has been executed."""
         *lines, rest = data.split(b"\n")
         for line in lines:
-            self.clock.sleep_s(self._link_delay_s)  # no lock held: others poll in this time
+            self.clock.sleep_s(self._link_delay_s)  # without the lock, so that others can poll
             self._arrive(line + b"\n")
         self._arrive(rest)
 
     def poll(self) -> None:
-        """One turn of the device's main loop, unless its turns are timed. Never waits."""
+        """Run one pass of the main loop, unless passes are timed. Never wait."""
         with self._lock:
             if not self._in_loop:
                 self._turn()
 
     def strobe(self, exposing: bool, at_s: float) -> None:
-        """An edge on the wire of the camera's strobe. It keeps its true time if it comes late."""
+        """Receive an edge of the camera's strobe, with its true time even if it comes late."""
         self._board.strobe(exposing, at_s)
 
     def take_output(self) -> bytes:
-        """What the device has sent since the last call."""
+        """Return the bytes that the device has sent since the last call."""
         return self._board.take_output()
 
     @property
@@ -105,13 +104,13 @@ class SimulatedController:
                 self._turn()
 
     def _turn(self) -> bool:
-        """Boot or run the firmware, lock held; return whether it is running."""
+        """Boot or run the firmware with the lock held; return whether it is running."""
         if self._firmware is None:
             if self._board.micros() < self._boot_us:
                 return False
             self._firmware = Firmware(self._board)
         if self._firmware.stopped:
-            return False  # a board would be at its own prompt; this one waits for its reset
+            return False  # a real board would be at its prompt; this one waits for a reset
         self._firmware.poll()
         if self._firmware.sequence.running and not self._in_loop:
             self._in_loop = True

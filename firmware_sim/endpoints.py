@@ -1,6 +1,6 @@
-"""Where a host finds the simulated device: a pseudo-terminal, a serial device or a socket.
+"""Places at which a host finds the simulated device: pseudo-terminal, serial device, socket.
 
-An endpoint hands out one file descriptor per host that connects; the server does the rest.
+An endpoint gives the server one file descriptor per host that connects.
 """
 
 import fcntl
@@ -27,23 +27,23 @@ class Endpoint(Protocol):
 
     @property
     def address(self) -> str:
-        """What a host opens."""
+        """The address that a host opens."""
 
     @property
     def listener_fd(self) -> int | None:
-        """Descriptor that becomes readable when a host knocks; None if it has to be asked."""
+        """Descriptor that becomes readable when a host connects; None: poll `accept`."""
 
     def accept(self) -> int | None:
-        """The non-blocking descriptor of a host that has connected; None if there is none."""
+        """The non-blocking descriptor of a host that has connected, or None."""
 
     def refuse(self) -> None:
-        """Turn away a host that knocks while another is connected."""
+        """Reject a host that connects while another is connected."""
 
     def hang_up(self) -> None:
-        """The host of the last `accept` has gone; be ready for the next one."""
+        """Prepare for the next host, after that of the last `accept` has gone."""
 
     def close(self) -> None:
-        """Close everything and remove what was made in the file system."""
+        """Close everything and remove the files that were made."""
 
 
 class PtyEndpoint:
@@ -62,7 +62,7 @@ class PtyEndpoint:
         self.address = os.ttyname(slave)
         self._link = link
         self._was_open = False
-        # with no slave descriptor left the master reports POLLHUP until a host opens one
+        # Without an open slave the master reports POLLHUP until a host opens one.
         os.close(slave)
         os.set_blocking(self._master, False)
         self._make_ready()
@@ -78,8 +78,7 @@ class PtyEndpoint:
             self._was_open = False
             return None
         if not self._was_open:
-            # seen for the first time: let the host finish its opening, at whose end pyserial
-            # throws away what has arrived
+            # Let the host finish opening: pyserial then discards the bytes that have arrived.
             self._was_open = True
             return None
         return self._master
@@ -101,15 +100,15 @@ class PtyEndpoint:
         poll = select.poll()
         poll.register(self._master, select.POLLIN)
         events = dict(poll.poll(0)).get(self._master, 0)
-        # input that a host left behind before it closed is still to be served
+        # Input that a host sent before it closed is still served.
         return bool(events & select.POLLHUP) and not events & select.POLLIN
 
     def _make_ready(self) -> None:
-        # settings and unread replies outlive a host's visit: the next one must not find them
+        # Settings and unread replies remain after a host closes; the next must not find them.
         try:
             slave = os.open(self.address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
-            return  # the next host already has it, exclusively
+            return  # the next host already has it open exclusively
         try:
             tty.setraw(slave, termios.TCSANOW)
             termios.tcflush(slave, termios.TCIFLUSH)
@@ -120,20 +119,20 @@ class PtyEndpoint:
 class TtyEndpoint:
     """A real serial device: this end of a null modem, or of a USB gadget's line.
 
-    Such a line does not say whether somebody has opened its other end, so a host is taken to be
-    there for as long as the device is. A device that goes away is opened again when it is back.
+    Such a line does not tell whether its other end is open, so a host counts as connected while
+    the device exists. A device that disappears is opened again when it is back.
 
     Parameters
     ----------
     path
-        The device, which nobody else may have open.
+        The device, which no other program may have open.
     baud
-        Its speed; lines over USB take any.
+        Its speed; lines over USB accept any.
 
     Raises
     ------
     OSError
-        If it is missing, not permitted, in use or no serial device.
+        If it is missing, not permitted, in use or not a serial device.
     ValueError
         For a speed that serial devices do not have.
     """
@@ -145,7 +144,7 @@ class TtyEndpoint:
         try:
             self._speed: int = getattr(termios, f"B{baud}")
         except AttributeError:
-            raise ValueError(f"{baud} baud is no speed of a serial device") from None
+            raise ValueError(f"{baud} baud is not a speed of a serial device") from None
         self._fd = self._opened()
 
     def accept(self) -> int | None:
@@ -172,10 +171,10 @@ class TtyEndpoint:
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             fcntl.ioctl(fd, termios.TIOCEXCL)
-            # Before a byte is served, or it would be echoed to the host.
+            # First, because a terminal that is not raw echoes bytes to the host.
             tty.setraw(fd, termios.TCSANOW)
             settings = termios.tcgetattr(fd)
-            # The other end's modem lines mean nothing here, and it sends no faster than it may.
+            # Ignore the other end's modem lines, and use no flow control.
             settings[2] = settings[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
             settings[4] = settings[5] = self._speed
             termios.tcsetattr(fd, termios.TCSANOW, settings)
@@ -197,7 +196,7 @@ class SocketEndpoint:
     listener
         Bound and listening.
     address
-        How a host names it.
+        The address for hosts.
     path
         The socket's file, removed at the end.
     """
@@ -234,7 +233,7 @@ class SocketEndpoint:
         try:
             host, _ = self._listener.accept()
         except OSError:
-            return None  # nobody there, or gone again before it was let in
+            return None  # no host, or it has gone before it was accepted
         host.setblocking(False)
         if host.family == socket.AF_INET:
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -242,14 +241,14 @@ class SocketEndpoint:
 
 
 def unix_endpoint(path: Path) -> SocketEndpoint:
-    """A unix socket at a path that does not exist yet."""
+    """Listen on a unix socket, at a path that does not exist yet."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     _listen(listener, str(path))
     return SocketEndpoint(listener, str(path), path)
 
 
 def tcp_endpoint(port: int) -> SocketEndpoint:
-    """A TCP port on 127.0.0.1, and nowhere else; 0 takes a free one."""
+    """Listen on a TCP port of 127.0.0.1; 0 chooses a free one."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     _listen(listener, ("127.0.0.1", port))

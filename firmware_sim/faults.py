@@ -1,4 +1,4 @@
-"""Faults on purpose, below the driver: on the serial line and in the LEDs of a simulated board."""
+"""Simulated faults of the serial line and of LEDs, below the driver."""
 
 import itertools
 import math
@@ -13,7 +13,8 @@ from .led import Led, LedLight
 
 __all__ = ["FaultyLed", "FaultyLine", "LedFault", "LineFault", "When", "faulty_leds"]
 
-# Pieces of an exposure in which a light that flickers is taken for steady, per period.
+# Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
+# period is exact to rounding, since a sine sampled evenly sums to zero.
 _PIECES_PER_PERIOD = 16
 
 
@@ -24,14 +25,15 @@ def _require(holds: bool, cause: str) -> None:
 
 @dataclass(frozen=True)
 class When:
-    """Which of many events a fault befalls. All that is given must hold.
+    """Which events a fault affects. All given conditions must hold.
 
     Attributes
     ----------
     nth, times
-        The nth event from `from_s` on, counted from 1, and so many from there; None is all.
+        The first affected event from `from_s` on, counted from 1, and their number; None affects
+        all.
     from_s, until_s
-        On the simulation's clock, which is 0 where it starts.
+        On the simulation's clock, which starts at 0.
     probability
         Of each such event.
     """
@@ -42,7 +44,7 @@ class When:
     until_s: float = math.inf
     probability: float = 1.0
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - a plan's file has no unknown keys
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
     def __post_init__(self) -> None:
         _require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; it counts from 1")
@@ -51,11 +53,11 @@ class When:
         _require(0.0 < self.probability <= 1.0, f"probability is {self.probability:g}")
 
     def covers(self, at_s: float) -> bool:
-        """Whether its time has come and not gone."""
+        """Whether `at_s` is within its time."""
         return self.from_s <= at_s < self.until_s
 
     def befalls(self, number: int, rng: random.Random) -> bool:
-        """Whether event `number` (from 1) of those that it covers is one."""
+        """Whether the fault affects event `number`, counted from 1 within its time."""
         if self.nth is not None and not self.nth <= number < self.nth + self.times:
             return False
         return self.probability == 1.0 or rng.random() < self.probability
@@ -63,15 +65,14 @@ class When:
 
 @dataclass(frozen=True)
 class LineFault:
-    """What happens to lines on the serial line.
+    """A fault of lines on the serial line.
 
     Attributes
     ----------
     kind
-        ``lose``, ``garble`` (some bytes become others), ``truncate`` (the end is missing, and the
-        line end with it), ``double``, ``lose_byte``, ``double_byte``, ``delay`` (by `delay_ms`),
-        ``late`` (it comes with the next line, when the host has given it up), ``reboot`` (of the
-        controller, before it executes the line).
+        ``lose``, ``garble`` (one to three wrong bytes), ``truncate`` (end and line end missing),
+        ``double``, ``lose_byte``, ``double_byte``, ``delay`` (by `delay_ms`), ``late`` (comes with
+        the next line), ``reboot`` (the controller restarts instead of executing the line).
     direction
         ``to_controller`` for commands, ``to_host`` for replies.
     containing
@@ -99,15 +100,15 @@ class LineFault:
 
 @dataclass(frozen=True)
 class LedFault:
-    """What is wrong with the light of one LED, while its time is.
+    """A fault in the light of one LED, during a time.
 
     Attributes
     ----------
     kind
-        ``dead``, ``dim`` (`share` of its light is missing), ``stuck_on`` (it never gives less than
-        `share`), ``flicker`` (up to `share` of its light is missing, as a sine of `frequency_hz`),
-        ``unsteady`` (the same, at random anew for each 1 / `frequency_hz`), ``swapped`` (its cable
-        and that of LED `other` are exchanged, always).
+        ``dead``, ``dim`` (`share` of its light is missing), ``stuck_on`` (never less than `share`),
+        ``flicker`` (up to `share` is missing, as a sine of `frequency_hz`), ``unsteady`` (up to
+        `share` is missing, at random for each 1 / `frequency_hz`), ``swapped`` (its cable and that
+        of LED `other` are exchanged, always).
     """
 
     kind: Literal["dead", "dim", "stuck_on", "flicker", "unsteady", "swapped"]
@@ -131,7 +132,7 @@ class LedFault:
         )
 
     def gain(self, at_s: float, rng_key: str) -> float:
-        """The share of the LED's light that is left at a time."""
+        """The share of the LED's light that remains at a time."""
         if not self.from_s <= at_s < self.until_s or self.kind in ("stuck_on", "swapped"):
             return 1.0
         if self.kind == "dead":
@@ -145,13 +146,13 @@ class LedFault:
         return 1.0 - self.share * missing
 
     def least(self, at_s: float) -> float:
-        """The light that it gives at a time whatever it is told."""
+        """The light that the LED gives at least at a time."""
         stuck = self.kind == "stuck_on" and self.from_s <= at_s < self.until_s
         return self.share if stuck else 0.0
 
 
 class FaultyLed:
-    """An LED of a board with faults in its light. It is driven, and looked at, like any."""
+    """An LED with faults in its light."""
 
     def __init__(self, led: Led, faults: Sequence[LedFault], seed: int, started_s: float) -> None:
         self._led = led
@@ -169,7 +170,7 @@ class FaultyLed:
         return max(least, gain * self._led.output(at_s))
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
-        """The integral of the output, in pieces over which the faults stay what they are."""
+        """The integral of the output, in pieces over which the faults are constant."""
         total_s = 0.0
         for begin_s, finish_s in self._pieces(start_s, end_s):
             gain, least = self._at(0.5 * (begin_s + finish_s))
@@ -196,7 +197,7 @@ class FaultyLed:
 
 
 class _Cabled:
-    """An LED in its place, and the one that its pin drives: the same, unless cables are swapped."""
+    """The LED in one place, and the LED that its pin drives, which differs with swapped cables."""
 
     def __init__(self, light: LedLight, driven: LedLight) -> None:
         self.drive = driven.drive
@@ -207,7 +208,7 @@ class _Cabled:
 def faulty_leds(
     leds: Sequence[Led], faults: Iterable[LedFault], seed: int, started_s: float
 ) -> list[LedLight]:
-    """The LEDs of a board with faults, in the order in which they are connected."""
+    """Make the LEDs of a board with faults, in the order of their pins."""
     faults = tuple(faults)
     result: list[LedLight] = []
     for index, led in enumerate(leds):
@@ -221,14 +222,16 @@ def faulty_leds(
 
 
 class FaultyLine:
-    """A controller behind a line that damages what goes through it; served like the controller.
+    """A controller behind a faulty line; it is served like the controller itself.
 
     Parameters
     ----------
     device
-        The controller at the far end.
+        The controller behind the line.
     faults
-        All of them befall a line, one after the other.
+        Faults of the line, applied one after the other.
+    seed
+        Of the random faults.
     """
 
     def __init__(self, device: SimulatedController, faults: Sequence[LineFault], seed: int) -> None:
@@ -244,12 +247,12 @@ class FaultyLine:
 
     @property
     def clock(self) -> Clock:
-        """The controller's."""
+        """That of the controller."""
         return self._device.clock
 
     @property
     def boot_remaining_s(self) -> float:
-        """The controller's."""
+        """That of the controller."""
         return self._device.boot_remaining_s
 
     def connect(self) -> None:
@@ -262,11 +265,11 @@ class FaultyLine:
         self._device.reset()
 
     def poll(self) -> None:
-        """One turn of the controller's main loop."""
+        """Run one pass of the controller's main loop."""
         self._device.poll()
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host; returns when what arrives of them has been executed."""
+        """Receive bytes from the host; return when every line that arrives has been executed."""
         *lines, self._half_line = (self._half_line + data).split(b"\n")
         for line in lines:
             self._collect_output()
@@ -275,7 +278,7 @@ class FaultyLine:
             self._collect_output()
 
     def take_output(self) -> bytes:
-        """What arrives at the host of what the device has sent since the last call."""
+        """Return the device's output since the last call, as it arrives at the host."""
         self._collect_output()
         output, self._output = self._output, b""
         return output
@@ -285,7 +288,7 @@ class FaultyLine:
             self._output += self._through("to_host", line)
 
     def _through(self, direction: str, line: bytes) -> bytes:
-        """What arrives of a line at the other end, after what was still under way."""
+        """Return a line as it arrives at the other end, after lines that were held back."""
         since_s = self.clock.now_s() - self._started_s
         late = False
         for index, fault in enumerate(self._faults):
@@ -317,7 +320,7 @@ def _lose(_line: bytes, _rng: random.Random) -> bytes:
 def _garble(line: bytes, rng: random.Random) -> bytes:
     damaged = bytearray(line)
     for _ in range(rng.randint(1, 3)):
-        # The line end is left: what becomes of lines that run together is what truncate shows.
+        # The line end stays; `truncate` joins lines.
         damaged[rng.randrange(max(1, len(line) - 1))] ^= rng.randint(1, 255)
     return bytes(damaged)
 

@@ -1,10 +1,10 @@
 """The LED controller's firmware: this one file runs unchanged on MicroPython and on CPython.
 
-It imports nothing and knows only the board it is given (see `board.Board`). The protocol is
-written down in README.md; change both together.
+It imports nothing and knows only the board that it is given (see `board.Board`). README.md
+describes the protocol; change both together.
 """
 
-TYPE_CHECKING = False  # MicroPython has no typing module; a type checker takes this name as true
+TYPE_CHECKING = False  # MicroPython has no typing module; type checkers assume that this is true
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -16,13 +16,13 @@ PROTOCOL_VERSION = 2
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
 QUEUE_DEPTH = 8
-STROBE_BUFFER_EDGES = 16  # what a board keeps for the firmware between two turns of its loop
+STROBE_BUFFER_EDGES = 16  # that a board keeps for the firmware between two passes of its loop
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
 WATCHDOG_MAX_MS = 60000
 MAX_STEPS = 16
 MAX_STEP_US = 60000000
-DARK = -1  # in place of an LED: none
+DARK = -1  # in place of an LED: no LED
 
 MESSAGES: dict[int, str] = {}
 
@@ -39,7 +39,7 @@ LED_RESTS = _message(111, "LED must rest")
 SEQUENCE_RUNS = _message(120, "Sequence is running")
 STROBE_MISSING = _message(121, "Strobe missing: LEDs off")
 SEQUENCE_ABORTED = _message(122, "Sequence aborted")
-# the negative numbers and their texts are those of SCPI
+# Negative numbers and their texts are those of SCPI.
 INVALID_CHARACTER = _message(-101, "Invalid character")
 SYNTAX_ERROR = _message(-102, "Syntax error")
 PARAMETER_NOT_ALLOWED = _message(-108, "Parameter not allowed")
@@ -52,7 +52,7 @@ LINE_TOO_LONG = _message(-363, "Input buffer overrun")
 
 
 class CommandError(Exception):
-    """A line that cannot be executed; its argument is the error code."""
+    """The error of a line that cannot be executed; its argument is the error code."""
 
 
 def crc8(data: bytes) -> int:
@@ -66,10 +66,10 @@ def crc8(data: bytes) -> int:
 
 
 class Lamps:
-    """The LEDs: one lit at most, each within the limits of its board.
+    """The LEDs: at most one is lit, each within the limits of the board.
 
-    Being lit uses up an LED's budget, being out restores it, at rates that balance at its largest
-    duty. A full budget lasts for its longest time on.
+    Being on uses up an LED's budget, being off restores it, at rates that balance at the largest
+    duty. A full budget lasts for the longest time on.
     """
 
     def __init__(self, board: "Board") -> None:
@@ -78,10 +78,10 @@ class Lamps:
         self._budgets = [self._full(led) for led in range(board.led_count)]  # in ms x percent
         self.levels_percent = [100] * board.led_count
         self.selected = DARK
-        self.exhausted_us = 0  # when the LED that is lit will have used up its budget
+        self.exhausted_us = 0  # when the budget of the lit LED will be used up
 
     def light(self, led: int) -> int:
-        """Light one LED alone, or none; return the `micros` of the last change."""
+        """Light one LED and no other, or none; return the `micros` of the last change."""
         if self.selected != DARK:
             self._budget(self.selected)
         if led != DARK:
@@ -96,7 +96,7 @@ class Lamps:
         return changed_us if led == DARK else self._board.set_led(led, self.levels_percent[led])
 
     def has_rested(self, led: int) -> bool:
-        """Whether an LED may be lit: it goes on, or at least half of its budget is there."""
+        """Whether an LED may be lit: it is lit already, or has at least half of its budget."""
         return led in (DARK, self.selected) or 2 * self._budget(led) >= self._full(led)
 
     def _budget(self, led: int) -> int:
@@ -113,21 +113,21 @@ class Lamps:
 
 
 class Step:
-    """One light of a sequence and the times of what happened under it; -1 is not yet."""
+    """One step of a sequence: its light, and the times of its events, -1 before they happen."""
 
     def __init__(self, led: int, changed_us: int) -> None:
         self.led = led
         self.changed_us = changed_us
         self.triggered_us = self.begin_us = self.end_us = -1  # of the exposure that counts
-        self.exposures = 0  # all that began under this light
+        self.exposures = 0  # number of exposures that began under this light
 
 
 class Sequence:
-    """Lights in a given order, one exposure under each, from its construction on.
+    """Lights in a given order, one exposure under each; construction starts the sequence.
 
-    The end of each exposure moves it on; or time does, and each exposure is triggered. An exposure
-    counts if it began when its light had settled: one that was under way or began too soon passes.
-    All is written down, and the host judges it.
+    The next step follows at the end of an exposure, or after a time with triggered exposures. An
+    exposure counts if it began after its light had settled; others are passed over. All events are
+    recorded, and the host judges them.
     """
 
     def __init__(
@@ -143,18 +143,18 @@ class Sequence:
         self._lamps = lamps
         self._triggers = triggers
         self._settle_us = settle_us
-        self._wait_us = wait_us  # for an edge at most; with triggers, between two at least
+        self._wait_us = wait_us  # longest wait for an edge; with triggers, least time between two
         self.order = order
         self.steps: list[Step] = []
-        self.code = NO_ERROR  # why it ended early
+        self.code = NO_ERROR  # the error that ended it early
         self.running = True
         self.started_us = self.ended_us = self._next()
         self._edge_us = self.started_us
 
     def turn(self) -> bool:
-        """Take the strobe's edges and the time; return False if no strobe comes any more."""
+        """Handle the strobe's edges and the time; return False if the strobe is missing."""
         for at_us, exposing in self._board.strobe_edges():
-            # of edges from before the start nothing is known but that they are past
+            # Edges from before the start belong to no step.
             if self.running and at_us >= self.started_us:
                 self._take(at_us, exposing)
         if not self.running:
@@ -171,7 +171,7 @@ class Sequence:
         return True
 
     def end(self, code: int) -> int:
-        """Put the LEDs out, early if there is an error code; return when, in `micros`."""
+        """End with an error code or `NO_ERROR`, put the LEDs out; return the `micros` of it."""
         self.running = False
         self.code = code
         self.ended_us = self._lamps.light(DARK)
@@ -198,7 +198,7 @@ class Sequence:
 
 
 class Firmware:
-    """The controller's program on one board; construction is the start after a reset."""
+    """The controller's program on one board; construction is its start after a reset."""
 
     def __init__(self, board: "Board") -> None:
         self._board = board
@@ -207,8 +207,8 @@ class Firmware:
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
-        self.stopped = False  # the host wants to put another program on the board
-        # header: (least and most parameters, what executes it)
+        self.stopped = False  # set when the host wants to flash the board
+        # header: (least and most number of parameters, handler)
         self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
             "*IDN?": (0, 0, self._identity),
             "*RST": (0, 0, self._reset),
@@ -231,7 +231,7 @@ class Firmware:
         self._send("READY " + self._identity())
 
     def poll(self) -> None:
-        """One turn of the main loop: step the sequence, execute whole lines, guard the LEDs."""
+        """One pass of the main loop: step the sequence, execute whole lines, check the limits."""
         if not self.sequence.turn():
             self._darken(STROBE_MISSING)
         data = self._board.read()
@@ -245,7 +245,7 @@ class Firmware:
         elif now_us - self._fed_us >= 1000 * self._watchdog_ms:
             self._darken(WATCHDOG_TRIPPED)
 
-    # lines
+    # Lines
 
     def _receive(self, data: bytes) -> None:
         start = 0
@@ -260,14 +260,14 @@ class Firmware:
         self._collect(data[start:])
 
     def _collect(self, piece: bytes) -> None:
-        # one byte for a carriage return and one more: enough to tell that a line was too long
+        # One byte for a carriage return, and one more to detect a line that is too long.
         self._line += piece[: MAX_LINE_BYTES + 2 - len(self._line)]
 
     def _send(self, line: str) -> None:
         self._board.write((line + "\n").encode())
 
     def _reply_to(self, line: bytes) -> str:
-        """The reply to one line: the checksum off its end, and one on the reply if it had one."""
+        """Check and remove the checksum of a line; the reply gets one if the line had one."""
         if len(line) > MAX_LINE_BYTES:
             return self._error(LINE_TOO_LONG)
         line = line.rstrip(b" ")
@@ -278,11 +278,11 @@ class Firmware:
         if line[mark + 1 :].upper() == f"{crc8(message):02X}".encode():
             reply = self._answer(message)
         else:
-            reply = self._error(CRC_MISMATCH)  # no sequence id: it cannot be trusted either
+            reply = self._error(CRC_MISMATCH)  # without a sequence id, which may be damaged too
         return f"{reply}~{crc8(reply.encode()):02X}"
 
     def _answer(self, message: bytes) -> str:
-        """The reply to a message: the sequence id off its front and back on the reply's front."""
+        """Execute a message; the reply starts with its sequence id, if it has one."""
         message = message.strip(b" ")
         if not message.startswith(b"#"):
             return self._run(message)
@@ -301,7 +301,7 @@ class Firmware:
             fields = self._execute(command)
         except CommandError as error:
             return self._error(error.args[0])
-        self._fed_us = self._board.micros()  # only what was accepted feeds the watchdog
+        self._fed_us = self._board.micros()  # only accepted commands feed the watchdog
         return "OK " + fields if fields else "OK"
 
     def _execute(self, command: bytes) -> str:
@@ -329,7 +329,7 @@ class Firmware:
         else:
             self._errors[-1] = QUEUE_OVERFLOW
 
-    # commands
+    # Commands
 
     def _identity(self) -> str:
         board = self._board
@@ -339,7 +339,7 @@ class Firmware:
     def _reset(self) -> str:
         self._lamps.levels_percent = [100] * self._board.led_count
         self._errors = []
-        self.sequence = Sequence(self._board, self._lamps, False, 0, 0)  # no steps: LEDs out
+        self.sequence = Sequence(self._board, self._lamps, False, 0, 0)  # no steps: puts LEDs out
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
 
@@ -430,14 +430,14 @@ class Firmware:
 
 
 def _numbers(text: str, least: int, most: int) -> list[int]:
-    """Decimal integers from text such as "2,50"; of the negative ones only -1, for DARK."""
+    """Parse decimal integers such as "2,50"; the only negative one is -1, for DARK."""
     words = [word.strip() for word in text.split(",")] if text else []
     if len(words) > most:
         raise CommandError(PARAMETER_NOT_ALLOWED)
     if len(words) < least or "" in words:
         raise CommandError(MISSING_PARAMETER)
     for word in words:
-        if word != "-1" and not word.isdigit():  # int() takes signs, blanks and underscores
+        if word != "-1" and not word.isdigit():  # int() accepts signs, blanks and underscores
             raise CommandError(SYNTAX_ERROR)
     return [int(word) for word in words]
 

@@ -1,4 +1,4 @@
-"""The light of one simulated LED: what it gives at a time, and over an exposure."""
+"""The light of one simulated LED at a time and over an exposure."""
 
 import math
 from collections import deque
@@ -7,7 +7,7 @@ from typing import Protocol
 
 __all__ = ["Led", "LedLight"]
 
-_HISTORY_EVENTS = 65536
+_HISTORY_EVENTS = 65536  # at two switches a second more than nine hours
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 
 
@@ -31,17 +31,17 @@ class _Segment:
         return steady_s + self._excess(begin_s) * self.tau_s * decay
 
     def _excess(self, at_s: float) -> float:
-        """How far the output still is from its target."""
+        """Difference of the output from its target."""
         if self.tau_s == 0.0:
             return 0.0
         return (self.start - self.target) * math.exp((self.since_s - at_s) / self.tau_s)
 
 
 class LedLight(Protocol):
-    """What a board asks of an LED."""
+    """The interface of an LED on a board."""
 
     def drive(self, percent: int, at_s: float) -> None:
-        """Set the drive; `at_s` must not be before the event before it."""
+        """Set the drive; `at_s` must not be earlier than that of the last call."""
 
     def output(self, at_s: float) -> float:
         """The relative output at a time."""
@@ -51,13 +51,13 @@ class LedLight(Protocol):
 
 
 class Led:
-    """One LED's relative optical output (0 to 1) as a function of time, from its switch history.
+    """Relative optical output (0 to 1) of one LED over time, from its switch history.
 
     Parameters
     ----------
     rise_ms, fall_ms
-        10 % to 90 % times of the exponential approach to a higher and to a lower drive;
-        0 switches at once.
+        10 % to 90 % times of the exponential approach to a higher and to a lower drive; 0 switches
+        at once.
     """
 
     def __init__(self, rise_ms: float, fall_ms: float) -> None:
@@ -66,17 +66,17 @@ class Led:
         self._history = deque([_Segment(-math.inf, 0.0, 0.0, 0.0)], maxlen=_HISTORY_EVENTS)
 
     def drive(self, percent: int, at_s: float) -> None:
-        """Set the drive; `at_s` must not be before the event before it."""
+        """Set the drive; `at_s` must not be earlier than that of the last call."""
         before = self._history[-1]
         target = percent / 100.0
         if target == before.target:
-            return  # the approach that is under way goes on
+            return  # the current approach continues
         start = before.output(at_s)
         tau_s = self._rise_tau_s if target > start else self._fall_tau_s
         self._history.append(_Segment(at_s, start, target, tau_s))
 
     def output(self, at_s: float) -> float:
-        """The output at a time. The last drive holds for all time after it."""
+        """The output at a time; the last drive holds for all later times."""
         for segment in reversed(self._history):
             if segment.since_s <= at_s:
                 return segment.output(at_s)

@@ -1,4 +1,4 @@
-"""Serving a simulated controller: a background thread between its endpoint and its bytes."""
+"""Serve a simulated controller: a background thread between an endpoint and the device."""
 
 import os
 import select
@@ -13,12 +13,12 @@ from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_en
 
 __all__ = ["Device", "Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
 
-_TURN_MS = 5  # the longest time between two polls of the device
-_READ_BYTES = 256  # few lines at a time, so that stop() need not wait for many link delays
+_POLL_MS = 5  # longest time between two polls; the watchdog is late by this at most
+_READ_BYTES = 256  # few lines at a time, so that stop() does not wait for many link delays
 
 
 class Device(Protocol):
-    """What is served: a `SimulatedController`, or one behind a damaged line."""
+    """A device that can be served: a `SimulatedController`, or one behind a faulty line."""
 
     @property
     def clock(self) -> Clock:
@@ -26,7 +26,7 @@ class Device(Protocol):
 
     @property
     def boot_remaining_s(self) -> float:
-        """Time until it is ready; 0 when it is."""
+        """Time until it has booted."""
 
     def connect(self) -> None:
         """A host has opened the port."""
@@ -35,13 +35,13 @@ class Device(Protocol):
         """Power cycle."""
 
     def feed(self, data: bytes) -> None:
-        """Bytes from the host; returns when every line in them has been executed."""
+        """Receive bytes from the host; return when every line in them has been executed."""
 
     def poll(self) -> None:
-        """One turn of its main loop. Never waits."""
+        """Run one pass of its main loop. Never wait."""
 
     def take_output(self) -> bytes:
-        """What it has sent since the last call."""
+        """Return the bytes that it has sent since the last call."""
 
 
 def serve_pty(controller: Device, link: str | Path | None = None) -> "Server":
@@ -60,12 +60,12 @@ def serve_unix(controller: Device, path: str | Path) -> "Server":
 
 
 def serve_tcp(controller: Device, port: int = 0) -> "Server":
-    """Serve on a TCP port of 127.0.0.1; 0 takes a free one."""
+    """Serve on a TCP port of 127.0.0.1; 0 chooses a free one."""
     return Server(controller, tcp_endpoint(port))
 
 
 class Server:
-    """A controller being served, from construction until `stop` or the end of a `with` block.
+    """Serves a controller from construction until `stop` or the end of a `with` block.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class Server:
 
     @property
     def address(self) -> str:
-        """What a host opens: a terminal's path, a socket's path or `socket://127.0.0.1:PORT`.
+        """The address for hosts: path of a terminal or socket, or ``socket://127.0.0.1:PORT``.
 
-        Of a serial device it is this end's path; the host opens the other.
+        With a serial device it is the path of this end; the host opens the other.
         """
         return self._endpoint.address
 
     def stop(self) -> None:
-        """Unplug the device: LEDs out, the host sees the line go. May be called again."""
+        """Unplug the device: LEDs off, the host's line closed. May be called again."""
         with self._stop_lock:
             if self._stopping.is_set():
                 return
@@ -133,19 +133,18 @@ class Server:
             self._controller.reset()
 
     def _converse(self, host_fd: int) -> None:
-        """Carry bytes both ways until the host hangs up or the server stops."""
+        """Pass bytes both ways until the host hangs up or the server stops."""
         unsent = b""
         while not self._stopping.is_set():
             self._boot_in_virtual_time()
             self._controller.poll()
-            # taken only when the last is gone: what a host does not read stays in the device,
-            # whose buffer is bounded
+            # Replies that a host does not read stay in the device, whose buffer is bounded.
             unsent = unsent or self._controller.take_output()
             try:
                 unsent = _write(host_fd, unsent)
                 events = self._wait(host_fd, select.POLLOUT if unsent else 0)
                 if events.get(host_fd, 0) & ~select.POLLOUT:
-                    # a hang-up shows here too, after the bytes that came before it
+                    # A hang-up is an empty read, after the bytes that came before it.
                     data = os.read(host_fd, _READ_BYTES)
                     if not data:
                         return
@@ -156,17 +155,17 @@ class Server:
                 return  # the host has gone
 
     def _wait(self, host_fd: int | None = None, host_events: int = 0) -> dict[int, int]:
-        """Wait for bytes, a host or `stop`, for one turn at most; return events by descriptor."""
+        """Wait for bytes, a host or `stop` until the next poll; return events by descriptor."""
         poll = select.poll()
         poll.register(self._wake_read, select.POLLIN)
         if self._endpoint.listener_fd is not None:
             poll.register(self._endpoint.listener_fd, select.POLLIN)
         if host_fd is not None:
             poll.register(host_fd, select.POLLIN | host_events)
-        return dict(poll.poll(_TURN_MS))
+        return dict(poll.poll(_POLL_MS))
 
     def _boot_in_virtual_time(self) -> None:
-        # a host may be waiting for the banner: nobody else spends the time that booting takes
+        # A host may wait for the banner, and nobody else would advance the clock.
         clock = self._controller.clock
         if isinstance(clock, VirtualClock):
             clock.sleep_s(self._controller.boot_remaining_s)
@@ -179,7 +178,7 @@ def _run_on_ticks(controller: Device) -> Callable[[], None]:
 
 
 def _write(fd: int, data: bytes) -> bytes:
-    """Write what fits; return the rest."""
+    """Write as much as possible; return the rest."""
     if not data:
         return data
     try:

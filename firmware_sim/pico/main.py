@@ -1,8 +1,7 @@
 """The LED controller on a Raspberry Pi Pico: MicroPython runs this file at power-up.
 
-It ends at MicroPython's prompt, with the LEDs off, if SERVICE_PIN is held low at power-up, after
-the command SYST:PROG, and if the files on the board cannot be loaded: `ps4rig rig flash` goes on
-there.
+It ends at MicroPython's prompt with the LEDs off, where `ps4rig rig flash` can work, if SERVICE_PIN
+is low at power-up, after the command SYST:PROG, or if the files on the board cannot be loaded.
 """
 
 import gc
@@ -15,13 +14,13 @@ from firmware import Firmware
 from pico_board import PicoBoard, darken
 
 SERVICE_PIN = 8
-PROMPT_ONCE = "prompt-once"  # a file that stands for one boot without the program
-WATCHDOG_MS = 3000  # twice the longest wait in a turn, for a host that stops reading
+PROMPT_ONCE = "prompt-once"  # while this file exists, the next boot does not run the program
+WATCHDOG_MS = 3000  # twice the longest wait in a pass, which a host that stops reading causes
 TURNS_PER_COLLECTION = 500
 
 
 def wants_prompt() -> bool:
-    """Whether this boot is to end at the prompt; asked once."""
+    """Whether this boot should end at the prompt; removes the file that asks for it."""
     if not machine.Pin(SERVICE_PIN, machine.Pin.IN, machine.Pin.PULL_UP).value():
         return True
     try:
@@ -32,15 +31,15 @@ def wants_prompt() -> bool:
 
 
 def run(firmware: Firmware) -> None:
-    """Run the firmware until it is stopped; a turn that hangs resets the board."""
-    micropython.kbd_intr(-1)  # bytes are data, Ctrl-C too
+    """Run the firmware until it is stopped; a pass that hangs resets the board."""
+    micropython.kbd_intr(-1)  # Ctrl-C is data like every byte
     watchdog = machine.WDT(timeout=WATCHDOG_MS)
     turns = 0
     while not firmware.stopped:
         firmware.poll()
         watchdog.feed()
         turns += 1
-        # when it does no harm: one that MicroPython begins by itself could make a sequence late
+        # Here, because a collection that MicroPython starts by itself could delay a sequence.
         if turns >= TURNS_PER_COLLECTION and not firmware.sequence.running:
             gc.collect()
             turns = 0
@@ -60,8 +59,8 @@ def main() -> None:
         darken()
         board.write(b"FAULT " + repr(error).encode()[:100] + b"\n")
     darken()
-    sleep_ms(100)  # for the last line to leave
-    machine.reset()  # stops the watchdog as well, which nothing else can
+    sleep_ms(100)  # until the last line is sent
+    machine.reset()  # nothing else stops the watchdog
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""The Raspberry Pi Pico under the firmware: what `firmware_sim.board.Board` asks for, on its pins.
+"""The Raspberry Pi Pico as a `firmware_sim.board.Board`: LEDs, strobe and trigger on its pins.
 
-For MicroPython on RP2040 and RP2350. The wiring is in README.md; change both together.
+For MicroPython on RP2040 and RP2350. README.md describes the wiring; change both together.
 """
 
 import sys
@@ -15,11 +15,11 @@ from machine import PWM, Pin, Timer, disable_irq, enable_irq, unique_id
 LED_PINS = (2, 3, 4, 5)
 STROBE_PIN = 6
 TRIGGER_PIN = 7
-# What each LED bears; the reasons are in README.md.
+# Limits of each LED; README.md gives the reasons.
 MAX_ON_MS = (120000, 120000, 120000, 120000)
 MAX_DUTY_PERCENT = (50, 50, 50, 50)
 
-PWM_HZ = 100000  # many periods in an exposure; at 100 % there is none, the LED is steadily on
+PWM_HZ = 100000  # many periods in an exposure; at 100 % the LED is on without modulation
 PULSE_MS = 1
 GLITCH_US = 20  # two edges closer than this are noise
 READ_BYTES = 64
@@ -28,15 +28,15 @@ USB_PACKET_BYTES = 64
 
 
 def darken() -> None:
-    """Drive all LED pins low, whatever they did before."""
+    """Drive all LED pins low."""
     for pin in LED_PINS:
         Pin(pin, Pin.OUT, value=0)
 
 
 class Strobe:
-    """The camera's strobe line, low while it exposes: its edges with their times.
+    """The edges of the camera's strobe line, low while it exposes, with their times.
 
-    Edges are taken in a hard interrupt, where nothing may be allocated.
+    A hard interrupt records the edges; nothing may be allocated in it.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class Strobe:
     def take(self) -> list[tuple[int, bool]]:
         """The edges since the last call, as (ticks_us, exposing), oldest first."""
         count = self._count
-        # the last may turn out to be one side of a glitch; the interrupt leaves the others alone
+        # The last edge may be one side of a glitch; the interrupt does not change the others.
         if count and ticks_diff(ticks_us(), self._ticks[count - 1]) < GLITCH_US:
             count -= 1
         edges = [(self._ticks[i], self._levels[i] == 0) for i in range(count)]
@@ -74,13 +74,13 @@ class Strobe:
 
 
 class PicoBoard:
-    """LEDs, strobe, trigger, clock and USB serial line of one Pico; LEDs are off from here on."""
+    """LEDs, strobe, trigger, clock and USB serial line of one Pico; construction turns LEDs off."""
 
     led_count = len(LED_PINS)
 
     def __init__(self) -> None:
         darken()
-        # the USB device's serial number, so that a port and an identity can be matched
+        # The serial number of the USB device, so that ports and identities can be matched.
         self.serial_number = hexlify(unique_id()).decode()
         self._leds = [PWM(Pin(pin), freq=PWM_HZ, duty_u16=0) for pin in LED_PINS]
         self._trigger = Pin(TRIGGER_PIN, Pin.OUT, value=0)
@@ -101,7 +101,7 @@ class PicoBoard:
         return self._micros
 
     def read(self) -> bytes:
-        self.micros()  # once per turn at least, or a wrap would be missed
+        self.micros()  # at least once per pass, or a wrap would be missed
         self._send()
         data = b""
         while self._arriving.poll(0) and len(data) < READ_BYTES:
@@ -109,7 +109,7 @@ class PicoBoard:
         return data
 
     def write(self, data: bytes) -> None:
-        # a host that never reads loses whole lines, not memory and not halves of lines
+        # A host that never reads loses whole lines; memory stays bounded.
         if len(self._unsent) + len(data) <= OUTPUT_BYTES:
             self._unsent += data
         self._send()
@@ -141,8 +141,8 @@ class PicoBoard:
         self._trigger.off()
 
     def _send(self) -> None:
-        # with no host MicroPython throws the bytes away; with one that stops reading it waits for
-        # room in the middle of a packet, three times half a second, and then there is none
+        # Without a host MicroPython discards the bytes. With a host that stops reading it waits for
+        # room in the middle of a packet, three times half a second, and then gives up.
         while self._unsent and self._leaving.poll(0):
             packet = self._unsent[:USB_PACKET_BYTES]
             sent = sys.stdout.buffer.write(packet)
