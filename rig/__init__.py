@@ -3,11 +3,11 @@
 >>> from rig import open_rig
 
     with open_rig("sim") as rig:              # or the path of a rig.toml
-        rig.lights.select(0)                  # LED 0 alone -> Switch, with the time of it
+        rig.lights.select(0)                  # LED 0 alone -> Switch, with its time
         rig.camera.read(timeout_s=1.0)        # the oldest frame in the queue -> Frame
 
-The drivers never know that they talk to a simulation: it is a pty, a firmware and a frame queue
-below them. No classification here, and nothing about sessions or stations.
+The drivers work in the same way on a simulated rig, which is a firmware on a pty and a frame queue
+below them. Nothing here knows of classification, sessions or stations.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""What can go wrong with a rig."""
+"""Errors of a rig."""
 
 from dataclasses import dataclass
 
@@ -19,33 +19,34 @@ class ConfigError(InputError):
 
 
 class HardwareError(Ps4rigError):
-    """The hardware is not there, does not answer, or answers wrongly."""
+    """Hardware that is missing, does not answer, or answers wrongly."""
 
     exit_status = 3
 
 
 class LightControllerError(HardwareError):
-    """The LED controller or the serial line to it. What the LEDs do is unknown until it is closed:
-    its watchdog puts them out.
+    """An error of the LED controller or its serial line.
+
+    The state of the LEDs is unknown until the controller's watchdog puts them out.
     """
 
 
 class CameraError(HardwareError):
-    """The camera delivers no frame, or not the frames it was asked for."""
+    """A camera that delivers no frame, or frames of another kind than configured."""
 
 
 @dataclass(frozen=True)
 class ControlFault:
-    """One control of a camera that does not hold what was asked of it.
+    """One control of a camera that does not hold its configured value.
 
     Attributes
     ----------
     control
-        Its name.
+        Name of the control.
     seen
-        What was asked and what was found, with the name.
+        The configured value and the value found, with the name.
     advice
-        The way out.
+        What to do.
     """
 
     control: str
@@ -54,12 +55,12 @@ class ControlFault:
 
 
 class ControlError(CameraError):
-    """Controls of a camera that do not hold; the message names all of them.
+    """Controls of a camera that do not hold their values; the message names all of them.
 
     Parameters
     ----------
     path
-        The camera's.
+        Path of the camera.
     faults
         One or more.
     """

@@ -1,4 +1,4 @@
-"""``rig.toml``: the values that say what the rig consists of; a section, a file.
+"""``rig.toml``: the values that describe a rig, one file per section.
 
-Nothing is opened here. All other folders of `rig` are told by these values what to do.
+No device is opened here. All other folders of `rig` are configured by these values.
 """

@@ -1,4 +1,4 @@
-"""What goes wrong on a simulated rig, on purpose."""
+"""The fault plan of a simulated rig."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from firmware_sim.faults import LedFault, LineFault, When
 __all__ = ["FaultPlan", "FrameFault"]
 
 MOST_FRAMES_BACK = 4
-"""As many buffers as the simulated driver has: an incomplete frame shows what was in one."""
+"""Number of the simulated driver's buffers; a torn frame shows the old content of one."""
 
 
 @dataclass(frozen=True)
 class FrameFault:
-    """What is wrong with frames.
+    """A fault in frames.
 
     Attributes
     ----------
     kind
-        ``dropped`` (a gap in the sequence numbers), ``repeated_pixels`` (those of the frame before
-        under a number and times of its own), ``repeated_frame`` (the frame before once more),
-        ``torn`` (below `row_share` of the rows it is still the frame `frames_back` before),
-        ``black`` (no data: all zero), ``dark`` (the sensor saw nothing), ``late`` (delivered
-        `delay_ms` late), ``stamped_late`` (its times are `delay_ms` later than the truth),
-        ``drift`` (the exposure grows by `rate_per_s`, a share of itself), ``gone`` (no frame from
-        then on).
+        ``dropped`` (a gap in the sequence numbers), ``repeated_pixels`` (the previous pixels with a
+        new number and new times), ``repeated_frame`` (the previous frame again), ``torn`` (rows
+        below `row_share` are those of the frame `frames_back` before), ``black`` (all zero),
+        ``dark`` (a frame without light), ``late`` (delivered `delay_ms` late), ``stamped_late``
+        (times `delay_ms` later than the truth), ``drift`` (the exposure grows by the share
+        `rate_per_s` of itself per second), ``gone`` (no frame from then on).
     """
 
     kind: Literal[
@@ -43,7 +42,7 @@ class FrameFault:
     rate_per_s: float = 0.5
     when: When = field(default_factory=When)
 
-    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - a plan's file has no unknown keys
+    __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
     def __post_init__(self) -> None:
         for holds, cause in (
@@ -65,7 +64,7 @@ class FaultPlan(BaseModel):
     Attributes
     ----------
     seed
-        Of all that is left to chance.
+        Seed of everything random.
     lines, leds, frames
         Faults of the serial line, of the LEDs' light, of the camera's frames.
     """
@@ -80,7 +79,7 @@ class FaultPlan(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _no_truth_values(cls, values: Any) -> Any:
-        """No key of a plan is true or false; the dataclasses below would read true as 1."""
+        """Refuse true and false, which the dataclasses of the plan would read as 1 and 0."""
         for key in _truth_values(values, ""):
             raise ValueError(f"{key} is true or false; it must be a number or a text")
         return values

@@ -1,4 +1,4 @@
-"""The section ``[lights]`` of ``rig.toml``: where the controller is, where its LEDs stand."""
+"""The section ``[lights]`` of ``rig.toml``: the controller, and the positions of its LEDs."""
 
 from __future__ import annotations
 
@@ -20,21 +20,30 @@ from .section import Degrees, Section
 __all__ = ["AUTO", "SIMULATED", "LightsConfig"]
 
 SIMULATED = "simulated"
-"""As `port`: the firmware runs here, on a pty."""
+"""Value of `port` for the simulated controller: the firmware on a pty of this machine."""
 AUTO = "auto"
-"""As `port`: wherever the controller is plugged in."""
+"""Value of `port` for a controller that is searched for."""
 Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class LightsConfig(Section):
-    """The LED controller and where its LEDs stand.
+    """The LED controller, and the positions of its LEDs.
 
-    `port` is a device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``. With ``auto``
-    the controller is found by its `serial_number` and by `usb_id`, vendor and product, as far as
-    they are given. `intensities` are how strong the LEDs are by make, relative to each other; all
-    the same if left out. `synchronisation` is who moves on from light to light: the ``software``;
-    the controller at each edge of the camera's ``strobe``; or the controller by time, which then
-    has to ``trigger`` the camera.
+    Attributes
+    ----------
+    port
+        A device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``.
+    serial_number, usb_id
+        With ``auto``: serial number, and USB vendor and product, of the controller to find.
+    intensities
+        Levels of the LEDs as built, relative to each other; equal if empty.
+    settle_ms
+        Time from the acknowledge of a switch until the light is steady.
+    watchdog_ms
+        Silence after which the controller puts the LEDs out.
+    synchronisation
+        What steps from light to light: the ``software``; the controller at each edge of the
+        camera's ``strobe``; or the controller by time, with a ``trigger`` for the camera.
     """
 
     port: str = Field(default=SIMULATED, min_length=1)
@@ -52,7 +61,7 @@ class LightsConfig(Section):
 
     @field_validator("usb_id", mode="before")
     @classmethod
-    def _usb_id_in_small_letters(cls, usb_id: Any) -> Any:
+    def _usb_id_in_lower_case(cls, usb_id: Any) -> Any:
         return usb_id.lower() if isinstance(usb_id, str) else usb_id
 
     @model_validator(mode="after")
@@ -60,13 +69,13 @@ class LightsConfig(Section):
         if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
             raise ValueError(
                 f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "
-                "leave them out, or set that"
+                f"leave them out, or set port = {AUTO!r}"
             )
         return self
 
     @property
     def lighting(self) -> Lighting:
-        """Where the lights stand, and how strong they are."""
+        """Directions and relative intensities of the lights."""
         ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
         return Lighting(ring.directions, np.array(self.intensities))
 

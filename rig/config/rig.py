@@ -1,4 +1,4 @@
-"""``rig.toml``: the whole of it, and what its sections ask of each other."""
+"""``rig.toml`` as a whole, and the conditions between its sections."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ from .validation_message import validation_message
 
 __all__ = ["RigConfig", "load_config"]
 
-# An LED is steady when 1 % is missing: so many times its 10 to 90 % time after the switch.
+# A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
+# constants for that, and ln 9 from 10 to 90 %.
 _STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
-_MAX_TOML_BYTES = 1 << 20
+_MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB
 
 
 class RigConfig(Section):
-    """A whole rig. ``RigConfig()`` is the simulated one."""
+    """The configuration of a rig. ``RigConfig()`` is the simulated rig."""
 
     name: str = Field(default="rig", min_length=1, max_length=200)
     lights: LightsConfig = LightsConfig()
@@ -87,8 +88,8 @@ class RigConfig(Section):
         needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms
         if self.lights.watchdog_ms < needed_ms:
             raise ValueError(
-                f"lights.watchdog_ms = {self.lights.watchdog_ms} would put the LEDs out while a "
-                f"frame is awaited; at this frame rate it must be at least {needed_ms:.0f}"
+                f"lights.watchdog_ms = {self.lights.watchdog_ms} would put the LEDs out before a "
+                f"frame arrives; at this frame rate it must be at least {needed_ms:.0f}"
             )
         return self
 
@@ -111,7 +112,7 @@ class RigConfig(Section):
 
     @property
     def sequence_plan(self) -> SequencePlan | None:
-        """What the controller is asked to do for a set; None with ``software``.
+        """The sequence that the controller runs for a set; None with ``software``.
 
         Raises
         ------
@@ -141,7 +142,7 @@ class RigConfig(Section):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether its lights, and so all it shows, are simulated."""
+        """Whether its lights, and so its images, are simulated."""
         return self.lights.port == SIMULATED
 
     def with_changes(self, **sections: dict[str, Any]) -> RigConfig:
@@ -170,7 +171,8 @@ def load_config(path: Path) -> RigConfig:
     Raises
     ------
     ConfigError
-        If it is missing, not TOML, has an unknown key or a value out of range.
+        If it is missing or not TOML, or has an unknown key or a value out of range; the message
+        names file, key and value.
     """
     values = _read_toml(
         path, "no such rig configuration; write one with ps4rig rig init, or use --rig sim"
@@ -183,7 +185,7 @@ def load_config(path: Path) -> RigConfig:
         simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
     lights = values.get("lights", {})
     if isinstance(lights, dict) and "port" not in lights:
-        # Left out it would be the simulated one, and nobody would have asked for that.
+        # The default is the simulated controller, which must be asked for.
         raise ConfigError(
             f"{path}: lights.port is missing; give the light controller's port, or "
             f"{SIMULATED!r} for a simulated rig"
@@ -194,13 +196,13 @@ def load_config(path: Path) -> RigConfig:
 def _read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     try:
         if path.stat().st_size > _MAX_TOML_BYTES:
-            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes; no configuration")
+            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes, so not a rig.toml")
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
         raise ConfigError(f"{path}: {if_missing}") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    # Besides its own error tomllib lets through those of deep nesting and of endless numbers.
+    # tomllib also raises the errors of deep nesting and of very long numbers.
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
 

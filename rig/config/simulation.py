@@ -1,4 +1,4 @@
-"""The section ``[simulation]`` of ``rig.toml``: what only a simulated rig has."""
+"""The section ``[simulation]`` of ``rig.toml``, for simulated rigs only."""
 
 from __future__ import annotations
 
@@ -11,17 +11,23 @@ from .section import Degrees, Section
 
 __all__ = ["Placement", "SimulationConfig"]
 
-TurnTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
+PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 
 
 class Placement(Section):
-    """Which part lies under the simulated camera, and how.
+    """The part below the simulated camera, and its position.
 
-    `surface` is rock, sand, malv, ogil, a bundled material or a material folder. The patch's
-    centre is moved by `shift_px` (x right, y up) over the periodic surface, then the surface is
-    turned anticlockwise by `rotate_deg` about that centre. `seed` chooses the noise, and for the
-    four synthetic surfaces their realisation.
+    Attributes
+    ----------
+    surface
+        A synthetic texture such as rock, a bundled material, or a material folder.
+    rotate_deg
+        Anticlockwise rotation of the surface about the centre of the frame.
+    shift_px
+        Shift of the frame's centre over the periodic surface (x right, y up), before the rotation.
+    seed
+        Seed of the noise, and of the realisation of a synthetic texture.
     """
 
     surface: str = "rock"
@@ -31,25 +37,37 @@ class Placement(Section):
 
 
 class SimulationConfig(Section):
-    """What only a simulated rig has.
+    """Properties of the simulated hardware.
 
-    `clock` is ``virtual`` (a set takes milliseconds) or ``real`` (it takes what frames take).
-    `ambient` is the light that no LED makes, as a fraction of one LED at full level. `readout_ms`
-    is from the first row's exposure to the last row's, 0 for a global shutter. `faults` are what
-    goes wrong, on purpose; a ``rig.toml`` has them or names their file. `controller_turn_us` is the
-    least and the most time of one turn of the controller's main loop: so late may it be to switch
-    after the end of an exposure.
-
-    The camera's driver stamps the start of exposure and is right. With a `stamp_lag_ms` it stamps
-    each frame so much later than that, as drivers do that stamp the arrival of data, and up to
-    `stamp_jitter_ms` more; what its stamp means is then for ``ps4rig rig latency`` to find out.
+    Attributes
+    ----------
+    clock
+        ``virtual``, on which a set takes milliseconds, or ``real``.
+    ambient
+        Ambient light as a share of one LED at full level.
+    led_rise_ms, led_fall_ms
+        10 to 90 % times of the LEDs.
+    controller_turn_us
+        Shortest and longest pass of the controller's main loop. It switches up to one pass after
+        the end of an exposure.
+    readout_ms
+        From the first row's exposure to the last row's; 0 for a global shutter.
+    stamp_lag_ms
+        None: the driver stamps each frame with its exact start of exposure. Otherwise the stamp is
+        later by this much, as with drivers that stamp the arrival of data.
+    stamp_jitter_ms
+        Largest random delay in addition to `stamp_lag_ms`.
+    placement
+        The part below the camera.
+    faults
+        Simulated faults; a ``rig.toml`` contains them or names their file.
     """
 
     clock: Literal["virtual", "real"] = "virtual"
     ambient: float = Field(default=0.02, ge=0.0, le=1.0)
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
-    controller_turn_us: tuple[TurnTime, TurnTime] = Field(default=(50.0, 200.0), strict=False)
+    controller_turn_us: tuple[PassTime, PassTime] = Field(default=(50.0, 200.0), strict=False)
     readout_ms: float = Field(default=0.0, ge=0.0, le=10_000.0)
     stamp_lag_ms: float | None = Field(default=None, ge=-1000.0, le=1000.0)
     stamp_jitter_ms: float = Field(default=0.0, ge=0.0, le=100.0)

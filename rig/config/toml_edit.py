@@ -1,4 +1,4 @@
-"""Changing a few values in a TOML file that a person wrote, and nothing else of it."""
+"""Change single values in a TOML file, and keep its comments and order."""
 
 from __future__ import annotations
 
@@ -22,19 +22,18 @@ _HEADER = re.compile(r"^[ \t]*\[")
 
 
 def with_values(text: str, section: str, values: Mapping[str, str | float]) -> str:
-    """The text with `values` in ``[section]``; comments, order and all else stay.
+    """Set `values` in ``[section]`` of a TOML text; everything else stays as it is.
 
-    A key that is there gets its new value in place, others come after the section's last line,
-    and a section that is not there comes last. The result is read again: if it is not the old
-    configuration with just these values, because the file says it in another way (dotted keys,
-    inline tables), it is refused.
+    An existing key gets its new value in place, new keys follow the section's last line, and a new
+    section comes last. The result is parsed again: if it is not the old configuration with just
+    these values, because the file uses dotted keys or inline tables, it is refused.
 
     Raises
     ------
     ConfigError
-        If the file cannot be changed that way; with the lines to put in by hand.
+        If the text cannot be changed that way; the message has the lines to add by hand.
     """
-    # Not splitlines: to TOML only these end a line, and some that it knows may stand in comments.
+    # Not splitlines, which also splits at characters that TOML allows in comments.
     lines = text.removesuffix("\n").split("\n") if text else []
     ending = "\r" if "\r\n" in text else ""
     written = {key: _written(value) for key, value in values.items()}
@@ -54,7 +53,7 @@ def with_values(text: str, section: str, values: Mapping[str, str | float]) -> s
                 break
         else:
             added.append(f"{key} = {value}{ending}")
-    # Above the blank lines and comments that lead to the next section.
+    # Insert above the blank lines and comments that introduce the next section.
     while end > start + 1 and not lines[end - 1].partition("#")[0].strip():
         end -= 1
     lines[end:end] = added
@@ -63,25 +62,25 @@ def with_values(text: str, section: str, values: Mapping[str, str | float]) -> s
         by_hand = "; ".join(f"{key} = {value}" for key, value in written.items())
         raise ConfigError(
             f"section [{section}] is not written as lines of key = value, so it cannot be changed "
-            f"in place; put in by hand: {by_hand}"
+            f"in place; add by hand: {by_hand}"
         )
     return changed
 
 
 def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) -> None:
-    """Change values in a ``rig.toml`` as `with_values` does, whole or not at all.
+    """Change values in a ``rig.toml`` as `with_values` does, atomically.
 
     Raises
     ------
     ConfigError
-        If the file cannot be changed in place, or would be none that `load_config` takes.
+        If the file cannot be changed in place, or `load_config` would refuse the result.
     InputError
         If it cannot be written.
     """
     text = path.read_bytes().decode()
     for section, values in sections.items():
         text = with_values(text, section, values)
-    # Of a link the file behind it is changed, and the link stays.
+    # Of a symbolic link the file behind it is changed.
     with durable_file(path.resolve()) as temporary:
         temporary.chmod(path.stat().st_mode)
         temporary.write_bytes(text.encode())
@@ -89,7 +88,7 @@ def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) 
 
 
 def _written(value: str | float) -> str:
-    # What JSON writes for a text that can be printed is a TOML text too.
+    # A printable text has the same form in JSON and TOML.
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else f"{value:g}"
 
 
@@ -98,7 +97,7 @@ def _is_header(line: str, section: str) -> bool:
 
 
 def _is_just(old: str, new: str, section: str, values: Mapping[str, str | float]) -> bool:
-    """Whether `new` means what `old` meant, with these values in the section."""
+    """Whether `new` parses to `old` with these values in the section."""
     expected: dict[str, Any] = tomllib.loads(old)
     table = expected.setdefault(section, {})
     if not isinstance(table, dict):

@@ -1,5 +1,5 @@
-"""The light controller: found, opened, told what to light, watched, flashed.
+"""The light controller: finding it, its commands, keeping it alive, flashing it.
 
 `driver` has the commands, `link` one open line below it, `serial_line` and `wire` the bytes.
-Whether a board or a simulated one answers is not known here.
+Nothing here depends on whether a real or a simulated board answers.
 """

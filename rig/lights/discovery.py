@@ -1,4 +1,4 @@
-"""Where the light controller is: by serial number, by USB id, or by asking who is there."""
+"""Find the port of the light controller: by serial number, by USB id, or by asking."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ __all__ = [
 ]
 
 _BY_ID = Path("/dev/serial/by-id")
-# Vendors of microcontroller boards, and of the chips that give such boards a USB port. A modem or
-# an instrument of another vendor is asked nothing unless its USB id is given.
+# USB vendors of microcontroller boards and of their USB chips. Devices of other vendors, such as
+# modems, are not asked unless their USB id is configured.
 _VENDORS = {
     "0403": "FTDI",
     "0483": "STMicroelectronics",
@@ -52,13 +52,13 @@ class SerialPort:
     Attributes
     ----------
     device
-        As the kernel numbered it, which changes with the order of plugging.
+        The kernel's name, which depends on the order of plugging.
     usb_id
-        Vendor and product, such as ``2e8a:0005``; None if it is not on USB.
+        Vendor and product, such as ``2e8a:0005``; None for a port that is not on USB.
     serial_number
-        Of the USB device, where it has one.
+        Of the USB device; None without one.
     description
-        What the device says it is.
+        As the device reports it.
     by_id
         Its name in ``/dev/serial/by-id``, which does not change.
     """
@@ -71,7 +71,7 @@ class SerialPort:
 
     @property
     def may_be_a_microcontroller(self) -> bool:
-        """Whether its USB vendor makes boards, or chips that boards have."""
+        """Whether its USB vendor makes boards or USB chips for boards."""
         return self.usb_id is not None and self.usb_id[:4] in _VENDORS
 
     def __str__(self) -> str:
@@ -84,7 +84,7 @@ Ask = Callable[[str], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
-    """All serial ports that the system shows, by name."""
+    """List all serial ports of the system, sorted by name."""
     from serial.tools.list_ports import comports
 
     names = {path.resolve(): str(path) for path in sorted(_BY_ID.glob("*"))}
@@ -119,25 +119,25 @@ def who_is_there(
 def find_controller(
     lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = who_is_there
 ) -> str:
-    """The device name of the controller that ``lights.port = "auto"`` means.
+    """Find the device name of the controller for ``lights.port = "auto"``.
 
-    USB serial number and USB id narrow the ports down as far as they are given; without a USB id
-    only ports of makers of microcontrollers remain. If more than one does, or it is the
-    controller's own serial number that was given, each is asked `*IDN?`.
+    The configured USB serial number and USB id select ports; without a USB id only ports of known
+    vendors remain. If more than one remains, or the serial number is the controller's own rather
+    than that of USB, each is asked ``*IDN?``.
 
     Parameters
     ----------
     lights
-        With `serial_number` and `usb_id`, or neither.
+        The configuration, with or without `serial_number` and `usb_id`.
     ports
-        Of this machine, see `list_serial_ports`.
+        From `list_serial_ports`.
     ask
-        Who answers at a device name.
+        Identifies the controller at a device name.
 
     Raises
     ------
     LightControllerError
-        If there is none, or more than one; the message says what there is and which key decides.
+        If there is none, or more than one; the message lists the ports and the key that decides.
     """
     wanted = lights.serial_number
     if lights.usb_id is None:
@@ -149,7 +149,7 @@ def find_controller(
         by_usb = [port for port in by_usb if port in candidates]
     candidates = by_usb or candidates
     if len(candidates) == 1 and (by_usb or wanted is None):
-        return candidates[0].device  # opening it will show who is there
+        return candidates[0].device  # opening it identifies the controller
     answered: list[tuple[SerialPort, ControllerIdentity]] = []
     silent: list[str] = []
     for port in candidates:
@@ -170,16 +170,16 @@ def find_controller(
 
 
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
-    """What is listed of a port, by whatever name it goes; its name alone if it is not listed."""
+    """Find a port among `ports` by any of its names; unlisted ports have only a name."""
     path = Path(port).resolve()
     same = (each for each in ports if Path(each.device).resolve() == path)
     return replace(next(same, SerialPort(port)), device=port)
 
 
 def ports_to_try(was: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
-    """Where a controller may be that was at the port `was`.
+    """List the ports on which the controller that was at `was` may be now.
 
-    There, or on another port of the same USB id and serial number that no other program has.
+    These are the same port, and ports with the same USB id and serial number that are not in use.
     """
     others = [
         port.device

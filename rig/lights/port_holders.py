@@ -1,4 +1,4 @@
-"""Which programs have a device open, as far as /proc lets us see."""
+"""The programs that have a device open, as far as /proc shows them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 __all__ = ["PortHolder", "port_holders"]
 
 _PROC = Path("/proc")
-# On a machine with very many open files the answer is not worth more waiting.
+# Limit of the search on a machine with very many open files; the answer only improves a message.
 _DEADLINE_S = 1.0
 
 
@@ -26,10 +26,10 @@ class PortHolder:
 
 
 def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
-    """The programs that have `device` open, this one included; links to it count as itself.
+    """List the programs that have `device` open, by any of its names, including this program.
 
-    Other people's programs are seen by the superuser only, so an empty list does not say that
-    nobody has it. Empty as well where there is no /proc.
+    Programs of other users are visible to the superuser only, so the port may be in use although
+    the list is empty. Without /proc it is always empty.
     """
     wanted = os.path.realpath(device)
     deadline_s = time.monotonic() + _DEADLINE_S

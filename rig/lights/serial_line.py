@@ -1,7 +1,7 @@
 """Whole lines over a serial port, each with a deadline.
 
-pyserial's own `readline` hands out half a line at a time-out, and the rest in the next call. Here
-bytes are collected until a line end has come, whatever the port does in between.
+pyserial's own `readline` returns half a line at a time-out, and the rest in the next call. Here
+bytes are collected until a line is complete.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from .port_holders import port_holders
 
 __all__ = ["SerialLine"]
 
-# How long a blocking read may keep us from looking at the deadline.
-_READ_SLICE_S = 0.05
-_MAX_LINE_BYTES = 512
+_READ_SLICE_S = 0.05  # longest blocking read, and so the error of a deadline
+_MAX_LINE_BYTES = 512  # replies have at most 100 bytes; with more this is not a controller
 _IN_USE = "in use by {}; close that first"
 
 
@@ -46,19 +45,19 @@ class SerialLine:
         _refuse_other_openers(self._serial)
 
     def write(self, data: bytes) -> None:
-        """Send `data`; raises `LightControllerError` if the port is gone or takes no more."""
+        """Send `data`; raise `LightControllerError` if the port is gone or accepts nothing."""
         try:
             self._serial.write(data)
         except OSError as error:
             raise self._lost(error) from error
 
     def read_line(self, deadline_s: float) -> bytes | None:
-        """The next line without its end, or None when `deadline_s` (time.monotonic) has passed.
+        """Return the next line without its end, or None at `deadline_s` of `time.monotonic`.
 
         Raises
         ------
         LightControllerError
-            If the port is gone, or sends bytes without any line end.
+            If the port is gone, or sends too many bytes without a line end.
         """
         while True:
             end = self._buffer.find(b"\n")
@@ -83,7 +82,7 @@ class SerialLine:
                 raise self._lost(error) from error
 
     def close(self) -> None:
-        """Release the port; never raises."""
+        """Release the port; never raise."""
         _admit_other_openers(self._serial)
         with suppress(OSError):
             self._serial.close()
@@ -106,7 +105,7 @@ def _why_not_open(error: OSError | ValueError) -> str:
 
 
 def _refuse_if_held(port: str) -> None:
-    """The kernel lets us in beside a program that did not ask to be alone with the port."""
+    """Refuse a port that another program has open without having locked it."""
     holders = [] if "://" in port else port_holders(port)
     for holder in holders:
         if holder.pid != os.getpid():
@@ -114,12 +113,12 @@ def _refuse_if_held(port: str) -> None:
 
 
 def _refuse_other_openers(port: Any) -> None:
-    """TIOCEXCL: pyserial's own lock only keeps out programs that ask for one as well."""
+    """Set TIOCEXCL, since pyserial's lock only excludes programs that ask for a lock too."""
     _terminal_control(port, "TIOCEXCL")
 
 
 def _admit_other_openers(port: Any) -> None:
-    """TIOCNXCL: a pseudo-terminal would stay exclusive for as long as its master is open."""
+    """Set TIOCNXCL, or a pseudo-terminal would stay exclusive while its master is open."""
     _terminal_control(port, "TIOCNXCL")
 
 
@@ -127,7 +126,7 @@ def _terminal_control(port: Any, request: str) -> None:
     try:
         import fcntl
         import termios
-    except ImportError:  # not a POSIX system: there a port opens only once anyway
+    except ImportError:  # not a POSIX system, where a port can be opened only once
         return
     with suppress(OSError, AttributeError, NotImplementedError):
         fcntl.ioctl(port.fileno(), getattr(termios, request))

@@ -1,6 +1,6 @@
-"""The host's side of the light controller's lines: sequence id and CRC around each.
+"""Lines of the light controller's protocol, with sequence id and CRC, on the host's side.
 
-The protocol itself is written down in ``firmware_sim/README.md``.
+``firmware_sim/README.md`` describes the protocol.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ BANNER = b"READY "
 _REPLY = re.compile(rb"(?:#(\d{1,5}) )?(OK|ERR)(?: ([ -~]*))?")
 
 
-class Garbled(ValueError):  # noqa: N818 - it names the state of a line, and never reaches a user
+class Garbled(ValueError):  # noqa: N818 - the state of a line; users never see it
     """A line that is not an intact reply."""
 
 
@@ -32,18 +32,18 @@ class Reply:
 
 
 def encode_command(sequence: int, command: str) -> bytes:
-    """``#<sequence> <command>~<crc>`` with its line end."""
+    """Encode a command as ``#<sequence> <command>~<crc>`` with its line end."""
     body = f"#{sequence} {command}".encode("ascii")
     return body + b"~%02X\n" % crc8(body)
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Check the CRC and take a reply apart; the line end is not part of `line`.
+    """Check the CRC of a reply line without its line end, and parse it.
 
     Raises
     ------
     Garbled
-        Without a CRC, with a wrong one, or if it is no reply at all.
+        If the CRC is missing or wrong, or the line is not a reply.
     """
     body, mark, crc = line.rpartition(b"~")
     if not mark or not re.fullmatch(rb"[0-9A-F]{2}", crc) or int(crc, 16) != crc8(body):

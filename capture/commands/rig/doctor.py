@@ -23,10 +23,10 @@ def doctor(
     ] = Path("rig.toml"),
     as_json: JsonOption = False,
 ) -> None:
-    """Look at the whole rig and say what is found, what is wrong and what to do.
+    """Check the whole rig; report what is found, what is wrong and what to do.
 
-    Ports, permissions, controller, watchdog, camera, frames, and a picture under each LED: lay
-    something with relief below the camera. Ends with 1 if there is a fault.
+    It checks ports, permissions, controller, watchdog, camera, frames, and an image under each
+    LED: put something with relief below the camera. The exit status is 1 if there is a fault.
     """
     from rich.text import Text
 

@@ -24,21 +24,21 @@ def latency(
     rig: Annotated[
         Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
     ] = Path("rig.toml"),
-    led: Annotated[int, typer.Option(min=0, help="Which LED is switched.")] = 0,
+    led: Annotated[int, typer.Option(min=0, help="The LED that is switched.")] = 0,
     steps: Annotated[
-        int, typer.Option(min=5, max=_MOST_STEPS, help="How many times it is switched on and off.")
+        int, typer.Option(min=5, max=_MOST_STEPS, help="Number of times it is switched on and off.")
     ] = 40,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what was found and store nothing.")
+        bool, typer.Option("--dry-run", help="Print the results and store nothing.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure how late the camera is, and store it in rig.toml.
+    """Measure the camera's timing, and store it in rig.toml.
 
-    An LED is switched on and off at all phases of the camera's frames, and each change awaited in
-    the picture. That tells what the driver's time stamps mean, so that a frame can be believed as
-    soon as it may be. The camera must see something bright under the LED, and no other light that
-    changes. Run it again when exposure, frame rate, size or format were changed.
+    An LED is switched on and off at all phases of the camera's frames, until each change is in a
+    frame. That shows what the driver's time stamps mean, so that fewer frames must be discarded.
+    The camera must see something bright under the LED, and no other light that changes. Run it
+    again after a change of exposure, frame rate, size or format.
     """
     from rig import ConfigError, RigConfig, load_config, open_rig
     from rig.config.toml_edit import store_values
@@ -68,7 +68,7 @@ def latency(
 
 def _print_page(found: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
     fit = found.fit
-    table = new_table("row", "whole in the picture after", "at most", "frames before it")
+    table = new_table("row", "complete after", "at most", "frames before it")
     for name, row in (("first", found.first_row), ("last", found.last_row)):
         frames = f"up to {row.most_frames}"
         table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)

@@ -20,7 +20,7 @@ def preview(
         Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
     ] = Path("rig.toml"),
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Of the page; 0 takes any that is free.")
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0 chooses a free one.")
     ] = _PORT,
 ) -> None:
     """Show what the camera sees under each LED, live, on a page of this machine.

@@ -21,11 +21,11 @@ def timing(
     sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure how long a set takes, and a switch of the lights.
+    """Measure the time of a set and of a switch of the lights.
 
-    Sets are taken by software and, where the rig is configured for it, by the controller on its
-    own; of the simulated rig in all modes, at 30 and 60 frames per second, on a virtual and on the
-    real clock. No set can take less than one frame period for each image.
+    Sets are captured by software and, if the rig is configured so, by the controller alone. The
+    simulated rig is measured in all modes, at 30 and 60 frames per second, on the virtual and on
+    the real clock. No set can take less than one frame period per image.
     """
     from capture.acquisition.timing import compared_configs, measure_set_timing
     from rig import RigConfig, load_config
@@ -33,7 +33,7 @@ def timing(
     config = RigConfig() if str(rig) == "sim" else load_config(rig)
     configs = list(compared_configs(config))
     timings = [
-        measure_set_timing(one, sets) for one in progress(configs, len(configs), "taking sets")
+        measure_set_timing(one, sets) for one in progress(configs, len(configs), "capturing sets")
     ]
     if as_json:
         print_json([asdict(one) for one in timings])
