@@ -146,7 +146,7 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> Setting:
             f"camera.exposure_ms = {exposure_ms:g} is not possible; {control.slug} takes "
             f"{control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
             f"{control.maximum / EXPOSURE_UNITS_PER_MS:g} ms",
-            "set camera.exposure_ms to one of these",
+            "set camera.exposure_ms within that range",
         )
         raise ControlError(device.path, fault)
     return _set_active(device, control, units)
