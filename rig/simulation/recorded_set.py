@@ -17,7 +17,8 @@ from rig.set_file import Planes, read_set_file
 
 __all__ = ["RecordedPixels", "RecordedSet", "read_recorded_set"]
 
-# Stored and configured directions differ by the rounding of angles only, 0.05 degrees.
+# Largest difference of unit vectors, 0.06 degrees: directions of the same lights differ by the
+# rounding of angles only.
 _SAME_DIRECTION = 1e-3
 
 

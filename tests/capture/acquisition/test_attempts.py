@@ -139,6 +139,7 @@ def test_a_set_on_the_real_clock_waits_for_its_frames(small_config: RigConfig) -
     with open_rig(small_config.with_changes(simulation={"clock": "real"})) as rig:
         started_s = time.monotonic()
         captured = capture_set(rig)
+        # Six images at least a period apart, and the exposure of the last one.
         assert time.monotonic() - started_s > 5 / 30 + 0.02
         for record in captured.metadata.images:
             assert record.led_acknowledged_s is not None
