@@ -105,7 +105,7 @@ def test_a_set_takes_five_frame_periods_and_the_wait_for_the_first(rig: Rig) -> 
     last_s = max(frame.exposure_end_s for frame in frames)
     # Four periods and an exposure of 20 ms; 13 ms of the fifth period remain.
     assert last_s - first_s < 5 / 30 - 0.010
-    # At most one period until the first exposure, five for the set, 7 ms for transfer and exchanges.
+    # At most one period until the first exposure, five for the set, 7 ms for transfer and replies.
     assert rig.clock.now_s() - start_s < 6.2 / 30
 
 
