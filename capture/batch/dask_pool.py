@@ -14,7 +14,8 @@ from .one_thread import call_in_one_thread
 
 __all__ = ["DaskPool"]
 
-# Items that keep the scheduler busy although workers join later. 100 paths are a few kilobytes.
+# Least number of submitted items, so that workers that join later find work. It costs little
+# memory, because an item is a path.
 _MIN_IN_FLIGHT = 256
 
 Item = TypeVar("Item")

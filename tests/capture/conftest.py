@@ -1,4 +1,4 @@
-"""A small simulated rig, captured sets on disk, and the command line."""
+"""Fixtures of a small simulated rig, of captured sets on disk and of the command line."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def rig(small_config: RigConfig) -> Iterator[Rig]:
 
 
 def _led_outputs(rig: Rig) -> list[float]:
-    """What the LEDs really do once they have settled; also when the rig has been closed."""
+    """Return the levels of the simulated LEDs after they have settled, also of a closed rig."""
     assert rig.simulation is not None
     rig.clock.sleep_s(0.01)
     now_s = rig.clock.now_s()
@@ -53,7 +53,7 @@ def _made_set(
     lighting: Lighting | None = None,
     **fields: object,
 ) -> CapturedSet:
-    """A set of any pixels, (lights, rows, columns)."""
+    """Make a set from pixels of shape (lights, rows, columns)."""
     tilts_deg = [360.0 * light / len(pixels) for light in range(len(pixels))]
     lights: list[int | None] = list(range(len(pixels)))
     if ambient is not None:
@@ -79,7 +79,7 @@ def made_set() -> Callable[..., CapturedSet]:
 
 @pytest.fixture(scope="session")
 def ps4rig() -> Callable[..., Any]:
-    """Run the command in this process: exit_code, stdout, stderr."""
+    """Run the command in this process; the result has exit_code, stdout and stderr."""
 
     def run(*arguments: object) -> Any:
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -89,7 +89,7 @@ def ps4rig() -> Callable[..., Any]:
 
 @pytest.fixture(scope="session")
 def refused(ps4rig: Callable[..., Any]) -> Callable[..., str]:
-    """Run the command, which must fail with one line on stderr; returns the line."""
+    """Run a command that must fail with one line on stderr; return the line."""
 
     def run(*arguments: object, status: int = 2) -> str:
         result = ps4rig(*arguments)
@@ -104,7 +104,7 @@ def refused(ps4rig: Callable[..., Any]) -> Callable[..., str]:
 
 @pytest.fixture(scope="session")
 def spawn() -> Callable[..., subprocess.Popen[str]]:
-    """Start the command as a process of its own."""
+    """Start the command in a process of its own."""
 
     def start(*arguments: object, **options: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -121,7 +121,7 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
 
 @pytest.fixture(scope="session")
 def sets(tmp_path_factory: pytest.TempPathFactory, ps4rig: Callable[..., Any]) -> Path:
-    """A folder with sets of rock and sand at two orientations, 128 px wide, only to be read."""
+    """A read-only folder with sets of rock and sand at two orientations, 128 px wide."""
     folder = tmp_path_factory.mktemp("sets")
     for name in ("rock", "sand"):
         result = ps4rig(
@@ -134,7 +134,7 @@ def sets(tmp_path_factory: pytest.TempPathFactory, ps4rig: Callable[..., Any]) -
 
 @pytest.fixture(scope="session")
 def library(sets: Path, ps4rig: Callable[..., Any]) -> Path:
-    """Rock and sand as they lie at 0 degrees."""
+    """A library of rock and sand at an orientation of 0 degrees."""
     path = sets.parent / "textures.ps4lib"
     result = ps4rig(
         "train", sets / "rock-001.ome.tif", sets / "sand-001.ome.tif", "--library", path
