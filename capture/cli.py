@@ -6,6 +6,7 @@ A command imports what it needs when it runs, so that ``--help`` answers at once
 from __future__ import annotations
 
 import logging
+import shutil
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -25,6 +26,8 @@ __all__ = ["app", "run"]
 app = typer.Typer(
     help="Four-light photometric stereo: capture a surface, find its texture and its orientation.",
     pretty_exceptions_enable=False,
+    # The frames of a rich page of help leave no room for words on a narrow terminal.
+    rich_markup_mode="rich" if shutil.get_terminal_size().columns >= 60 else None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(demo.demo)

@@ -49,6 +49,14 @@ def test_every_command_has_a_page_of_help(ps4rig: Command) -> None:
     assert ps4rig().stdout == pages
 
 
+def test_help_is_readable_on_a_narrow_terminal(
+    spawn: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    stdout, _ = spawn("train", "--help").communicate(timeout=60)
+    assert {"--library", "Texture", "library,", "NAME.ps4lib."} <= set(stdout.split())
+
+
 def test_a_table_that_is_too_wide_is_printed_cell_by_cell(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
