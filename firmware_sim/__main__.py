@@ -12,15 +12,17 @@ from .controller import SimulatedController
 from .server import Server, serve_pty, serve_tcp, serve_unix
 
 _USAGE_ERROR = 2
-_END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_END_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serve until SIGINT, SIGTERM or SIGHUP; return the exit status."""
+    """Serve until a signal that ends programs; return the exit status."""
     options = _parser().parse_args(arguments)
     clock = RealClock()
-    # Blocked before the server's thread starts, so that only sigwait below receives them.
-    signal.pthread_sigmask(signal.SIG_BLOCK, _END_SIGNALS)
+    # sigwait would return signals that the parent process ignores, such as SIGHUP under nohup.
+    ending = [number for number in _END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    # The signals are blocked before the server's thread starts, so that only sigwait takes them.
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending)
     try:
         board = SimulatedBoard(
             clock,
@@ -37,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"cannot serve at {where}: {error.strerror or error}")
     with server:
         print(f"simulated LED controller {board.serial_number}: {hint}", flush=True)
-        signal.sigwait(_END_SIGNALS)
+        signal.sigwait(ending)
     return 0
 
 

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,13 +14,14 @@ import serial
 ROOT = Path(__file__).parents[2]
 
 
-def start(*options: str) -> subprocess.Popen[str]:
+def start(*options: str, **settings: object) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-m", "firmware_sim", *options],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        **settings,
     )
 
 
@@ -44,6 +46,16 @@ def test_it_serves_until_a_signal(tmp_path, options, end):
         out, err = process.communicate(timeout=5)
     assert (process.returncode, out, err) == (0, "", "")
     assert not link.is_symlink()
+
+
+def test_it_ignores_a_hangup_under_nohup():
+    ignore_hangup = partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)
+    with start("--tcp", preexec_fn=ignore_hangup) as process:
+        address = re.search(r"socket://[\d.:]+", process.stdout.readline()).group()
+        process.send_signal(signal.SIGHUP)
+        assert identity(address).startswith(b"OK PS4RIG")
+        process.send_signal(signal.SIGQUIT)
+        assert process.wait() == 0
 
 
 def test_bad_options_and_addresses_in_use(tmp_path):
