@@ -24,6 +24,7 @@ __all__ = [
     "classify_step",
     "match_step",
     "memory_section",
+    "numpy_step",
     "solve_step",
 ]
 
@@ -51,10 +52,17 @@ def memory_section(steps: Mapping[str, Step]) -> Section:
     return Section("Peak memory", found, (note,))
 
 
-def solve_step(image_set: SimulatedSet, method: Method | None = None) -> Callable[[], object]:
+def solve_step(image_set: SimulatedSet, method: Method) -> Callable[[], object]:
     """Step that solves a set."""
     _corner(image_set).solve(method)
     return partial(image_set.solve, method)
+
+
+def numpy_step(image_set: SimulatedSet, solve: Callable[..., object]) -> Callable[[], object]:
+    """Step that solves a set in plain numpy."""
+    corner = _corner(image_set)
+    solve(corner.images, corner.lighting)
+    return partial(solve, image_set.images, image_set.lighting)
 
 
 def classify_step(library: Path, image_set: SimulatedSet) -> Callable[[], object]:

@@ -20,7 +20,7 @@ from .scenes import rotated_patch
 
 __all__ = ["pipeline_section"]
 
-# Targets by side of the frame, for two cores.
+# Targets of the project on two cores, by side of the frame.
 _TARGETS_MS = {512: 15.0, 1024: 60.0}
 _TEXTURE, _SEED, _ROTATE_DEG = "sand", 1000, 33.0
 

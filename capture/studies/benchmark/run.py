@@ -24,6 +24,7 @@ from .memory import (
     classify_step,
     match_step,
     memory_section,
+    numpy_step,
     solve_step,
 )
 from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
@@ -31,7 +32,7 @@ from .pipeline import pipeline_section
 from .scenes import mosaic, rotated_patch
 from .search import search_section
 from .settings import FULL, Settings
-from .solvers import solver_sections
+from .solvers import drop_darkest, normal_least_squares, solver_sections
 
 __all__ = ["print_benchmark"]
 
@@ -95,9 +96,19 @@ def _memory_steps(
     textures: Textures, mixtures: Mixtures, folder: Path, largest: Path | None, settings: Settings
 ) -> dict[str, Step]:
     shape = settings.solver_frame_px
+    frame = f"{shape[1]} x {shape[0]}"
+    sixteen = mosaic(shape, 16)
     steps: dict[str, Step] = {
-        f"ps4_robust, {shape[1]} x {shape[0]}, 16 bit": partial(solve_step, mosaic(shape, 16)),
+        f"ps4_robust, {frame}, 16 bit": partial(solve_step, sixteen, "ps4_robust"),
     }
+    if settings.all_memory_steps:
+        eight = mosaic(shape, 8)
+        steps |= {
+            f"ps4_robust, {frame}, 8 bit": partial(solve_step, eight, "ps4_robust"),
+            f"ps4, {frame}, 16 bit": partial(solve_step, sixteen, "ps4"),
+            f"numpy lstsq, {frame}, 16 bit": partial(numpy_step, sixteen, normal_least_squares),
+            f"numpy drop-darkest, {frame}, 16 bit": partial(numpy_step, sixteen, drop_darkest),
+        }
     small = folder / "small.ps4lib"
     textures.library.save(small)
     for size_px in settings.frames_px:

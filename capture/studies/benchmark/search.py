@@ -21,7 +21,7 @@ from .settings import Settings
 
 __all__ = ["search_section"]
 
-# Targets for the largest library: match and opening on two cores, and recall of the sieve.
+# Targets of the project for 100,000 references on two cores.
 _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9
 # References compared in one call: 20 MB of signatures.
 _CHUNK = 1024

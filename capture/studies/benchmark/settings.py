@@ -25,6 +25,8 @@ class Settings:
         References of each library to search.
     largest_library
         References of one more library in a file; None leaves it out.
+    all_memory_steps
+        Whether peak memory is measured for all pixel depths and solvers, or for one.
     """
 
     solver_frame_px: tuple[int, int] = (1944, 2592)
@@ -40,6 +42,7 @@ class Settings:
     match_queries: int = 50
     recall_queries: int = 1000
     largest_recall_queries: int = 100
+    all_memory_steps: bool = True
 
 
 FULL = Settings()
@@ -50,5 +53,6 @@ QUICK = Settings(
     pipeline_rounds=20,
     match_rounds=1,
     recall_queries=100,
+    all_memory_steps=False,
 )
 """A minute on two cores."""

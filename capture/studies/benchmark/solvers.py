@@ -20,7 +20,7 @@ from .settings import Settings
 __all__ = ["drop_darkest", "normal_least_squares", "solver_sections"]
 
 METHODS: tuple[Method, ...] = ("ps4", "ps4_robust", "least_squares")
-# Targets: ps4 within twice the memory floor, and 100 times as fast as numpy's least squares.
+# Targets of the project on two cores, at five megapixels.
 _MAX_OF_FLOOR, _MIN_OF_LSTSQ = 2.0, 100.0
 
 Array = npt.NDArray[Any]

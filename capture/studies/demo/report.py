@@ -25,6 +25,7 @@ ANGLE_NOTE = (
     "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
     "that looks the same after 90 degrees (Tiles036) is known modulo 90 only."
 )
+# Side of an image; eight images and two spectra fit into two rows of the page.
 _TILE_PX = 176
 
 

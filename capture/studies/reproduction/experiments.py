@@ -81,7 +81,7 @@ def plan_of(quick: bool, materials: tuple[Texture, ...]) -> Plan:
     """The full plan, or one of two minutes on two cores."""
     frame_px = 128 if quick else 256
     orientations_deg = spread_orientations_deg(12 if quick else 24)
-    slants_deg = (45.0, 65.0)
+    slants_deg = (45.0, 65.0)  # with little shadow and with much
     if quick:
         materials = materials[:: -(-len(materials) // 6)]
     return Plan(

@@ -23,6 +23,7 @@ _TITLES = {
     OURS: "joint distance over the limit of the class",
     THESIS: "2D spectra of the thesis",
 }
+# False rejection of the table: one known part in a hundred.
 _REJECTED = 0.01
 # The CSV of the curves ends here: nobody can use a rig that rejects more of what it knows.
 _LISTED_PCT = 20.0

@@ -18,7 +18,7 @@ from .timing import Cost
 __all__ = ["CLASSIFIER_TITLES", "DIRECTIONAL_SHARPNESS", "SOLVER_TITLES", "Results", "percent"]
 
 DIRECTIONAL_SHARPNESS = 0.5
-"""A joint match above it has a clear orientation; below, it may be off by a right angle."""
+"""Below it, the orientation of a joint match may be off by 90 degrees (see classifiers/joint)."""
 
 SOLVER_TITLES = {
     "ps3a": "PS3a",

@@ -37,6 +37,7 @@ __all__ = ["PAGE", "exhibits_of", "measure", "reproduce"]
 PAGE = "reproduction.html"
 NUMBERS = "results.json"
 
+# Slants of figures 9.2 and 9.3, orientations of figures 9.5 and 9.10.
 _SHADOW_SLANTS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
 _POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)
 Item = TypeVar("Item")

@@ -15,6 +15,7 @@ from .training import library_path
 
 __all__ = ["Cost", "measured_costs"]
 
+# A busy machine disturbs most of this many calls, but not all.
 _ROUNDS = 9
 
 

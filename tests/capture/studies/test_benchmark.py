@@ -243,6 +243,7 @@ def test_a_benchmark_has_five_sections_and_removes_its_files(
     assert len(told["chapters"]) == 5
     steps = [each["step"] for each in told["chapters"][-1]["figures"]]
     assert "opening and match, 1,600 references" in steps
+    assert "numpy lstsq, 70 x 48, 16 bit" in steps
     assert "GB of disk" in shown.err
     assert list(temporary_folder.iterdir()) == []
 
