@@ -10,7 +10,7 @@ Command = Callable[..., Any]
 Refused = Callable[..., str]
 
 
-def test_it_writes_a_file_that_the_other_commands_take(ps4rig: Command, tmp_path: Path) -> None:
+def test_the_written_file_works_with_other_commands(ps4rig: Command, tmp_path: Path) -> None:
     clock = RealClock()
     path = tmp_path / "rig.toml"
     with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:

@@ -35,9 +35,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_it_is_stored_in_rig_toml_and_a_set_is_captured_with_it(
-    ps4rig: Command, bench: Path
-) -> None:
+def test_the_timing_is_stored_and_used_by_capture(ps4rig: Command, bench: Path) -> None:
     said = ps4rig("rig", "latency", "--steps", "12").output
     assert "stored in rig.toml" in said
     kept = [line for line in bench.read_text().splitlines() if line in BENCH.splitlines()]
@@ -75,6 +73,6 @@ def test_another_mode_of_the_camera_needs_another_measurement(
     assert ps4rig("capture", "a.ome.tif").exit_code == 0
 
 
-def test_a_led_that_is_not_there_is_refused(refused: Refused, bench: Path) -> None:
+def test_an_unknown_led_is_refused(refused: Refused, bench: Path) -> None:
     assert bench.exists()
     assert "--led 4: lights.tilts_deg names 4 LEDs" in refused("rig", "latency", "--led", "4")

@@ -69,7 +69,7 @@ def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..
     ],
     ids=str,
 )
-def test_the_leds_are_out_before_it_is_said(
+def test_the_leds_are_out_before_the_message_says_so(
     bench: Bench, spawn: Callable[..., Any], signals: tuple[signal.Signals, ...]
 ) -> None:
     write_config(bench, watchdog_ms=60_000)  # so that the watchdog does not put them out
@@ -87,7 +87,7 @@ def test_the_leds_are_out_before_it_is_said(
 
 
 @pytest.mark.slow
-def test_all_in_turn(bench: Bench, spawn: Callable[..., Any]) -> None:
+def test_cycle_lights_all_leds_in_turn(bench: Bench, spawn: Callable[..., Any]) -> None:
     process = spawn("rig", "lights", "cycle", "--rig", bench.config)
     seen: list[int] = []
     deadline_s = time.monotonic() + 30.0
@@ -105,7 +105,7 @@ def test_all_in_turn(bench: Bench, spawn: Callable[..., Any]) -> None:
 
 
 @pytest.mark.slow
-def test_a_controller_that_goes_away_is_said_at_once(
+def test_an_unplugged_controller_is_reported_at_once(
     bench: Bench, spawn: Callable[..., Any]
 ) -> None:
     process = spawn("rig", "lights", 1, "--rig", bench.config)
@@ -119,13 +119,13 @@ def test_a_controller_that_goes_away_is_said_at_once(
     assert len(stderr.splitlines()) == 1
 
 
-def test_off_puts_all_out_and_ends(ps4rig: Command, bench: Bench) -> None:
+def test_off_puts_all_leds_out_and_ends(ps4rig: Command, bench: Bench) -> None:
     done = ps4rig("rig", "lights", "off", "--rig", bench.config)
     assert done.exit_code == 0
     assert done.output == "all LEDs of SIM-0001 are out\n"
 
 
-def test_what_is_no_led_is_refused(refused: Refused, bench: Bench) -> None:
+def test_an_argument_that_is_not_an_led_is_refused(refused: Refused, bench: Bench) -> None:
     assert "LED 4: the controller has 4" in refused("rig", "lights", 4, "--rig", bench.config)
     assert "give a number, cycle or off" in refused("rig", "lights", "red", "--rig", bench.config)
     assert bench.lit() == [0.0] * 4

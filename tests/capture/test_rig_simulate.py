@@ -58,7 +58,7 @@ def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> N
     assert (process.returncode, said) == (0, "no LED lit\n")
 
 
-def test_a_simulation_of_nothing_says_what_to_give(refused: Refused) -> None:
+def test_a_simulation_without_devices_says_what_to_give(refused: Refused) -> None:
     line = refused("rig", "simulate")
     assert "--serial DEV" in line
     assert "modprobe v4l2loopback" in line

@@ -38,7 +38,7 @@ def test_a_real_rig_is_timed_as_it_is_configured():
 
 
 @pytest.mark.parametrize("config", SIMULATED, ids=lambda c: c.lights.synchronisation)
-def test_by_the_controller_a_set_takes_its_frames_and_the_wait_for_the_first(config):
+def test_a_sequence_takes_its_frames_and_the_wait_for_the_first(config):
     timing = measure_set_timing(config, sets=3)
     assert (timing.accepted, timing.rejected, timing.clock) == (3, 0, "virtual")
     period_ms = 1e3 / config.camera.frame_rate_hz
@@ -56,7 +56,7 @@ def test_by_the_controller_a_set_takes_its_frames_and_the_wait_for_the_first(con
 
 
 @pytest.mark.slow
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command_prints_json_and_a_table(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(
         '[lights]\nport = "simulated"\n[camera]\nwidth_px = 16\nheight_px = 16\n'
     )

@@ -22,7 +22,7 @@ BENDS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
     fall_ms=TIMES_MS,
     interval=st.tuples(st.floats(0.0, 0.03), st.floats(0.0, 0.03)).map(sorted),
 )
-def test_integral_is_that_of_the_output(switches, rise_ms, fall_ms, interval):
+def test_the_integral_matches_the_output(switches, rise_ms, fall_ms, interval):
     clock = VirtualClock()
     board = SimulatedBoard(clock, rise_ms=rise_ms, fall_ms=fall_ms)
     changes_s = []
@@ -62,7 +62,7 @@ def test_parts_of_an_interval_add_up(cut):
     assert parts_s == pytest.approx(led.output_integral_s(0.0, 0.02), abs=1e-15)
 
 
-def test_rise_and_fall_times_are_those_from_10_to_90_percent():
+def test_rise_and_fall_times_are_from_10_to_90_percent():
     led = Led(rise_ms=0.5, fall_ms=0.3)
     led.drive(100, 1.0)
     led.drive(0, 2.0)
@@ -75,7 +75,7 @@ def test_rise_and_fall_times_are_those_from_10_to_90_percent():
     assert led.output(crossing_90_s + 0.0003) == pytest.approx(0.1)
 
 
-def test_the_same_drive_again_does_not_start_over():
+def test_the_same_drive_again_does_not_restart_the_approach():
     led, twice = Led(0.5, 0.3), Led(0.5, 0.3)
     led.drive(100, 1.0)
     twice.drive(100, 1.0)
@@ -83,7 +83,7 @@ def test_the_same_drive_again_does_not_start_over():
     assert twice.output(1.0005) == led.output(1.0005)
 
 
-def test_an_instant_led():
+def test_an_led_without_rise_time_switches_at_once():
     led = Led(rise_ms=0.0, fall_ms=0.0)
     led.drive(40, 1.0)
     led.drive(0, 2.0)
@@ -92,7 +92,7 @@ def test_an_instant_led():
     assert led.output_integral_s(0.0, 5.0) == pytest.approx(0.4)
 
 
-def test_the_future_and_the_forgotten_past_are_refused():
+def test_the_future_and_the_time_before_the_history_are_refused():
     clock = VirtualClock()
     board = SimulatedBoard(clock)
     clock.sleep_s(1.0)
@@ -108,7 +108,7 @@ def test_the_future_and_the_forgotten_past_are_refused():
     assert led.output_integral_s(69_000.0, 70_000.0) == pytest.approx(5.0, rel=1e-3)
 
 
-def test_micros_restart_with_the_board():
+def test_micros_start_again_at_a_reset():
     clock = VirtualClock(start_s=100.0)
     board = SimulatedBoard(clock)
     clock.sleep_s(0.002)

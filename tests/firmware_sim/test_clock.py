@@ -18,7 +18,7 @@ def test_time_moves_only_by_sleeping():
     assert clock.now_s() == 7.25
 
 
-def test_steps_of_one_millisecond_and_a_rest():
+def test_a_sleep_advances_in_steps_of_one_millisecond():
     clock = VirtualClock()
     ticks: list[float] = []
     clock.on_tick(lambda: ticks.append(clock.now_s()))
@@ -33,7 +33,7 @@ def test_many_steps_add_up_without_rounding():
     assert clock.now_s() == 1.0
 
 
-def test_unregister():
+def test_an_unregistered_callback_is_not_called():
     clock = VirtualClock()
     calls: list[str] = []
 
@@ -58,7 +58,7 @@ def test_a_callback_must_not_sleep():
     clock.sleep_s(0.001)
 
 
-def test_threads_share_the_time():
+def test_sleeping_threads_share_the_time():
     clock = VirtualClock()
     ticks: list[float] = []
     clock.on_tick(lambda: ticks.append(clock.now_s()))
@@ -91,7 +91,7 @@ def test_the_real_clock_is_the_monotonic_one():
     assert clock.now_s() - before_s >= 0.001
 
 
-def test_calls_come_at_their_own_times_in_their_order():
+def test_calls_are_made_at_their_times_and_in_order():
     clock = VirtualClock()
     calls: list[tuple[str, float]] = []
 
@@ -111,7 +111,7 @@ def test_calls_come_at_their_own_times_in_their_order():
     ]
 
 
-def test_a_call_may_ask_for_the_next():
+def test_a_call_may_add_another_call():
     clock = VirtualClock()
     calls_s: list[float] = []
 

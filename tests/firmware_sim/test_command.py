@@ -34,7 +34,7 @@ def identity(address: str) -> bytes:
 @pytest.mark.parametrize(
     ("options", "end"), [(["--pty", "{link}"], signal.SIGINT), (["--tcp"], signal.SIGTERM)]
 )
-def test_it_serves_until_a_signal(tmp_path, options, end):
+def test_the_command_serves_until_a_signal(tmp_path, options, end):
     link = tmp_path / "port"
     options = [option.format(link=link) for option in options]
     with start(*options, "--serial-number", "SIM-7", "--rise-ms", "0") as process:

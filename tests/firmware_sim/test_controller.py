@@ -3,7 +3,7 @@
 BANNER = b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 
 
-def test_a_powered_device_has_sent_its_banner(new_device):
+def test_a_new_device_has_sent_its_banner(new_device):
     assert new_device().controller.take_output() == BANNER
 
 
@@ -16,7 +16,7 @@ def test_each_line_costs_its_delay_before_it_is_executed(new_device):
     assert device.exchange(b"OFF\n") == b"OK -1,7500\n"
 
 
-def test_no_delay(new_device):
+def test_a_line_without_delay_takes_no_time(new_device):
     device = new_device(link_delay_ms=0.0)
     device.exchange(b"LED:SEL 0\n")
     assert device.clock.now_s() == 0.0

@@ -29,7 +29,7 @@ def test_crc8_is_polynomial_division(data):
 
 
 @given(sequence=st.integers(0, 65535), led=st.integers(0, 3))
-def test_a_sealed_line_gets_a_sealed_reply(new_device, sequence, led):
+def test_a_line_with_checksum_gets_a_reply_with_checksum(new_device, sequence, led):
     device = new_device()
     device.controller.take_output()
     reply = device.exchange(sealed(b"#%d LED:SEL %d" % (sequence, led)) + b"\n")
@@ -53,13 +53,13 @@ def test_a_damaged_byte_never_switches(new_device, damage, place):
     assert device.lit() == [0.0] * 4
 
 
-def test_lower_case_digits_and_blanks_around_the_seal(device):
+def test_a_checksum_may_have_lower_case_and_blanks_around_it(device):
     # the blanks before the seal are under it, those after it are not
     assert device.exchange(sealed(b" LED:OFF ") + b"  \r\n") == sealed(b"OK -1,1000") + b"\n"
     assert device.exchange(b"#7 LED:SEL 2~e0\n") == sealed(b"#7 OK 2,2000") + b"\n"
 
 
-def test_half_a_seal_is_a_bad_seal(device):
+def test_half_a_checksum_is_a_wrong_checksum(device):
     bad = sealed(b'ERR -360,"Communication error"') + b"\n"
     for line in (
         b"LED:SEL 1~",
@@ -73,7 +73,7 @@ def test_half_a_seal_is_a_bad_seal(device):
     assert device.lit() == [0.0] * 4
 
 
-def test_errors_under_a_good_seal_are_sealed(device):
+def test_errors_of_lines_with_checksum_have_a_checksum(device):
     assert device.exchange(sealed(b"#9 HELLO") + b"\n") == (
         sealed(b'#9 ERR -113,"Undefined header"') + b"\n"
     )

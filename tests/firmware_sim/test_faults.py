@@ -27,13 +27,13 @@ def said(line: FaultyLine, data: bytes) -> list[bytes]:
 # when
 
 
-def test_the_nth_event_and_those_after_it_are_counted_from_one() -> None:
+def test_nth_and_times_count_events_from_one() -> None:
     when = When(nth=2, times=3)
     rng = random.Random(1)
     assert [n for n in range(1, 9) if when.befalls(n, rng)] == [2, 3, 4]
 
 
-def test_a_probability_is_one_of_each_event() -> None:
+def test_a_probability_applies_to_each_event() -> None:
     rng = random.Random(1)
     assert 250 < sum(When(probability=0.3).befalls(n, rng) for n in range(1000)) < 350
 
@@ -41,7 +41,7 @@ def test_a_probability_is_one_of_each_event() -> None:
 @pytest.mark.parametrize(
     "fields", [{"nth": 0}, {"times": 0}, {"probability": 0.0}, {"from_s": 2.0, "until_s": 1.0}]
 )
-def test_what_can_never_happen_is_refused(fields: dict[str, float]) -> None:
+def test_impossible_conditions_are_refused(fields: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(fields))):
         When(**fields)  # type: ignore[arg-type]
 
@@ -49,11 +49,11 @@ def test_what_can_never_happen_is_refused(fields: dict[str, float]) -> None:
 # lines
 
 
-def test_without_faults_a_line_is_a_line() -> None:
+def test_a_line_without_faults_is_not_changed() -> None:
     assert said(line_with(), b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,50", b"OK 2,50"]
 
 
-def test_a_lost_command_is_not_executed_a_lost_reply_is() -> None:
+def test_a_command_with_a_lost_reply_is_executed_and_a_lost_one_is_not() -> None:
     only = When(nth=1)
     lost = line_with(LineFault("lose", containing="LED:LEV 2", when=only))
     assert said(lost, b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,100"]
@@ -77,7 +77,7 @@ def test_a_truncated_command_runs_into_the_next() -> None:
     assert replies != [b"OK -1,2000"]
 
 
-def test_a_delayed_line_takes_that_much_longer() -> None:
+def test_a_delayed_line_takes_longer_by_its_delay() -> None:
     (reply,) = said(line_with(LineFault("delay", delay_ms=40)), b"LED:SEL 1\n")
     assert reply == b"OK 1,41000"
 
@@ -95,7 +95,7 @@ def test_a_reboot_puts_the_leds_out_and_sends_a_banner() -> None:
     kind=st.sampled_from(["garble", "lose_byte", "double_byte", "truncate"]),
     seed=st.integers(0, 999),
 )
-def test_damage_is_always_damage_and_a_seed_makes_it_the_same(kind: str, seed: int) -> None:
+def test_damage_changes_a_line_and_is_repeatable_by_seed(kind: str, seed: int) -> None:
     def replies() -> list[bytes]:
         line = line_with(LineFault(kind, "to_host"), seed=seed)  # type: ignore[arg-type]
         return said(line, b"LED:LEV? 2\n" * 3)
@@ -121,7 +121,7 @@ def light_of(*faults: LedFault) -> Callable[[int, float, float], float]:
     )
 
 
-def test_dim_and_dead_leds_give_that_much_less_while_their_time_is() -> None:
+def test_dim_and_dead_leds_give_less_during_their_time() -> None:
     dim = light_of(LedFault("dim", 1, share=0.3, from_s=2.0, until_s=3.0))
     assert dim(1, 2.2, 2.4) == pytest.approx(0.7)
     assert dim(1, 3.2, 3.4) == pytest.approx(1.0)
@@ -129,7 +129,7 @@ def test_dim_and_dead_leds_give_that_much_less_while_their_time_is() -> None:
     assert light_of(LedFault("dead", 1))(1, 1.0, 2.0) == 0.0
 
 
-def test_an_led_that_is_stuck_on_never_gives_less() -> None:
+def test_an_led_that_is_stuck_on_never_gives_less_than_its_share() -> None:
     stuck = light_of(LedFault("stuck_on", 0, share=0.2), LedFault("stuck_on", 1, share=0.2))
     assert stuck(0, 0.2, 0.4) == pytest.approx(0.2)
     assert stuck(1, 0.2, 0.4) == pytest.approx(0.2)
@@ -143,7 +143,7 @@ def test_flicker_is_a_sine() -> None:
     assert flicker(1, 2.074, 2.076) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_an_unsteady_led_is_steady_within_a_slot_only() -> None:
+def test_an_unsteady_led_is_constant_within_a_slot() -> None:
     unsteady = light_of(LedFault("unsteady", 1, share=0.5, frequency_hz=10.0))
     slots = [unsteady(1, 2.0 + 0.1 * n + 0.01, 2.0 + 0.1 * n + 0.02) for n in range(20)]
     assert min(slots) < 0.65
@@ -151,7 +151,7 @@ def test_an_unsteady_led_is_steady_within_a_slot_only() -> None:
     assert unsteady(1, 2.01, 2.02) == pytest.approx(unsteady(1, 2.07, 2.08))
 
 
-def test_swapped_leds_light_in_each_others_place() -> None:
+def test_swapped_leds_light_in_each_others_places() -> None:
     swapped = light_of(LedFault("swapped", 1, other=3))
     assert swapped(1, 2.0, 2.1) == 0.0
     assert swapped(3, 2.0, 2.1) == pytest.approx(1.0)

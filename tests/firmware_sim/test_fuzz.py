@@ -36,7 +36,7 @@ LINES = st.lists(damaged_command() | st.binary(max_size=80), max_size=8)
 
 
 @given(lines=LINES, cuts=st.lists(st.integers(0, 700), max_size=12))
-def test_one_reply_per_line_however_it_is_cut(new_device, lines, cuts):
+def test_a_line_in_any_pieces_gets_one_reply(new_device, lines, cuts):
     data = b"\n".join(lines)
     whole, cut = new_device(), new_device()
     expected = whole.exchange(data)
@@ -50,7 +50,7 @@ def test_one_reply_per_line_however_it_is_cut(new_device, lines, cuts):
 
 
 @given(lines=LINES)
-def test_only_an_acceptable_line_changes_anything(new_device, lines):
+def test_a_refused_line_changes_nothing(new_device, lines):
     device = new_device()
     device.exchange(b"LED:LEV 3,30\nLED:SEL 3\n")
     for line in b"\n".join(lines).split(b"\n"):

@@ -32,7 +32,7 @@ def test_no_syntax_that_micropython_lacks():
     assert not [star for node in displays for star in node.elts if isinstance(star, ast.Starred)]
 
 
-def test_it_runs_without_its_package():
+def test_the_firmware_runs_without_its_package():
     namespace: dict[str, object] = {}
     exec(compile(SOURCE, "firmware.py", "exec"), namespace)
     assert namespace["crc8"](b"123456789") == 0xF4

@@ -61,7 +61,7 @@ def test_readme_transcript(new_device, transcript):
         (b" #65535   *rst \n", b"#65535 OK\n"),
     ],
 )
-def test_accepted(device, sent, reply):
+def test_an_accepted_command_has_its_reply(device, sent, reply):
     assert device.exchange(sent) == reply
     assert device.exchange(b"SYST:ERR?\n") == b'OK 0,"No error"\n'
 
@@ -123,7 +123,7 @@ def test_accepted(device, sent, reply):
         (b"#65536 LED:SEL 1\n", b'-222,"Data out of range"'),
     ],
 )
-def test_refused(device, sent, error):
+def test_a_refused_command_has_its_error(device, sent, error):
     device.exchange(b"LED:LEV 1,70\nLED:SEL 1\n")
     before = device.lit()
     assert device.exchange(sent) == b"ERR " + error + b"\n"
@@ -144,7 +144,7 @@ def test_the_longest_line_is_64_bytes_without_its_end(device):
     assert device.exchange(b"LED:SEL " + b"0" * 55 + b"1\r\n") == b"OK 1,1000\n"
 
 
-def test_select_is_exclusive_and_at_the_level(device):
+def test_select_lights_only_one_led_at_its_level(device):
     device.exchange(b"LED:LEV 2,50\nLED:SEL 1\n")
     assert device.lit() == [0.0, 1.0, 0.0, 0.0]
     device.exchange(b"LED:SEL 2\n")
@@ -155,7 +155,7 @@ def test_select_is_exclusive_and_at_the_level(device):
     assert device.lit() == [0.0, 0.0, 0.0, 0.0]
 
 
-def test_rst_restores_everything(device):
+def test_rst_restores_all_settings(device):
     device.exchange(b"LED:LEV 2,50\nLED:SEL 1\nSYST:WDOG 200\nHELLO\n")
     assert device.exchange(b"*RST\n") == b"OK\n"
     assert device.lit() == [0.0, 0.0, 0.0, 0.0]
@@ -175,7 +175,7 @@ def test_a_stopped_program_is_dark_and_silent_until_the_next_reset(device):
     assert device.exchange(b"LED:SEL 1\n").startswith(b"OK 1,")
 
 
-def test_a_full_queue_says_that_errors_were_lost(device):
+def test_a_full_queue_ends_with_an_overflow_entry(device):
     device.exchange(b"LED:SEL 9\n" + b"HELLO\n" * 7)
     device.exchange(b"\n\n")
     entries = device.exchange(b"SYST:ERR?\n" * 9).splitlines()

@@ -50,7 +50,7 @@ def arm(device, *lights: int, timeout_us: int = 100_000) -> Run:
     return begin(device, f"SEQ:ARM {SETTLE_US},{timeout_us},{','.join(map(str, lights))}")
 
 
-def test_one_exposure_under_each_light_and_darkness_after(device):
+def test_each_light_gets_one_exposure_and_the_leds_are_off_afterwards(device):
     run = arm(device, -1, 0, 1, 2, 3)
     for _ in range(5):
         run.expose(pause_us=5000)
@@ -68,7 +68,7 @@ def test_one_exposure_under_each_light_and_darkness_after(device):
     assert 0 < passed_us - steps[-1][4] <= 200
 
 
-def test_an_exposure_under_way_when_armed_does_not_count(device):
+def test_an_exposure_that_runs_at_the_start_does_not_count(device):
     device.strobe(True)
     device.clock.sleep_s(0.001)
     run = arm(device, 0, 1)
@@ -79,7 +79,7 @@ def test_an_exposure_under_way_when_armed_does_not_count(device):
     assert [step[3:] for step in run.steps()] == [[10_000, 20_000, 1], [25_000, 35_000, 1]]
 
 
-def test_an_exposure_that_begins_too_soon_does_not_count(device):
+def test_an_exposure_before_the_light_has_settled_does_not_count(device):
     run = arm(device, 0, 1, timeout_us=50_000)
     run.expose(pause_us=SETTLE_US - 500)  # too soon
     run.expose(pause_us=1000)
@@ -88,7 +88,7 @@ def test_an_exposure_that_begins_too_soon_does_not_count(device):
     assert [step[3:] for step in run.steps()] == [[12_500, 22_500, 2], [34_500, 44_500, 2]]
 
 
-def test_edges_from_before_the_start_are_past(device):
+def test_edges_from_before_the_start_are_ignored(device):
     device.strobe(True)
     run = arm(device, 0)
     device.board.strobe(False, (run.start_us - 1) / 1e6)
@@ -96,7 +96,7 @@ def test_edges_from_before_the_start_are_past(device):
     assert run.steps() == [[0, 0, -1, -1, -1, 0]]
 
 
-def test_a_busy_loop_is_late_but_counts_nothing_wrongly(new_device):
+def test_a_busy_loop_is_late_but_counts_correctly(new_device):
     device = new_device(turn_us=(20_000.0, 20_000.0))
     device.controller.take_output()
     run = arm(device, 0, 1, timeout_us=1_000_000)
@@ -112,7 +112,7 @@ def test_a_busy_loop_is_late_but_counts_nothing_wrongly(new_device):
 @pytest.mark.parametrize(
     "command", ["LED:SEL 2", "LED:LEV 0,50", "SEQ:ARM 0,1000,0", "SEQ:TRIG 0,1000,0"]
 )
-def test_what_would_disturb_a_sequence_is_refused(device, command):
+def test_commands_that_would_disturb_a_sequence_are_refused(device, command):
     run = arm(device, 0, 1)
     reply = device.exchange(command.encode() + b"\n")
     assert reply == b'ERR 120,"Sequence is running"\n'
@@ -122,7 +122,7 @@ def test_what_would_disturb_a_sequence_is_refused(device, command):
 
 
 @pytest.mark.parametrize(("command", "code"), [("LED:OFF", 122), ("*RST", 0)])
-def test_what_puts_leds_out_ends_a_sequence(device, command, code):
+def test_commands_that_put_leds_out_end_a_sequence(device, command, code):
     run = arm(device, 0, 1)
     assert device.lit() == [1.0, 0.0, 0.0, 0.0]
     assert device.exchange(command.encode() + b"\n").startswith(b"OK")
@@ -148,7 +148,7 @@ def test_a_strobe_that_stops_puts_the_leds_out(device, edges):
     assert device.exchange(b"SYST:ERR?\n") == b'OK 0,"No error"\n'
 
 
-def test_the_watchdog_ends_a_sequence_also_in_a_dark_step(device):
+def test_the_watchdog_ends_a_sequence_even_in_a_dark_step(device):
     device.exchange(b"SYST:WDOG 100\n")
     run = arm(device, -1, 0, timeout_us=10_000_000)
     device.clock.sleep_s(0.110)
@@ -156,7 +156,7 @@ def test_the_watchdog_ends_a_sequence_also_in_a_dark_step(device):
     assert device.exchange(b"SYST:ERR?\n") == b'OK 100,"Watchdog: LEDs off"\n'
 
 
-def test_questions_keep_the_watchdog_quiet_in_a_sequence(device):
+def test_queries_keep_the_watchdog_quiet_in_a_sequence(device):
     device.exchange(b"SYST:WDOG 100\n")
     run = arm(device, 0, timeout_us=10_000_000)
     for _ in range(10):
@@ -164,7 +164,7 @@ def test_questions_keep_the_watchdog_quiet_in_a_sequence(device):
         assert run.running
 
 
-def test_by_time_each_exposure_is_triggered(device):
+def test_a_timed_sequence_triggers_each_exposure(device):
     pulses_s: list[float] = []
     device.board.on_trigger(lambda: pulses_s.append(device.clock.now_s()))
     run = begin(device, f"SEQ:TRIG {SETTLE_US},20000,-1,3,0")
@@ -189,7 +189,7 @@ def test_triggers_are_never_closer_than_the_interval(new_device):
     assert all(after - before >= 20_000 for before, after in pairwise(triggers_us))
 
 
-def test_by_time_the_strobe_is_written_down(device):
+def test_a_timed_sequence_records_the_strobe(device):
     run = begin(device, f"SEQ:TRIG {SETTLE_US},20000,1,2")
     for _ in range(2):
         run.expose(pause_us=4000, exposure_us=10_000)
@@ -197,7 +197,7 @@ def test_by_time_the_strobe_is_written_down(device):
     assert [step[3:] for step in run.steps()] == [[4000, 14_000, 1], [24_000, 34_000, 1]]
 
 
-def test_the_last_sequence_is_remembered_until_the_next(device):
+def test_the_record_of_a_sequence_stays_until_the_next(device):
     run = arm(device, 0)
     run.expose(pause_us=5000)
     device.exchange(b"LED:SEL 1\n")
@@ -234,7 +234,7 @@ def test_an_exposure_counts_only_under_one_settled_light(new_device, timing, lig
 # limits of the LEDs
 
 
-def test_heartbeats_do_not_keep_an_led_lit_for_longer_than_it_may(new_device):
+def test_keep_alive_commands_do_not_extend_the_time_limit_of_an_led(new_device):
     device = new_device(max_on_ms=1000)
     device.controller.take_output()
     device.exchange(b"SYST:WDOG 200\nLED:SEL 1\n")
@@ -252,7 +252,7 @@ def test_heartbeats_do_not_keep_an_led_lit_for_longer_than_it_may(new_device):
     assert device.exchange(b"LED:SEL 1\n").startswith(b"OK 1,")
 
 
-def test_the_duty_holds_in_the_long_run(new_device):
+def test_the_duty_limit_holds_in_the_long_run(new_device):
     device = new_device(max_on_ms=200)
     start_s = device.clock.now_s()
     while device.clock.now_s() - start_s < 5.0:
@@ -265,7 +265,7 @@ def test_the_duty_holds_in_the_long_run(new_device):
     assert 0.9 * 0.5 * (end_s - start_s) < lit_s < 0.2 + 0.5 * (end_s - start_s)
 
 
-def test_an_led_that_is_selected_again_is_not_new(new_device):
+def test_selecting_an_led_again_does_not_refill_its_budget(new_device):
     device = new_device(max_on_ms=1000)
     device.controller.take_output()
     for _ in range(9):
@@ -275,7 +275,7 @@ def test_an_led_that_is_selected_again_is_not_new(new_device):
     assert device.exchange(b"SYST:ERR?\n") == b'OK 110,"On-time limit: LEDs off"\n'
 
 
-def test_the_limit_ends_a_sequence(new_device):
+def test_the_time_limit_of_an_led_ends_a_sequence(new_device):
     device = new_device(max_on_ms=1000)
     device.controller.take_output()
     device.exchange(b"LED:SEL 0\n")

@@ -50,7 +50,7 @@ def ask(port: serial.Serial, line: bytes) -> bytes:
 
 @pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
 @pytest.mark.parametrize("clock_type", [RealClock, VirtualClock])
-def test_hosts_come_and_go(serve, clock_type):
+def test_hosts_connect_one_after_the_other(serve, clock_type):
     with serve(controller(clock_type())) as server:
         for led in range(2):
             with opened(server.address) as port:
@@ -109,13 +109,13 @@ def test_a_serial_device_that_is_unplugged_is_served_again_when_it_is_back(tmp_p
 
 
 @pytest.mark.parametrize("path", ["missing", "file"])
-def test_no_serial_device(tmp_path, path):
+def test_a_path_without_a_serial_device_is_refused(tmp_path, path):
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match=r"No such file|Inappropriate ioctl"):
         serve_tty(controller(), tmp_path / path)
 
 
-def test_no_such_speed():
+def test_an_unknown_speed_is_refused():
     with pytest.raises(ValueError, match="12345 baud"), null_modem() as (_, path):
         serve_tty(controller(), path, 12345)
 
@@ -179,7 +179,7 @@ def test_opening_the_port_resets_the_board(clock_type):
                 assert ask(port, b"LED:SEL 1").startswith(b"OK 1,")
 
 
-def test_what_is_sent_while_the_board_boots_is_lost():
+def test_bytes_sent_while_the_board_boots_are_lost():
     device = controller(RealClock(), resets_on_open=True, boot_ms=100.0)
     with serve_pty(device) as server, opened(server.address) as port:
         port.write(b"LED:SEL 1\n")

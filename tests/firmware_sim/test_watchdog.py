@@ -14,7 +14,7 @@ def instant(new_device):
     return device
 
 
-def test_it_trips_at_its_time_and_not_before(instant):
+def test_the_watchdog_trips_at_its_time_and_not_before(instant):
     instant.exchange(b"LED:SEL 1\n")
     instant.clock.sleep_s(4.999)
     assert instant.board.output(1, instant.clock.now_s()) == pytest.approx(1.0)
@@ -29,7 +29,7 @@ def test_it_trips_at_its_time_and_not_before(instant):
 
 
 @pytest.mark.parametrize("watchdog_ms", [100, 250, 60000])
-def test_its_time_can_be_set(instant, watchdog_ms):
+def test_the_watchdog_time_can_be_set(instant, watchdog_ms):
     instant.exchange(b"SYST:WDOG %d\nLED:SEL 0\n" % watchdog_ms)
     instant.clock.sleep_s(watchdog_ms / 1000 - 0.001)
     start_s = instant.clock.now_s()
@@ -39,7 +39,7 @@ def test_its_time_can_be_set(instant, watchdog_ms):
     assert light_s == pytest.approx(0.001 + 0.0003 / 2.1972245773362196, rel=1e-9)
 
 
-def test_any_accepted_command_feeds_it(instant):
+def test_any_accepted_command_feeds_the_watchdog(instant):
     instant.exchange(b"LED:SEL 1\n")
     for _ in range(4):
         instant.clock.sleep_s(4.999)
@@ -47,7 +47,7 @@ def test_any_accepted_command_feeds_it(instant):
     assert instant.exchange(b"LED:STAT?\n").startswith(b"OK 1,")
 
 
-def test_errors_do_not_feed_it(instant):
+def test_refused_lines_do_not_feed_the_watchdog(instant):
     instant.exchange(b"LED:SEL 1\n")
     for _ in range(10):
         instant.clock.sleep_s(0.5)
@@ -55,7 +55,7 @@ def test_errors_do_not_feed_it(instant):
     assert instant.exchange(b"LED:STAT?\n").startswith(b"OK -1,")
 
 
-def test_it_trips_once_and_only_with_an_led_on(instant):
+def test_the_watchdog_trips_once_and_only_with_an_led_on(instant):
     instant.clock.sleep_s(20.0)
     assert instant.exchange(b"SYST:ERR?\n") == NO_ERROR
     instant.exchange(b"LED:SEL 1\n")

@@ -44,7 +44,7 @@ def test_sim_is_the_simulated_rig() -> None:
         assert (rig.camera.info.width_px, rig.camera.info.bit_depth) == (512, 12)
 
 
-def test_a_file_called_sim_is_a_path_like_any_other(tmp_path: Path) -> None:
+def test_a_path_to_a_file_called_sim_is_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no such rig configuration"):
         open_rig(tmp_path / "sim")
 
@@ -57,7 +57,7 @@ def test_lights_and_frames_share_one_clock(rig: Rig) -> None:
     assert (frame.pixels.shape, rig.camera.info.height_px) == ((48, 64), 48)
 
 
-def test_leaving_the_block_puts_the_leds_out_and_closes_all() -> None:
+def test_leaving_the_block_puts_the_leds_out() -> None:
     threads = threading.active_count()
     with open_rig(SMALL) as rig:
         rig.lights.select(2)
@@ -107,7 +107,7 @@ def test_unplugged_lights_are_dark_and_gone(rig: Rig) -> None:
         rig.lights.select(2)
 
 
-def test_another_part_is_seen_after_it_was_placed(rig: Rig) -> None:
+def test_a_new_placement_is_in_the_next_frames(rig: Rig) -> None:
     assert rig.simulation is not None
     rig.lights.select(0)
     rig.simulation.place(Placement(surface="sand", rotate_deg=30.0, seed=4))
@@ -120,7 +120,7 @@ def test_another_part_is_seen_after_it_was_placed(rig: Rig) -> None:
     assert abs(sand.pixels.astype(float) - rock.pixels).mean() > 50.0
 
 
-def test_a_surface_that_is_not_there_changes_nothing(rig: Rig) -> None:
+def test_an_unknown_surface_is_refused_and_changes_nothing(rig: Rig) -> None:
     assert rig.simulation is not None
     before = rig.simulation.placement
     with pytest.raises(InputError, match="neither a material folder"):
@@ -129,14 +129,14 @@ def test_a_surface_that_is_not_there_changes_nothing(rig: Rig) -> None:
     assert rig.camera.read(1.0).pixels.shape == (48, 64)
 
 
-def test_the_surfaces_are_the_four_synthetic_ones_and_the_bundled_materials() -> None:
+def test_surface_names_lists_synthetic_and_bundled_surfaces() -> None:
     names = surface_names()
     assert names[:4] == ("rock", "sand", "malv", "ogil")
     assert set(names[4:]) == set(bundled_materials())
     assert len(names) >= 12
 
 
-def test_more_leds_than_the_ring_has_by_default() -> None:
+def test_a_rig_may_have_more_than_four_leds() -> None:
     tilts = [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]
     with open_rig(SMALL.with_changes(lights={"tilts_deg": tilts})) as rig:
         assert rig.lights.led_count == len(rig.lighting) == 8
@@ -161,12 +161,12 @@ def test_a_controller_with_too_few_leds_is_refused() -> None:
             open_rig(config)
 
 
-def test_lights_that_are_not_there_do_not_become_simulated() -> None:
+def test_missing_lights_do_not_become_simulated() -> None:
     with pytest.raises(LightControllerError, match="no such port"):
         open_rig(SMALL.with_changes(lights={"port": "/dev/ttyNONE"}))
 
 
-def test_a_rig_that_is_refused_leaves_nothing_running() -> None:
+def test_a_refused_rig_leaves_no_thread_running() -> None:
     before = set(threading.enumerate())
     config = RigConfig().with_changes(
         camera={"timing_measured_at": "another mode", "timestamp_offset_ms": 1.0}

@@ -20,7 +20,7 @@ def load(folder: Path, text: str) -> RigConfig:
     return load_config(path)
 
 
-def test_every_format_of_the_configuration_can_be_decoded_and_the_other_way_round() -> None:
+def test_configuration_and_decoder_have_the_same_formats() -> None:
     assert {name: entry.bit_depth for name, entry in PIXEL_FORMATS.items()} == PIXEL_FORMAT_BITS
 
 
@@ -30,7 +30,7 @@ def test_bits_follow_the_pixel_format(tmp_path: Path, name: str, bits: int) -> N
     assert config.camera.bits == bits
 
 
-def test_a_whole_camera_is_read(tmp_path: Path) -> None:
+def test_all_keys_of_a_camera_are_read(tmp_path: Path) -> None:
     keys = "gain = 3\ngamma = 100\nreadout_ms = 8\ntimestamp_offset_ms = -2\n"
     camera = load(tmp_path, CAMERA + keys).camera
     assert camera.device == "/dev/v4l/by-id/cam"
@@ -66,7 +66,7 @@ def test_a_whole_camera_is_read(tmp_path: Path) -> None:
         (CAMERA.replace("/dev/ttyACM0", "simulated"), r"'v4l2' cannot see simulated LEDs"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_wrong_camera_values_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load(tmp_path, text)
 
@@ -79,19 +79,17 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str
         ('[lights]\nport = "simulated"\n', "simulated"),
     ],
 )
-def test_a_camera_above_real_lights_is_v4l2_unless_said_otherwise(
-    tmp_path: Path, text: str, kind: str
-) -> None:
+def test_the_default_kind_follows_the_lights(tmp_path: Path, text: str, kind: str) -> None:
     assert load(tmp_path, text).camera.kind == kind
     assert RigConfig().camera.kind == "simulated"
 
 
-def test_real_lights_without_a_camera_are_no_rig(tmp_path: Path) -> None:
+def test_real_lights_without_a_camera_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="device is missing"):
         load(tmp_path, '[lights]\nport = "/dev/ttyACM0"\n')
 
 
-def test_a_timing_measured_in_another_mode_is_not_used(tmp_path: Path) -> None:
+def test_a_timing_of_another_mode_is_refused(tmp_path: Path) -> None:
     mode = "GREY 512x512, 30 Hz, 20 ms"
     timing = f'timestamp_offset_ms = -2\nreadout_ms = 8\ntiming_measured_at = "{mode}"\n'
     assert load(tmp_path, CAMERA + timing).camera.mode == mode
@@ -119,7 +117,7 @@ def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
         ({"readout_ms": 5.0, "timestamp_uncertainty_ms": 2.0}, False, 99.973),
     ],
 )
-def test_a_stamp_is_the_frames_end_unless_the_drivers_claim_was_asked_for(
+def test_a_stamp_is_the_frames_end_unless_the_driver_is_believed(
     changes: dict[str, object], claims_start: bool, start_s: float
 ) -> None:
     config = V4l2CameraConfig.model_validate({"kind": "v4l2", "device": "/dev/video0"} | changes)
@@ -130,18 +128,18 @@ def camera_at(device: str) -> V4l2CameraConfig:
     return V4l2CameraConfig(device=device)
 
 
-def test_a_camera_that_is_not_there_is_named() -> None:
+def test_a_missing_camera_is_named() -> None:
     with pytest.raises(CameraError, match=r"/dev/v4l/by-id/none: no such camera; ls"):
         V4l2Camera(camera_at("/dev/v4l/by-id/none"))
 
 
 @pytest.mark.parametrize("device", ["/dev/null", "/dev/ptmx"])
-def test_a_device_that_is_no_camera_is_named(device: str) -> None:
+def test_a_device_that_is_not_a_camera_is_named(device: str) -> None:
     with pytest.raises(CameraError, match=f"{device}: is no video device"):
         V4l2Camera(camera_at(device))
 
 
-def test_a_file_or_a_folder_is_no_camera(tmp_path: Path) -> None:
+def test_a_file_or_folder_is_not_a_camera(tmp_path: Path) -> None:
     with pytest.raises(CameraError, match="cannot be opened: Is a directory"):
         V4l2Camera(camera_at(str(tmp_path)))
     (tmp_path / "file").touch()

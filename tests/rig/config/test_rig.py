@@ -15,7 +15,7 @@ def load(folder: Path, text: str) -> RigConfig:
     return load_config(path)
 
 
-def test_a_whole_file_is_read(tmp_path: Path) -> None:
+def test_all_sections_of_a_file_are_read(tmp_path: Path) -> None:
     config = load(
         tmp_path,
         """
@@ -39,14 +39,14 @@ def test_a_whole_file_is_read(tmp_path: Path) -> None:
     assert config.simulation.placement == Placement(surface="sand", shift_px=(3.0, -4.5))
 
 
-def test_a_file_that_asks_for_simulation_is_the_default_rig(tmp_path: Path) -> None:
+def test_a_file_with_simulated_lights_is_the_default_rig(tmp_path: Path) -> None:
     config = load(tmp_path, SIMULATED)
     assert config == RigConfig()
     assert config.is_simulated
 
 
 @pytest.mark.parametrize("text", ["", 'name = "x"\n', "[lights]\nbaud = 9600\n"])
-def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) -> None:
+def test_a_file_without_a_port_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigError, match=r"rig\.toml: lights\.port is missing.*'simulated'"):
         load(tmp_path, text)
 
@@ -91,7 +91,7 @@ def test_a_file_without_a_port_is_no_simulated_rig(tmp_path: Path, text: str) ->
         ('[lights]\nport = "a\\u0000b"', "lights.port"),
     ],
 )
-def test_a_wrong_value_is_refused_by_file_and_field(tmp_path: Path, text: str, field: str) -> None:
+def test_a_wrong_value_is_refused_with_file_and_key(tmp_path: Path, text: str, field: str) -> None:
     with pytest.raises(ConfigError, match=rf"rig\.toml: .*{field}") as caught:
         load(tmp_path, text)
     assert caught.value.exit_status == 2
@@ -105,7 +105,7 @@ def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
         load_config(tmp_path / "rig.toml")
 
 
-def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
     (tmp_path / "deep.toml").write_text("a = " + "[" * 9000, encoding="utf-8")

@@ -41,7 +41,7 @@ def test_a_plan_leaves_time_to_settle(settle_ms, period_ms, exposed_share, trigg
     assert len(f"#65535 {start_command(plan)}~FF") <= 64
 
 
-def test_what_does_not_fit_is_refused_with_its_numbers():
+def test_an_impossible_sequence_is_refused_with_its_numbers():
     with pytest.raises(ConfigError, match=r"33 ms of a frame period of 33.33 ms.*no pause"):
         config(camera={"exposure_ms": 33.0})
     with pytest.raises(ConfigError, match=r"settle_ms = 5, but these simulated LEDs take 8.38 ms"):
@@ -58,7 +58,7 @@ def test_what_does_not_fit_is_refused_with_its_numbers():
     assert config("software", simulation={"led_rise_ms": 4.0}).sequence_plan is None
 
 
-def test_a_longer_settle_time_takes_every_other_frame():
+def test_a_long_settle_time_uses_every_second_frame():
     assert plan_of_config(config(lights={"settle_ms": 12.0})).frames_per_step == 1
     assert plan_of_config(config(lights={"settle_ms": 13.0})).frames_per_step == 2
     assert plan_of_config(config(simulation={"readout_ms": 9.0})).frames_per_step == 2

@@ -63,24 +63,24 @@ def nobody(device: str) -> ControllerIdentity:
     raise AssertionError(f"{device} was asked")
 
 
-def test_the_only_board_is_taken_without_a_question() -> None:
+def test_the_only_board_is_chosen_without_asking_it() -> None:
     ports = [SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyACM3", PICO)]
     assert find_controller(auto(), ports, nobody) == "/dev/ttyACM3"
 
 
-def test_a_usb_serial_number_decides_before_all_else() -> None:
+def test_a_usb_serial_number_decides_first() -> None:
     ports = [SerialPort("/dev/ttyACM0", PICO, "A1"), SerialPort("/dev/ttyUSB1", UNKNOWN, "b2")]
     assert find_controller(auto(serial_number="B2"), ports, nobody) == "/dev/ttyUSB1"
     assert find_controller(auto(serial_number="a1"), ports, nobody) == "/dev/ttyACM0"
 
 
-def test_a_usb_id_decides_also_among_ports_that_are_not_known_as_boards() -> None:
+def test_a_usb_id_selects_ports_of_unknown_vendors_too() -> None:
     ports = [SerialPort("/dev/ttyACM0", PICO), SerialPort("/dev/ttyUSB1", UNKNOWN)]
     assert find_controller(auto(usb_id="1234:5678"), ports, nobody) == "/dev/ttyUSB1"
     assert find_controller(auto(usb_id="2E8A:0005"), ports, nobody) == "/dev/ttyACM0"
 
 
-def test_the_one_that_answers_among_several(
+def test_the_controller_that_answers_is_chosen_among_several_ports(
     plug_in: Callable[..., SerialPort],
     silent_port: tuple[int, SerialPort],
 ) -> None:
@@ -95,7 +95,7 @@ def test_the_one_that_answers_among_several(
     assert all(b" *IDN?~" in line for line in lines)
 
 
-def test_the_controllers_own_serial_number_where_usb_has_none(
+def test_the_controllers_own_serial_number_selects_it(
     plug_in: Callable[..., SerialPort],
 ) -> None:
     ports = [plug_in("A-1"), plug_in("B-2")]
@@ -104,7 +104,7 @@ def test_the_controllers_own_serial_number_where_usb_has_none(
         find_controller(auto(serial_number="C-3"), ports)
 
 
-def test_several_are_an_error_that_names_them_and_the_key(
+def test_several_controllers_are_an_error_that_names_them_and_the_key(
     plug_in: Callable[..., SerialPort],
 ) -> None:
     ports = [plug_in("A-1"), plug_in("B-2")]
@@ -126,14 +126,16 @@ def test_several_are_an_error_that_names_them_and_the_key(
         ([SerialPort("/dev/ttyUSB0", UNKNOWN, "7")], "1234:5678, serial number 7"),
     ],
 )
-def test_none_at_all(ports: list[SerialPort], message: str) -> None:
+def test_no_controller_is_an_error(ports: list[SerialPort], message: str) -> None:
     with pytest.raises(LightControllerError, match=message):
         find_controller(auto(), ports, nobody)
     with pytest.raises(LightControllerError, match="with serial number X and USB id 2e8a:0005"):
         find_controller(auto(serial_number="X", usb_id=PICO), ports, nobody)
 
 
-def test_a_serial_port_that_is_no_board_is_never_asked(plug_in: Callable[..., SerialPort]) -> None:
+def test_a_serial_port_of_an_unknown_vendor_is_never_asked(
+    plug_in: Callable[..., SerialPort],
+) -> None:
     there = plug_in("A-1")
     modem = SerialPort("/dev/ttyMODEM", "12d1:1001", "Z")
     asked: list[str] = []
@@ -207,7 +209,7 @@ def test_the_error_of_a_second_opener_names_the_first(bench: object) -> None:
         program.communicate(b"\n")
 
 
-def test_a_port_that_was_opened_by_a_program_that_does_not_mind_company(
+def test_a_port_opened_without_a_lock_is_refused(
     plug_in: Callable[..., SerialPort], held: Callable[[str], int]
 ) -> None:
     port = plug_in("A-1").device
@@ -216,7 +218,7 @@ def test_a_port_that_was_opened_by_a_program_that_does_not_mind_company(
         LightController(port)
 
 
-def test_holders_are_seen_through_links_and_gone_when_they_end(
+def test_holders_are_found_through_links_until_they_end(
     tmp_path: Path, held: Callable[[str], int]
 ) -> None:
     file, link = tmp_path / "port", tmp_path / "by-id"
@@ -230,13 +232,15 @@ def test_holders_are_seen_through_links_and_gone_when_they_end(
     assert holder.name.startswith("python")
 
 
-def test_holders_without_proc(tmp_path: Path) -> None:
+def test_there_are_no_holders_without_proc(tmp_path: Path) -> None:
     assert port_holders("/dev/null", tmp_path / "none") == []
     (tmp_path / "12").mkdir()
     assert port_holders("/dev/null", tmp_path) == []
 
 
-def test_where_a_controller_is_looked_for_again(plug_in: Callable[..., SerialPort]) -> None:
+def test_a_lost_controller_is_searched_on_ports_of_the_same_usb_device(
+    plug_in: Callable[..., SerialPort],
+) -> None:
     here, there, twin = plug_in("A-1"), plug_in("B-2"), plug_in("A-1", serial="E66")
     was = SerialPort("/dev/ttyACM9", PICO, "E66")
     assert ports_to_try(was, [here, there, twin]) == [was.device, twin.device]
@@ -244,7 +248,7 @@ def test_where_a_controller_is_looked_for_again(plug_in: Callable[..., SerialPor
     assert ports_to_try(SerialPort("/dev/mine"), [SerialPort("/dev/ttyS0")]) == ["/dev/mine"]
 
 
-def test_a_port_is_known_by_any_of_its_names(tmp_path: Path) -> None:
+def test_a_port_is_found_by_any_of_its_names(tmp_path: Path) -> None:
     device, link = tmp_path / "ttyACM0", tmp_path / "by-id"
     device.touch()
     link.symlink_to(device)
@@ -279,6 +283,6 @@ def test_the_systems_own_list_can_be_read(monkeypatch: pytest.MonkeyPatch) -> No
         ({"port": "auto", "serial_number": ""}, "serial_number"),
     ],
 )
-def test_keys_that_do_not_fit(keys: dict[str, str], message: str) -> None:
+def test_keys_of_the_search_are_refused_without_it(keys: dict[str, str], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         RigConfig().with_changes(lights=keys, camera={"kind": "v4l2", "device": "x"})

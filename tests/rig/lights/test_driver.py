@@ -71,7 +71,7 @@ def test_select_lights_one_led_and_no_other(bench: Any) -> None:
         assert bench.lit() == [0.0] * 4
 
 
-def test_an_acknowledge_lies_after_the_change_of_the_led_on_the_rig_clock(bench: Any) -> None:
+def test_an_acknowledge_is_later_than_the_change_on_the_rig_clock(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         for led in range(4):
             before_s = bench.clock.now_s()
@@ -83,7 +83,7 @@ def test_an_acknowledge_lies_after_the_change_of_the_led_on_the_rig_clock(bench:
             assert bench.board.output(led, changed_s + 0.001) > 0.5
 
 
-def test_a_level_holds_and_dims_the_led(bench: Any) -> None:
+def test_a_level_dims_the_led(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.set_level(1, 25)
         lights.select(1)
@@ -103,7 +103,7 @@ def test_a_level_out_of_range_is_refused_by_the_controller(
         lights.set_level(led, percent)
 
 
-def test_an_led_that_is_not_there_is_refused_and_nothing_is_lit(bench: Any) -> None:
+def test_an_unknown_led_is_refused_and_nothing_is_lit(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         with pytest.raises(LightControllerError, match=r"LED:SEL 4.*refused.*out of range"):
             lights.select(4)
@@ -111,7 +111,7 @@ def test_an_led_that_is_not_there_is_refused_and_nothing_is_lit(bench: Any) -> N
         assert lights.select(3).led == 3
 
 
-def test_the_watchdog_time_asked_for_is_the_one_in_force(bench: Any) -> None:
+def test_the_configured_watchdog_time_is_used(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
         lights.select(0)
         bench.clock.sleep_s(0.65)
@@ -188,7 +188,7 @@ with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
 """
 
 
-def test_the_kernel_lets_no_other_program_in_until_the_port_is_closed() -> None:
+def test_the_kernel_refuses_other_programs_until_the_port_is_closed() -> None:
     program = _AS_NOBODY.format(path=sys.path)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (done.stdout.split(), done.stderr) == (["16"] * 3, "")  # EBUSY, at each of three visits
@@ -199,7 +199,7 @@ def test_a_port_that_does_not_exist() -> None:
         LightController("/dev/ttyNONE")
 
 
-def test_a_plain_file_or_folder_is_no_port_and_stays_as_it_was(tmp_path: Path) -> None:
+def test_a_file_or_folder_is_refused_and_not_changed(tmp_path: Path) -> None:
     file = tmp_path / "notes.txt"
     file.write_text("mine")
     for path in (file, tmp_path):
@@ -209,7 +209,7 @@ def test_a_plain_file_or_folder_is_no_port_and_stays_as_it_was(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("url", ["nonsense://x", "socket://127.0.0.1:1", "socket://x", "\0"])
-def test_a_url_that_leads_nowhere(url: str) -> None:
+def test_an_unusable_url_is_refused(url: str) -> None:
     with pytest.raises(LightControllerError, match="cannot be opened"):
         LightController(url)
 
@@ -223,7 +223,7 @@ def bare_pty() -> Iterator[tuple[int, str]]:
     os.close(master)
 
 
-def test_a_port_where_nobody_answers_is_given_up(bare_pty: tuple[int, str]) -> None:
+def test_a_silent_port_is_given_up(bare_pty: tuple[int, str]) -> None:
     started_s = time.monotonic()
     with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
         LightController(bare_pty[1], timeouts=SHORT)
@@ -279,7 +279,7 @@ def test_a_port_that_chatters_is_given_up(
         ("", "not a PS4RIG light controller"),
     ],
 )
-def test_another_controller_is_refused_before_anything_is_switched(
+def test_an_unsuitable_controller_is_refused_before_any_command(
     damaged_line: Line, identity: str, message: str
 ) -> None:
     asked: list[str] = []
@@ -308,7 +308,7 @@ def only(wanted: str, damage: Callable[[str, bytes], Iterable[bytes]]) -> Callab
     return tamper
 
 
-def test_replies_that_come_byte_by_byte_are_put_together(damaged_line: Line) -> None:
+def test_replies_that_come_byte_by_byte_are_joined(damaged_line: Line) -> None:
     def dribble(_: str, reply: bytes) -> Iterator[bytes]:
         for index in range(len(reply)):
             time.sleep(0.0005)
@@ -319,7 +319,7 @@ def test_replies_that_come_byte_by_byte_are_put_together(damaged_line: Line) -> 
         assert lights.state().led == 2
 
 
-def test_a_garbled_reply_is_an_error_and_the_next_exchange_is_in_step(damaged_line: Line) -> None:
+def test_a_garbled_reply_is_an_error_and_the_next_exchange_works(damaged_line: Line) -> None:
     def garble(_: str, reply: bytes) -> Iterator[bytes]:
         yield reply.replace(b"OK 1", b"OK 2")
 
@@ -336,7 +336,7 @@ def test_a_lost_reply_is_an_error_with_a_deadline(damaged_line: Line) -> None:
         assert lights.select(3).led == 3
 
 
-def test_half_a_reply_is_never_taken_for_one(damaged_line: Line) -> None:
+def test_half_a_reply_is_never_accepted(damaged_line: Line) -> None:
     def cut(_: str, reply: bytes) -> Iterator[bytes]:
         yield reply[:-4]
 
@@ -349,7 +349,7 @@ def test_half_a_reply_is_never_taken_for_one(damaged_line: Line) -> None:
         assert lights.select(3).led == 3
 
 
-def test_a_late_reply_is_not_taken_for_the_next_one(damaged_line: Line) -> None:
+def test_a_late_reply_is_not_mistaken_for_the_next(damaged_line: Line) -> None:
     def late(_: str, reply: bytes) -> Iterator[bytes]:
         time.sleep(0.7)
         yield reply
@@ -360,7 +360,7 @@ def test_a_late_reply_is_not_taken_for_the_next_one(damaged_line: Line) -> None:
         assert lights.select(2).led == 2
 
 
-def test_a_doubled_reply_is_taken_once(damaged_line: Line) -> None:
+def test_a_doubled_reply_is_used_once(damaged_line: Line) -> None:
     with LightController(damaged_line(lambda _, reply: [reply, reply])) as lights:
         for led in (0, 1, 2, 3):
             assert lights.select(led).led == led
@@ -436,7 +436,7 @@ def test_a_restart_between_exchanges_is_noticed(bench: Any) -> None:
         assert bench.lit() == [0.0] * 4
 
 
-def test_a_controller_unplugged_between_two_leds_is_gone_at_once(bench: Any) -> None:
+def test_an_unplugged_controller_is_an_error_at_once(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.select(2)
         bench.server.stop()
@@ -447,7 +447,7 @@ def test_a_controller_unplugged_between_two_leds_is_gone_at_once(bench: Any) -> 
         assert time.monotonic() - started_s < 0.5
 
 
-def test_a_board_that_resets_when_it_is_opened_is_waited_for() -> None:
+def test_the_driver_waits_for_a_board_that_resets_when_opened() -> None:
     clock = RealClock()
     board = SimulatedBoard(clock)
     controller = SimulatedController(board, clock, resets_on_open=True, boot_ms=700.0)
@@ -455,7 +455,7 @@ def test_a_board_that_resets_when_it_is_opened_is_waited_for() -> None:
         assert lights.select(1).led == 1
 
 
-def test_half_a_line_that_another_program_left_does_no_harm() -> None:
+def test_half_a_line_of_another_program_does_no_harm() -> None:
     clock = VirtualClock()
     controller = SimulatedController(SimulatedBoard(clock), clock)
     controller.feed(b"LED:SEL ")
@@ -463,14 +463,14 @@ def test_half_a_line_that_another_program_left_does_no_harm() -> None:
         assert lights.state().led is None
 
 
-def test_a_write_interrupted_in_mid_line_does_not_keep_the_led_on(bench: Any) -> None:
+def test_an_interrupted_write_does_not_keep_the_led_on(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.select(2)
         lights._link._line.write(b"#9 LED:S")
     assert bench.lit() == [0.0] * 4
 
 
-def test_late_replies_to_the_program_before_fit_no_sequence_number_of_this_one(bench: Any) -> None:
+def test_sequence_numbers_start_at_random(bench: Any) -> None:
     first = []
     for _ in range(6):
         with LightController(bench.port, clock=bench.clock) as lights:

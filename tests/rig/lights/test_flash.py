@@ -25,11 +25,11 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_main_comes_last():
+def test_main_is_the_last_file():
     assert [file.name for file in board_files()] == ["firmware.py", "pico_board.py", "main.py"]
 
 
-def test_a_drive_gets_the_files(tmp_path):
+def test_a_drive_with_the_firmware_gets_the_new_files(tmp_path):
     (tmp_path / "firmware.py").write_text('FIRMWARE_VERSION = "0.9.1"\n')
     (tmp_path / "notes.txt").write_text("mine")
     assert flash_folder(tmp_path, board_files(), dry_run=True).after == "0.9.1"
@@ -55,7 +55,7 @@ def test_the_mounted_drive_of_a_board_needs_no_force(tmp_path):
     assert flash_folder(tmp_path, board_files(), drives=[tmp_path]).before is None
 
 
-def test_what_is_read_back_is_compared(tmp_path, monkeypatch):
+def test_files_that_are_read_back_are_compared(tmp_path, monkeypatch):
     (tmp_path / "main.py").write_text("old")
     monkeypatch.setattr(Path, "read_bytes", lambda _: b"something else")
     with pytest.raises(LightControllerError, match="read back"):
@@ -67,7 +67,7 @@ def test_what_is_read_back_is_compared(tmp_path, monkeypatch):
     ("mark", "way_out"),
     [("INFO_UF2.TXT", "Copy MicroPython's UF2"), ("boot_out.txt", "Hold its BOOTSEL button")],
 )
-def test_other_drives_are_refused_with_the_way_out(tmp_path, mark, way_out):
+def test_other_drives_are_refused_with_advice(tmp_path, mark, way_out):
     (tmp_path / mark).write_text("")
     with pytest.raises(InputError, match=way_out):
         flash_folder(tmp_path, board_files(), force=True)
@@ -96,7 +96,7 @@ def test_only_a_pico_with_micropython_is_found():
         find_board([pico, pico])
 
 
-def test_without_mpremote_it_says_how_to_get_it(monkeypatch):
+def test_a_missing_mpremote_is_named_with_its_installation(monkeypatch):
     monkeypatch.setattr(flash, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"pip install 'ps4rig\[flash\]'"):
         flash_port("/dev/ttyACM0", board_files())

@@ -30,7 +30,7 @@ def test_without_a_failure_nothing_is_done(bench: Any) -> None:
         assert bench.lit() == [0.0, 1.0, 0.0, 0.0]
 
 
-def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
+def test_a_refused_command_is_not_a_failure_of_the_line(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         with pytest.raises(LightControllerError, match="refused"):
             lights.select(9)
@@ -39,7 +39,7 @@ def test_a_refused_command_is_no_failure_of_the_line(bench: Any) -> None:
         assert lights._link is link
 
 
-def test_unplugged_and_plugged_in_again_elsewhere() -> None:
+def test_a_controller_plugged_in_at_another_port_is_found() -> None:
     with open_rig(SMALL, timeouts=SHORT) as rig:
         assert rig.simulation is not None
         rig.lights.set_level(2, 98)
@@ -54,7 +54,7 @@ def test_unplugged_and_plugged_in_again_elsewhere() -> None:
         assert rig.lights.state().led is None
 
 
-def test_while_it_is_unplugged_it_is_named_as_missing() -> None:
+def test_an_unplugged_controller_is_named_as_missing() -> None:
     with open_rig(SMALL, timeouts=SHORT) as rig:
         assert rig.simulation is not None
         rig.simulation.unplug_lights()
@@ -79,7 +79,7 @@ def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
         assert rig.lights.state().led is None
 
 
-def test_a_controller_that_lost_its_settings_gets_them_again(bench: Any) -> None:
+def test_a_restarted_controller_gets_its_settings_again(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
         lights.set_level(1, 30)
         lights.select(1)
@@ -115,7 +115,7 @@ def fail(lights: LightController) -> None:
         lights.off()
 
 
-def test_among_several_the_same_one_is_found(devices: Callable[[str], str]) -> None:
+def test_the_same_controller_is_found_among_several(devices: Callable[[str], str]) -> None:
     first, other, again = devices("A-1"), devices("B-2"), devices("A-1")
     with LightController(first, whereabouts=lambda: ("/dev/ttyNONE", other, again)) as lights:
         fail(lights)
@@ -136,7 +136,7 @@ def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str
         assert lights.identity.serial_number == "B-2"
 
 
-def test_plugged_in_nowhere(devices: Callable[[str], str]) -> None:
+def test_a_controller_at_no_port_is_named_as_missing(devices: Callable[[str], str]) -> None:
     with LightController(devices("A-1"), whereabouts=lambda: (), timeouts=SHORT) as lights:
         fail(lights)
         with pytest.raises(LightControllerError, match="A-1 is not plugged in any more"):
@@ -177,7 +177,7 @@ KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "ba
 
 
 @pytest.mark.parametrize("switches", [8])
-def test_damage_is_an_error_or_does_no_harm_and_is_over_after_recovery(
+def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
     switches: int, damaged_device: Callable[[Any], Any]
 ) -> None:
     """Any damage to any replies: no acknowledge of a switch that did not happen."""

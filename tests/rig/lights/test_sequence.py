@@ -35,7 +35,7 @@ def finish(rig: Rig, sequence: RunningSequence) -> None:
         rig.clock.sleep_s(0.01)
 
 
-def test_the_report_is_true(rig: Rig) -> None:
+def test_the_report_matches_the_board(rig: Rig) -> None:
     plan = plan_of(rig)
     sequence = RunningSequence(rig.lights, plan)
     finish(rig, sequence)
@@ -57,7 +57,7 @@ def test_the_report_is_true(rig: Rig) -> None:
             assert lit_s == pytest.approx(expected_s, abs=1e-6)
 
 
-def test_a_sequence_that_was_ended_says_so(rig: Rig) -> None:
+def test_an_aborted_sequence_reports_its_cause(rig: Rig) -> None:
     sequence = RunningSequence(rig.lights, plan_of(rig))
     rig.clock.sleep_s(0.05)
     rig.lights.off()
@@ -65,7 +65,7 @@ def test_a_sequence_that_was_ended_says_so(rig: Rig) -> None:
     assert sequence.report().cause == "Sequence aborted"
 
 
-def test_another_sequence_in_its_place_is_noticed(rig: Rig) -> None:
+def test_another_sequence_is_not_mistaken_for_this_one(rig: Rig) -> None:
     sequence = RunningSequence(rig.lights, plan_of(rig))
     rig.lights.off()
     finish(rig, RunningSequence(rig.lights, plan_of(rig)))
@@ -88,13 +88,13 @@ def test_an_led_that_must_rest_is_named(rig: Rig) -> None:
         RunningSequence(rig.lights, plan_of(rig))
 
 
-def test_a_light_that_reached_its_limit_is_reported_with_the_cause(rig: Rig) -> None:
+def test_a_light_at_its_time_limit_is_reported(rig: Rig) -> None:
     keep_lit(rig, 2, for_s=121.0)
     with pytest.raises(LightControllerError, match=r"LED 2 should be lit.*On-time limit"):
         rig.lights.confirm(2)
 
 
-def test_clocks_are_as_far_apart_as_every_exchange_allows():
+def test_every_exchange_bounds_the_difference_of_the_clocks():
     first = Answer((1_000_000,), sent_s=10.000, received_s=10.004)
     second = Answer((2_000_000,), sent_s=10.999, received_s=11.001)
     relation = ClockRelation.of([(1_000_000, first), (2_000_000, second)])

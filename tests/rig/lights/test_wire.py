@@ -80,12 +80,12 @@ def test_noise_is_garbled_or_an_intact_reply_by_its_own_checksum(noise: bytes) -
 @pytest.mark.parametrize(
     "body", [b"", b"OKAY", b"# OK", b"#1 OK\x00", b"#123456 OK", b"#1  OK", b"ok", b"#1 OK\n"]
 )
-def test_what_is_no_reply_is_garbled_even_with_a_right_checksum(body: bytes) -> None:
+def test_a_line_that_is_not_a_reply_is_garbled(body: bytes) -> None:
     with pytest.raises(Garbled):
         decode_reply(body + b"~%02X" % crc8(body))
 
 
-def test_the_written_examples_of_the_protocol() -> None:
+def test_the_examples_of_the_protocol_are_decoded() -> None:
     assert encode_command(7, "LED:SEL 2") == b"#7 LED:SEL 2~E0\n"
     assert decode_reply(b"#7 OK 2,2000~7D") == Reply(sequence=7, ok=True, text="2,2000")
     assert decode_reply(b'ERR -360,"Communication error"~AD') == Reply(

@@ -25,7 +25,7 @@ def output(rig: Any, led: int) -> float:
     return float(rig.simulation.board.output(led, rig.clock.now_s()))
 
 
-def test_a_rig_held_open_keeps_its_led_in_simulated_time() -> None:
+def test_an_open_rig_keeps_its_led_on_in_simulated_time() -> None:
     with open_rig(SMALL) as rig:
         rig.lights.select(2)
         rig.clock.sleep_s(5.0)
@@ -41,7 +41,7 @@ def test_frames_may_be_read_for_longer_than_the_watchdog_waits() -> None:
         assert rig.lights.confirm(1).led == 1
 
 
-def test_a_program_that_has_forgotten_its_lights_loses_them() -> None:
+def test_lights_that_are_not_used_for_long_go_out() -> None:
     with open_rig(SMALL, timeouts=LinkTimeouts(unused_s=20.0)) as rig:
         rig.lights.select(2)
         rig.clock.sleep_s(19.0)
@@ -52,7 +52,7 @@ def test_a_program_that_has_forgotten_its_lights_loses_them() -> None:
             rig.lights.confirm(2)
 
 
-def test_without_a_rig_around_it_the_driver_leaves_time_to_its_caller(bench: Any) -> None:
+def test_the_driver_alone_is_kept_alive_by_its_caller(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=300) as lights:
         lights.select(0)
         for _ in range(5):
@@ -63,7 +63,7 @@ def test_without_a_rig_around_it_the_driver_leaves_time_to_its_caller(bench: Any
         assert lights.confirm(0).led == 0
 
 
-def test_no_heartbeat_for_a_thread_that_has_ended(bench: Any) -> None:
+def test_nothing_is_sent_for_a_thread_that_has_ended(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=300) as lights:
         thread = threading.Thread(target=lights.select, args=(3,))
         thread.start()
@@ -74,7 +74,7 @@ def test_no_heartbeat_for_a_thread_that_has_ended(bench: Any) -> None:
         assert bench.lit() == [0.0] * 4
 
 
-def test_no_heartbeat_while_an_exchange_is_under_way(bench: Any) -> None:
+def test_nothing_is_sent_during_an_exchange(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=1000) as lights:
         lights.select(1)
         bench.clock.sleep_s(0.9)
@@ -89,7 +89,7 @@ def test_no_heartbeat_while_an_exchange_is_under_way(bench: Any) -> None:
             lights.confirm(1)
 
 
-def test_a_heartbeat_that_fails_is_raised_by_the_next_exchange_once() -> None:
+def test_the_next_exchange_raises_a_failed_keep_alive_once() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
         rig.lights.select(0)
@@ -102,7 +102,7 @@ def test_a_heartbeat_that_fails_is_raised_by_the_next_exchange_once() -> None:
         assert rig.lights.select(1).led == 1
 
 
-def test_a_controller_that_restarted_unseen_is_noticed(bench: Any) -> None:
+def test_a_restart_without_a_banner_is_noticed(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=700) as lights:
         bench.clock.sleep_s(1.0)
         lights.state()
@@ -114,7 +114,7 @@ def test_a_controller_that_restarted_unseen_is_noticed(bench: Any) -> None:
             lights.select(1)
 
 
-def test_nothing_beats_after_a_failure_so_that_the_watchdog_works(bench: Any) -> None:
+def test_nothing_is_sent_after_a_failure_so_the_watchdog_trips(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
         lights.select(3)
         lights._has_failed = True
@@ -124,7 +124,7 @@ def test_nothing_beats_after_a_failure_so_that_the_watchdog_works(bench: Any) ->
         assert bench.lit() == [0.0] * 4
 
 
-def test_in_real_time_a_thread_beats_until_the_rig_is_closed() -> None:
+def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> None:
     config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 300})
     with open_rig(config) as rig:
         rig.lights.select(1)
@@ -134,7 +134,7 @@ def test_in_real_time_a_thread_beats_until_the_rig_is_closed() -> None:
     assert "light heartbeat" not in [thread.name for thread in threading.enumerate()]
 
 
-def test_a_heartbeat_is_stopped_also_in_mid_call_and_by_itself() -> None:
+def test_a_stopped_heartbeat_makes_no_further_call() -> None:
     calls: list[float] = []
     beats = Heartbeat(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
     time.sleep(0.1)
@@ -145,7 +145,7 @@ def test_a_heartbeat_is_stopped_also_in_mid_call_and_by_itself() -> None:
     assert len(calls) == count
 
 
-def test_a_tended_clock_keeps_the_time_of_the_clock_inside() -> None:
+def test_a_keep_alive_clock_has_the_time_of_its_inner_clock() -> None:
     inner = VirtualClock(5.0)
     clock = KeepAliveClock(inner)
     clock.sleep_s(0.25)
