@@ -101,16 +101,18 @@ def read_recorded_set(path: Path) -> RecordedSet:
 
 def _recorded(path: Path, planes: Planes, fields: dict[str, Any]) -> RecordedSet:
     directions = np.array(fields["lighting"]["directions"], np.float64)
-    count, full_scale = len(directions), int(fields["full_scale"])
+    count, full_scale, bits = len(directions), fields["full_scale"], fields["bit_depth"]
     if len(planes) not in (count, count + 1):
         raise ValueError(f"{len(planes)} images for {count} lights")
     if full_scale not in (255, 1023, 4095, 65535):
         raise ValueError(f"full scale {full_scale}")
+    if bits not in range(1, 17):
+        raise ValueError(f"bit depth {bits}")
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
     # The noise is in the camera's own pixel values, from which an average is stretched.
-    own_scale = full_scale == (1 << int(fields["bit_depth"])) - 1
+    own_scale = full_scale == (1 << bits) - 1
     names = ("gain_e_per_dn", "read_noise_dn", "black_level_dn")
     return RecordedSet(
         lights=values[:count] - ambient,

@@ -127,3 +127,14 @@ def test_a_changed_set_is_refused(oak: Path, tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(InputError, match="changed"):
         open_rig(replay(path))
+
+
+@pytest.mark.parametrize(("field", "value"), [("bit_depth", 10**9), ("full_scale", 4094)])
+def test_a_set_with_impossible_metadata_is_refused(
+    oak: Path, tmp_path: Path, field: str, value: object
+) -> None:
+    path, captured = tmp_path / "x.ome.tif", CapturedSet.load(oak)
+    metadata = captured.metadata.model_copy(update={field: value})
+    CapturedSet(captured.images, captured.ambient, metadata).save(path)
+    with pytest.raises(InputError, match=rf"x\.ome\.tif: cannot be replayed: .*{value}"):
+        open_rig(replay(path))
