@@ -6,18 +6,19 @@ absolute, because a worker of a cluster has another working folder.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from capture.console import complain
 from capture.errors import SetRejected
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet
-from capture.sets.metadata import SetMetadata
+from capture.sets.metadata import UNPROTECTED, SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
@@ -36,6 +37,7 @@ __all__ = [
     "observe_set",
     "read_header",
     "solve_set",
+    "warn_unprotected",
 ]
 
 
@@ -52,6 +54,7 @@ class SetHeader:
     segment_px: int
     lighting: Lighting
     pixels_sha256: str
+    protected: bool
 
 
 def read_header(path: Path) -> SetHeader:
@@ -75,7 +78,22 @@ def read_header(path: Path) -> SetHeader:
         segment_px,
         metadata.lighting.to_lighting(),
         metadata.pixels_sha256,
+        metadata.is_protected,
     )
+
+
+def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
+    """Print one warning if some sets have no hash over their metadata (schema 1).
+
+    Parameters
+    ----------
+    protected
+        The file of each set, and whether it has that hash.
+    """
+    paths = [path for path, is_protected in protected if not is_protected]
+    if paths:
+        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
+        complain(f"warning: {paths[0]}{more}: {UNPROTECTED}")
 
 
 def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER) -> Observation:
@@ -130,6 +148,7 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
+    protected: bool
 
 
 def classify_set(path: Path, library: Path, label_required: bool = False) -> ClassifiedSet:
@@ -149,7 +168,13 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
             _required(metadata.label)
         _check_lights(metadata)
         match = trained.classify(captured.solve())
-    return ClassifiedSet(match, metadata.label, metadata.orientation_deg, metadata.simulated)
+    return ClassifiedSet(
+        match,
+        metadata.label,
+        metadata.orientation_deg,
+        metadata.simulated,
+        metadata.is_protected,
+    )
 
 
 @dataclass(frozen=True)

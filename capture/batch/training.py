@@ -14,7 +14,7 @@ from classify.errors import InputError, LibraryError
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import library_of, observe_set, read_header
+from .tasks import library_of, observe_set, read_header, warn_unprotected
 
 __all__ = ["Trained", "retrain_library", "train_library"]
 
@@ -50,6 +50,7 @@ def train_library(
         if str(path).encode(errors="replace").decode() != str(path):
             raise InputError(f"{path}: not valid UTF-8, and the library stores the path; rename it")
     headers = list(progress(batch.map(read_header, absolute), len(paths), "read labels"))
+    warn_unprotected((path, header.protected) for path, header in zip(paths, headers, strict=True))
     segment_px = min(header.segment_px for header in headers)
     task = partial(observe_set, segment_px=segment_px, classifier=classifier)
     observations = list(progress(batch.map(task, absolute), len(paths), "train"))

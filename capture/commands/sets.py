@@ -15,7 +15,6 @@ from capture.console import (
     SchedulerOption,
     SetsArgument,
     WorkersOption,
-    complain,
     out,
     print_json,
     progress,
@@ -260,22 +259,20 @@ def solve(
         raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
     chosen: Method | None = method
     from capture.batch.runner import Batch
-    from capture.batch.tasks import SolveTask, solve_set
+    from capture.batch.tasks import SolveTask, solve_set, warn_unprotected
     from capture.maps.surface_maps import RELIT_LIGHT
     from capture.maps.views import SHOWN_LIGHTS
     from capture.sets.archive import output_folders
-    from capture.sets.metadata import UNPROTECTED
 
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
-    rows = []
+    rows, protected = [], []
     with Batch(workers, scheduler) as batch:
         solving = batch.map(partial(solve_set, method=chosen, light=light), tasks)
         solved = progress(solving, len(tasks), "solve")
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
-            if not surface.protected:
-                complain(f"warning: {path}: {UNPROTECTED}")
+            protected.append((path, surface.protected))
             if json:
                 rows.append(_as_json(path, folder, surface))
             else:
@@ -287,6 +284,7 @@ def solve(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
+    warn_unprotected(protected)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])

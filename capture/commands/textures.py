@@ -176,13 +176,15 @@ def evaluate_(
 def _classified(
     paths: list[Path], library: Path, batch: Batch, label_required: bool = False
 ) -> list[ClassifiedSet]:
-    from capture.batch.tasks import classify_set
+    from capture.batch.tasks import classify_set, warn_unprotected
     from classify import TextureLibrary
 
     TextureLibrary.load(library)  # here too, so that a wrong library fails before the first set
     task = partial(classify_set, library=library.absolute(), label_required=label_required)
     answers = batch.map(task, [path.absolute() for path in paths])
-    return list(progress(answers, len(paths), "classify"))
+    answered = list(progress(answers, len(paths), "classify"))
+    warn_unprotected((path, answer.protected) for path, answer in zip(paths, answered, strict=True))
+    return answered
 
 
 def _check_classifier(name: str) -> None:
