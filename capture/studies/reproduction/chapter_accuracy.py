@@ -107,7 +107,7 @@ def _by_slant(results: Results) -> Exhibit:
                 rows.append((shadow, slant_deg, solver, classifier, value, wrong))
                 values.append(value)
             lines.append(plots.Line(_title(solver, classifier), slants_deg, values))
-        panels.append(plots.Panel(f"{shadow} shadow", tuple(lines)))
+        panels.append((f"{shadow} shadow", lines))
     return Exhibit(
         "figure_9_01",
         ("shadow", "slant_deg", "solver", "classifier", "accuracy_pct", "wrong_by_texture"),

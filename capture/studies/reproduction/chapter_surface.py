@@ -57,7 +57,7 @@ def surface_exhibits(results: Results) -> Iterator[Exhibit]:
 def _drawn_shadow(title: str, lines: Sequence[plots.Line]) -> partial[None]:
     return partial(
         plots.draw_lines,
-        panels=(plots.Panel(title, tuple(lines)),),
+        panels=((title, lines),),
         x_label="slant, degrees",
         y_label="shadow count, % of pixels",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -59,26 +59,17 @@ def _exhibit(exhibit: Exhibit, png: bytes) -> str:
 def _table(exhibit: Exhibit) -> str:
     if exhibit.draw is not None and len(exhibit.rows) > _SHOWN_ROWS:
         return ""
-    numeric = [
-        all(isinstance(row[index], int | float | None) for row in exhibit.rows)
-        for index in range(len(exhibit.columns))
+    columns = list(zip(*exhibit.rows, strict=True)) or [()] * len(exhibit.columns)
+    kinds = []
+    for name, cells in zip(exhibit.columns, columns, strict=True):
+        numeric = all(isinstance(cell, int | float | None) for cell in cells)
+        kind = "given" if name.startswith("thesis") else "number" if numeric else ""
+        kinds.append(f' class="{kind}"' if kind else "")
+    rows = [
+        "".join(
+            f"<{tag}{kind}>{escape(as_text(cell, exhibit.digits))}</{tag}>"
+            for cell, kind in zip(cells, kinds, strict=True)
+        )
+        for tag, cells in [("th", exhibit.columns), *(("td", row) for row in exhibit.rows)]
     ]
-    head = "".join(
-        f"<th{' class=number' if number else ''}>{escape(name)}</th>"
-        for name, number in zip(exhibit.columns, numeric, strict=True)
-    )
-    body = "".join(_row(exhibit, row) for row in exhibit.rows)
-    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
-
-
-def _row(exhibit: Exhibit, row: Iterable[object]) -> str:
-    cells = []
-    for name, cell in zip(exhibit.columns, row, strict=True):
-        kind = ""
-        if name.startswith("thesis"):
-            kind = ' class="given"'
-        elif isinstance(cell, int | float):
-            kind = ' class="number"'
-        assert cell is None or isinstance(cell, str | int | float)
-        cells.append(f"<td{kind}>{escape(as_text(cell, exhibit.digits))}</td>")
-    return f"<tr>{''.join(cells)}</tr>"
+    return f'<div class="wide"><table><tr>{"</tr><tr>".join(rows)}</tr></table></div>'

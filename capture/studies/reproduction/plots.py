@@ -18,7 +18,6 @@ __all__ = [
     "COLOURS",
     "OUR_COLOUR",
     "Line",
-    "Panel",
     "draw_bars",
     "draw_lines",
     "draw_maps",
@@ -53,39 +52,31 @@ class Line:
     colour: str | None = None
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes."""
-
-    title: str
-    lines: tuple[Line, ...]
-
-
 def draw_lines(
     figure: Figure,
-    panels: Sequence[Panel],
+    panels: Sequence[tuple[str, Sequence[Line]]],
     x_label: str,
     y_label: str,
     *,
     levels: Sequence[tuple[float, str]] = (),
     log_x: bool = False,
 ) -> None:
-    """Draw curves; `levels` are (value, name) of horizontal lines for comparison."""
+    """Draw the curves of each titled panel; `levels` are (value, name) of horizontal lines."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for ax, panel in zip(axes, panels, strict=True):
+    for ax, (title, lines) in zip(axes, panels, strict=True):
         for value, name in levels:
             ax.axhline(value, color="#999999", linewidth=0.8, linestyle=":")
             ax.annotate(
                 name, (0.99, value), xycoords=("axes fraction", "data"), ha="right", va="bottom",
                 fontsize=7, color="#666666",
             )  # fmt: skip
-        for number, line in enumerate(panel.lines):
+        for number, line in enumerate(lines):
             y = [np.nan if value is None else value for value in line.y]
             ax.plot(
                 line.x, y, line.style, label=line.label, markersize=4, linewidth=1.4,
                 color=line.colour or _CYCLE[number % len(_CYCLE)],
             )  # fmt: skip
-        ax.set_title(panel.title, fontsize=10)
+        ax.set_title(title, fontsize=10)
         ax.set_xlabel(x_label)
         ax.grid(visible=True, color="#eeeeee")
         if log_x:

@@ -131,7 +131,7 @@ def _curves(groups: Groups) -> Exhibit:
         x, y = _with_trained_limits(tests[OURS])
         rows.append((name, "limits from training", x, y))
         lines.append(plots.Line("limits from training", [x], [y], style="*", colour="#000000"))
-        panels.append(plots.Panel(name, tuple(lines)))
+        panels.append((name, lines))
     return Exhibit(
         "unknown_curves",
         ("tests", "score", "known_rejected_pct", "unknown_accepted_pct"),
