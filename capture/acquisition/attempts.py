@@ -139,16 +139,17 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         _stack(lights),
         ambient.pixels,
         later[0].pixels if later else None,
+        rig.lighting,
+        [light_name(rig, light) for light in range(len(rig.lighting))],
         full_scale,
         image_noise(_camera_record(info), info.bit_depth, full_scale, average),
     )
-    names = [light_name(rig, light) for light in range(len(rig.lighting))]
     ambient_change = check_ambient(images)
-    check_images(images.images, images.ambient, full_scale, names)
-    agreement = check_agreement(images, rig.lighting, names)
+    check_images(images)
+    agreement = check_agreement(images)
     if agreement.undecided:
         retaken = _light_images(_capture(rig, average, history, retake=True))
-        check_retake(images, _stack(retaken), agreement, rig.lighting, names)
+        check_retake(images, _stack(retaken), agreement)
     found = agreement.found
     levels = None if found is None else found.levels
     checks = ChecksRecord(
@@ -157,7 +158,7 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         light_levels=levels,
         light_levels_error=None if found is None or levels is None else found.level_error,
         retaken=bool(agreement.undecided),
-        light_order=check_order(images, rig.lighting),
+        light_order=check_order(images),
         undecided=agreement.undecided,
     )
     return _Attempt(images, tuple(image.record for image in (*lights, ambient)), checks)

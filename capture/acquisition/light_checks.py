@@ -6,7 +6,9 @@ a retake in the opposite order: a fault does not look the same twice.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -56,6 +58,8 @@ class LightImages:
         (N, H, W).
     ambient, later_ambient
         (H, W) with all LEDs off, before the lights and between them; the later one may be None.
+    lighting, names
+        The lights, and their names in messages.
     full_scale, noise
         Pixel value of saturation; noise of the images, None if unknown.
     """
@@ -63,6 +67,8 @@ class LightImages:
     images: Images
     ambient: Images
     later_ambient: Images | None
+    lighting: Lighting
+    names: Sequence[str]
     full_scale: int
     noise: SensorNoise | None
 
@@ -111,39 +117,26 @@ def check_ambient(images: LightImages) -> float | None:
     return change
 
 
-def check_agreement(images: LightImages, lighting: Lighting, names: list[str]) -> Agreement:
-    """Reject light images that contradict one another.
-
-    Parameters
-    ----------
-    images
-        Of a set that is neither saturated nor dark.
-    lighting, names
-        The lights, and their names in messages.
+def check_agreement(images: LightImages) -> Agreement:
+    """Reject light images, neither saturated nor dark, that contradict one another.
 
     Raises
     ------
     SetRejected
         If two images hold the same frame, or an LED's level differs from the others.
     """
-    _refuse_equal(images.images, names)
+    _refuse_equal(images)
     try:
         found = light_agreement(
-            images.images, lighting, images.ambient, images.full_scale, images.noise
+            images.images, images.lighting, images.ambient, images.full_scale, images.noise
         )
     except InputError:  # not four lights, or three of them in one plane
         return Agreement(None, ("four lights in general position would confirm each other",))
-    _check_levels(found, images, names)
+    _check_levels(found, images)
     return Agreement(found, tuple(_undecided(found)))
 
 
-def check_retake(
-    images: LightImages,
-    retaken: Images,
-    agreement: Agreement,
-    lighting: Lighting,
-    names: list[str],
-) -> None:
+def check_retake(images: LightImages, retaken: Images, agreement: Agreement) -> None:
     """Reject light images that a retake does not confirm.
 
     Where no LED levels are known, the signals must also be alike as far as shadows allow.
@@ -155,7 +148,7 @@ def check_retake(
     """
     ambient, signals = float(images.ambient.mean()), images.signals()
     for name, first, second, signal in zip(
-        names, images.images, retaken, signals.tolist(), strict=True
+        images.names, images.images, retaken, signals.tolist(), strict=True
     ):
         change = image_difference(first, second, signal, images.noise)
         change = max(change, abs(float(second.mean()) - ambient - signal) / signal)
@@ -167,9 +160,9 @@ def check_retake(
             )
     if agreement.found is not None and agreement.found.levels is not None:
         return
-    shares = signals / lighting.intensities
+    shares = signals / images.lighting.intensities
     shares /= np.median(shares)
-    for name, share in zip(names, shares.tolist(), strict=True):
+    for name, share in zip(images.names, shares.tolist(), strict=True):
         if share < WEAK_LED_SHARE:
             raise SetRejected(
                 f"set rejected: {name} gives {share:.0%} of the others' light; is the LED weak or "
@@ -177,7 +170,7 @@ def check_retake(
             )
 
 
-def check_order(images: LightImages, lighting: Lighting) -> Literal["confirmed", "undecided"]:
+def check_order(images: LightImages) -> Literal["confirmed", "undecided"]:
     """Whether the shading confirms the order of the lights.
 
     Raises
@@ -185,6 +178,7 @@ def check_order(images: LightImages, lighting: Lighting) -> Literal["confirmed",
     SetRejected
         If the shading shows another order.
     """
+    lighting = images.lighting
     if len(lighting) != 4:
         return "undecided"
     order = light_order(
@@ -201,27 +195,26 @@ def check_order(images: LightImages, lighting: Lighting) -> Literal["confirmed",
     return "confirmed" if order.is_confirmed else "undecided"
 
 
-def _refuse_equal(images: Images, names: list[str]) -> None:
+def _refuse_equal(images: LightImages) -> None:
     # Noise differs from frame to frame: a row that is the same in two images is of one frame.
-    for later in range(1, len(images)):
-        varied = np.ptp(images[later], axis=1) > 1
-        for earlier in range(later):
-            same = varied & (images[earlier] == images[later]).all(axis=1)
-            if same.any():
-                raise SetRejected(
-                    f"set rejected: the images under {names[earlier]} and {names[later]} are the "
-                    f"same in {np.count_nonzero(same)} of {len(same)} rows: the camera repeats "
-                    "frames or parts of them; check its cable, or use another camera"
-                )
+    pairs = combinations(zip(images.names, images.images, strict=True), 2)
+    for (earlier, first), (later, second) in pairs:
+        same = (np.ptp(second, axis=1) > 1) & (first == second).all(axis=1)
+        if same.any():
+            raise SetRejected(
+                f"set rejected: the images under {earlier} and {later} are the same in "
+                f"{np.count_nonzero(same)} of {len(same)} rows: the camera repeats frames or "
+                "parts of them; check its cable, or use another camera"
+            )
 
 
-def _check_levels(found: LightAgreement, images: LightImages, names: list[str]) -> None:
+def _check_levels(found: LightAgreement, images: LightImages) -> None:
     if found.levels is None:
         return
     limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
     causes = [
         f"{name} gives {level:.0%} of the others' light{_stays_on(images, light)}"
-        for light, (name, level) in enumerate(zip(names, found.levels, strict=True))
+        for light, (name, level) in enumerate(zip(images.names, found.levels, strict=True))
         if abs(level - 1.0) > limit
     ]
     if causes:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-import numpy.typing as npt
 
 from capture.errors import SetRejected
 from rig.acceptance import (
@@ -15,15 +12,12 @@ from rig.acceptance import (
     MIN_SIGNAL_SHARE,
 )
 
+from .light_checks import LightImages
+
 __all__ = ["check_images"]
 
 
-def check_images(
-    images: npt.NDArray[np.uint16],
-    ambient: npt.NDArray[np.uint16],
-    full_scale: int,
-    light_names: Sequence[str],
-) -> None:
+def check_images(images: LightImages) -> None:
     """Reject images that are saturated or dark, by the levels of `rig.acceptance`.
 
     Raises
@@ -32,14 +26,14 @@ def check_images(
         Naming every light that fails and by how much.
     """
     causes: list[str] = []
-    ambient_mean = float(ambient.mean())
+    full_scale, ambient_mean = images.full_scale, float(images.ambient.mean())
     if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
         causes.append(
             f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
         )
-    signals = images.mean(axis=(1, 2), dtype=np.float64) - ambient_mean
+    signals = images.signals()
     brightest = float(signals.max())
-    for name, image, signal in zip(light_names, images, signals, strict=True):
+    for name, image, signal in zip(images.names, images.images, signals, strict=True):
         saturated = float(np.count_nonzero(image >= full_scale)) / image.size
         if saturated > MAX_SATURATED_SHARE:
             causes.append(

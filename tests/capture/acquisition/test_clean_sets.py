@@ -80,14 +80,19 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     ambient = photographs.ambient
     assert ambient is not None
     images = LightImages(
-        photographs.images, ambient, ambient, photographs.metadata.full_scale, None
+        photographs.images,
+        ambient,
+        ambient,
+        lighting,
+        [f"light {number}" for number in chosen],
+        photographs.metadata.full_scale,
+        None,
     )
-    names = [f"light {number}" for number in chosen]
     assert check_ambient(images) == 0.0
-    agreement = check_agreement(images, lighting, names)
+    agreement = check_agreement(images)
     # Near lights differ over the frame, so that these images cannot confirm one another.
     assert agreement.undecided
     assert agreement.found is not None
     assert agreement.found.levels is None
-    check_retake(images, photographs.images, agreement, lighting, names)
-    check_order(images, lighting)
+    check_retake(images, photographs.images, agreement)
+    check_order(images)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from capture import SetRejected
+from capture.acquisition.light_checks import LightImages
 from capture.acquisition.quality import check_images
+from classify import Lighting
 
 NAMES = ("LED 0", "LED 1", "LED 2", "LED 3")
 TOP = 4095
@@ -13,7 +15,8 @@ TOP = 4095
 def check(levels: tuple[float, ...], ambient: float = 80.0, saturated_pixels: int = 0) -> None:
     images = np.stack([np.full((20, 50), level, np.uint16) for level in levels])
     images[1].flat[:saturated_pixels] = TOP
-    check_images(images, np.full((20, 50), ambient, np.uint16), TOP, NAMES)
+    dark = np.full((20, 50), ambient, np.uint16)
+    check_images(LightImages(images, dark, None, Lighting.ring(45.0), NAMES, TOP, None))
 
 
 def test_even_light_passes() -> None:
