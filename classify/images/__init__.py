@@ -1,1 +1,1 @@
-"""Images as they are given, and how noisy they are."""
+"""Images as they are given, display colours, and image noise."""

@@ -1,4 +1,4 @@
-"""How noisy a set of images is: from the sensor that took them, or from the images alone."""
+"""Noise of a set of images, from the sensor that took them or from the images alone."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ BoolArray = npt.NDArray[np.bool_]
 
 _MAX_SAMPLES = 16_384
 _GROUPS = 4
-# Fewer say little of their own noise.
+# Fewer samples do not determine their variance.
 _GROUP_SAMPLES = 256
-# Far enough that demosaicing and image compression have not made their noise one.
+# At this distance demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
 # A light that gives less than this share of the brightest may be in shadow.
 _MAYBE_SHADOW = 0.2
-# Standard normal deviates: the tenth of the pixels that agree best, and what is beyond noise.
+# Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
+# with one degree of freedom (9.0 in `_chi_squared`), beyond which a residual is not noise.
 _TENTH, _BEYOND = -1.2816, 2.76
 # Squares of larger values, and their products with gains, are out of reach of float32.
 _LARGEST = 1e9
@@ -81,7 +82,7 @@ def noise_of_sensor(
 ) -> float:
     """Standard deviation of a pixel without light, in units of images times gains.
 
-    An ambient image is noise of its own, and as much again; its level is taken as black.
+    A subtracted ambient image adds the same noise again; its level counts as black.
     """
     frames = 1.0 if ambient is None else 2.0
     variance = float(sensor.coefficients()[0]) * frames
@@ -97,15 +98,16 @@ def noise_of_images(
     """Standard deviation of a pixel, in units of images times gains.
 
     N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
-    whatever its shape and albedo. What is left there is noise, but also shadow, gloss and lights
-    of unequal strength. Each of these only adds, so the least of several estimates is taken: from
-    the combinations as they are and from their differences between near pixels, in which a light
-    that fails everywhere cancels as well; and for each from groups of pixels by brightness, as
-    lights of unequal strength contradict each other in proportion to it. Pixels with a light that
-    may be in shadow are set aside where enough others are left. Of a group, the tenth that agrees
-    best gives a first value, and all that lie within three times of it the next, until that changes
-    no more. Three lights have no such combination: then only the rounding of the pixel values is
-    known.
+    whatever its shape and albedo. Their residual is noise, shadow, gloss and unequal LED levels.
+    Each of these only adds, so the smallest of several estimates is taken. There is one from the
+    combinations themselves, and one from their differences between near pixels, in which a light
+    that fails everywhere cancels as well. Each is made for groups of pixels of similar brightness,
+    because the residual of unequal LED levels is proportional to the brightness. Pixels with a
+    light that may be in shadow are left out where enough others remain.
+
+    In a group, the tenth with the smallest residuals gives a first variance. All residuals within
+    three standard deviations give the next, until it no longer changes. Three lights have no such
+    combination: then only the rounding of the pixel values is known.
 
     Parameters
     ----------
@@ -123,7 +125,7 @@ def noise_of_images(
     if freedom < 1:
         return rounding
     step = max(1, int(np.ceil(np.sqrt(images[0].size / _MAX_SAMPLES))))
-    # The left null space of L: rows of orthonormal combinations that cancel.
+    # The left null space of L, as orthonormal rows.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
 
     def sampled(first_column: int) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -144,12 +146,12 @@ def noise_of_images(
         )
         return min(_variance(group, freedom, rounding**2) for group in groups)
 
-    left_over, brightness, in_light = sampled(0)
-    variance = least_variance(np.square(left_over).sum(axis=0), brightness, in_light)
+    residual, brightness, in_light = sampled(0)
+    variance = least_variance(np.square(residual).sum(axis=0), brightness, in_light)
     if images.shape[2] > _APART_PX:
         near, near_brightness, near_in_light = sampled(_APART_PX)
         pairs = np.s_[..., : near.shape[2]]
-        energies = 0.5 * np.square(left_over[pairs] - near).sum(axis=0)
+        energies = 0.5 * np.square(residual[pairs] - near).sum(axis=0)
         if energies.size >= _GROUP_SAMPLES:
             differences = least_variance(
                 energies, brightness[pairs] + near_brightness, in_light[pairs] & near_in_light
@@ -159,7 +161,7 @@ def noise_of_images(
 
 
 def _variance(energies: FloatArray, freedom: int, least: float) -> float:
-    """Variance of the Gaussian part of sums of `freedom` squares."""
+    """Variance of the Gaussian part of `energies`, sums of `freedom` squares each."""
     ordered = np.sort(energies)
     sums = np.cumsum(ordered, dtype=np.float64)
     variance = max(least, float(ordered[len(ordered) // 10]) / _chi_squared(freedom, _TENTH))

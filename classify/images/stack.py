@@ -84,7 +84,7 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
     Raises
     ------
     InputError
-        If they are anything else.
+        For another shape, dtype or count of images, or values that are not finite or beyond 1e12.
     """
     if not isinstance(images, np.ndarray):
         if len(images) == 0:
@@ -93,7 +93,7 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
         if len(shapes) > 1:
             sizes = ", ".join(" x ".join(map(str, shape)) for shape in sorted(shapes))
             raise InputError(f"the images differ in size ({sizes}); all must show the same frame")
-        # Stacked, they would all take the widest type, and 255 of 8 bits pass for 255 of 65535.
+        # np.stack would convert all to the widest type, so that 255 of 255 became 255 of 65535.
         dtypes = {str(np.asarray(image).dtype) for image in images}
         if len(dtypes) > 1:
             raise InputError(
@@ -115,12 +115,12 @@ def checked_stack(images: Images, lights: int) -> npt.NDArray[Any]:
 
 
 def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(H, W) contiguous, of the type of `stack`.
+    """(H, W) contiguous, of the shape and type of the images of `stack`.
 
     Raises
     ------
     InputError
-        If it is anything else.
+        For another shape or dtype than the stack, or values that cannot be used.
     """
     if ambient.shape != stack.shape[1:] or ambient.dtype != stack.dtype:
         raise InputError(
@@ -135,6 +135,8 @@ def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.N
 def _check_values(image: npt.NDArray[np.float32], name: str) -> None:
     largest = float(np.abs(image).max())
     if not np.isfinite(largest):
-        raise InputError(f"{name} holds NaN or infinity; mask or replace them")
+        raise InputError(f"{name} contains NaN or infinity; mask or replace them")
     if largest > _LARGEST:
-        raise InputError(f"{name} holds a value beyond {_LARGEST:g}; divide all images by a number")
+        raise InputError(
+            f"{name} contains a value beyond {_LARGEST:g}; divide all images by a number"
+        )

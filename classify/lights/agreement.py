@@ -29,7 +29,7 @@ BoolArray = npt.NDArray[np.bool_]
 # Columns that are compared; all rows are, because a camera mixes frames by rows.
 _MAX_COLUMNS = 256
 _MIN_SAMPLES = 200
-# More pixels take more time and change the levels by less than the spread of real LEDs.
+# These determine levels to 0.3 % (test_a_matt_surface_agrees_with_itself); more take more time.
 _MAX_SAMPLES = 1 << 15
 _MIN_SAMPLES_OF_A_ROW = 8
 # Standard deviation of LED levels: nothing is assumed, the images alone are to tell.

@@ -1,4 +1,4 @@
-"""What the directions of the lights alone decide: the constants of each solver, made once."""
+"""Constants of the solvers that follow from the light directions alone."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ __all__ = ["drop_one_constants", "drop_two_inverses", "least_squares_weights", "
 
 Array32 = npt.NDArray[np.float32]
 
-# Three lights whose directions span less than this volume leave a slope undetermined.
+# Smallest singular value of three light directions that determines a normal: at 1e-3, noise of a
+# thousandth of the signal makes a slope error of 1.
 _MIN_VOLUME = 1e-3
-# Tilt of the light each version of PS3 does without (thesis section 9.3).
+# Tilt of the light that each version of PS3 leaves out (thesis section 9.3).
 _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
@@ -37,8 +38,8 @@ def drop_one_constants(
             f"method {method} needs exactly 4 lights, this set has {len(L)}; "
             "use least_squares for 3 or for 5 and more"
         )
-    # One decomposition gives all: the smallest singular value of the lights without light k is at
-    # least |nul_k| times that of all four (Cramer's rule, and singular values interlace).
+    # The smallest singular value of the lights without light k is at least |nul_k| times that of
+    # all four (Cramer's rule, and singular values interlace).
     u, singular, v = np.linalg.svd(L.T)
     volumes = np.abs(v[3]) * singular[2]
     if volumes.min() < _MIN_VOLUME:
@@ -68,7 +69,7 @@ def least_squares_weights(lighting: Lighting, method: str) -> Array32:
 
 
 def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
-    """(3, 4) weights of a version of PS3, and the index of the light it does without.
+    """(3, 4) weights of a version of PS3, and the index of the light that it leaves out.
 
     Raises
     ------
@@ -117,7 +118,7 @@ def drop_two_inverses(lighting: Lighting) -> Array32:
 
 
 def _volume(directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Smallest singular value: how well three or more lights, (..., N, 3), determine a normal."""
+    """Smallest singular value of three or more directions (..., N, 3)."""
     return np.asarray(np.linalg.svd(directions, compute_uv=False)[..., -1], dtype=np.float64)
 
 

@@ -21,8 +21,8 @@ FloatArray = npt.NDArray[np.float32]
 
 # A light that gives less than this share of the brightest may be in shadow.
 MAYBE_SHADOW = 0.2
-# Real surfaces are matt to about this share of their brightness. Below it the bundled scanned
-# materials would be refused for their own reflectance (tests/rig/test_known_truth.py).
+# Real surfaces are taken to be matt to this share of their brightness. A smaller share takes
+# their reflectance for unequal LEDs, a larger one hides weak LEDs (test_led_levels.py).
 MATT = np.float32(0.005)
 
 _ROUNDS = 4
@@ -31,7 +31,7 @@ _OUTLIER = 3.0
 # Part of the variance of the residuals that is not noise of the images but of the surface.
 _SURFACE_VARIANCE = 0.05
 
-# The rest belongs to `level_corrections`; tests/classify/lights/test_led_levels.py holds it.
+# The rest belongs to `level_corrections`; test_led_levels.py holds what it corrects and what not.
 _MAX_SAMPLES = 16_384
 _MIN_SAMPLES = 1_024
 # Standard deviation of the levels of LEDs of one type.

@@ -1,4 +1,4 @@
-"""Which light lit which image: four images of a surface with relief contradict a wrong order."""
+"""The order of four lights, tested by the images of a surface with relief."""
 
 from __future__ import annotations
 
@@ -23,39 +23,41 @@ BoolArray = npt.NDArray[np.bool_]
 Order = tuple[int, ...]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
-_AS_LABELLED = _ORDERS[0]
-# An order is given up that explains the images worse than the best one by this much. Images of
-# level surfaces, which favour no order, give up to 0.09.
+_GIVEN = _ORDERS[0]
+# An order whose misfit is larger than the best by this is implausible. Images of level surfaces,
+# which favour no order, give up to 0.09 (tests/rig/test_light_order_rates.py).
 _CLEARLY_WORSE = 0.15
-# The middle of the frame is looked at, at every scale at which it has as many pixels as that.
+# The middle of the frame is used, at every scale at which its sides have at least the coarsest
+# number of pixels. More pixels take more time; tests/rig/test_light_order_rates.py holds the share
+# of orders that these decide.
 _MIDDLE_PX = 192
 _COARSEST_PX = 48
 _MIN_SAMPLES = 500
 # A light that gives less than this share of the brightest may be in shadow.
 _MAYBE_SHADOW = 0.2
-# A pixel that has less than this share of the frame's mean brightness shows little but noise.
+# A pixel with less than this share of the frame's mean brightness is mostly noise.
 _MAYBE_NOISE = 0.1
-# How far from a half turn two lights may stand and be opposite.
+# Largest deviation from 180 degrees of the tilts of two opposite lights.
 _ACROSS_DEG = 30.0
 
 
 @dataclass(frozen=True)
 class LightOrder:
-    """What four images say about the order of their lights.
+    """What four images tell about the order of their lights.
 
     An order is a tuple: image k shows light ``order[k]``.
 
     Attributes
     ----------
     plausible
-        The orders that explain the images, best first. All 24 where the images do not tell.
+        The orders that explain the images, best first. All 24 if the images do not decide.
     opposite
-        The order with the lights turned by 180 degrees about the camera's axis, which explains
-        any images as well: it takes what is raised for indented. None if the lights are not two
-        pairs across that axis; then nothing is told.
+        The order with the lights rotated by 180 degrees about the camera's axis. It explains any
+        images as well, with raised and indented exchanged. None if the lights are not two pairs
+        across that axis; then nothing is decided.
     excess
-        By how much the order as labelled explains the images worse than the best one does: the
-        logarithm of the ratio of their contradictions, summed over scales. 0 if it is the best.
+        Misfit of the given order above that of the best one: the logarithm of the ratio of their
+        residuals, summed over scales. 0 if it is the best.
     """
 
     plausible: tuple[Order, ...]
@@ -64,13 +66,13 @@ class LightOrder:
 
     @property
     def is_refuted(self) -> bool:
-        """Whether the lights cannot have been in the order as labelled."""
-        return _AS_LABELLED not in self.plausible
+        """Whether the lights cannot have been in the given order."""
+        return _GIVEN not in self.plausible
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the order as labelled, or all of it turned by 180 degrees, is the only one."""
-        return not self.is_refuted and {*self.plausible} <= {_AS_LABELLED, self.opposite}
+        """Whether only the given order, or that rotated by 180 degrees, is plausible."""
+        return not self.is_refuted and {*self.plausible} <= {_GIVEN, self.opposite}
 
 
 def light_order(
@@ -80,29 +82,30 @@ def light_order(
     ambient: npt.NDArray[Any] | None = None,
     full_scale: float | None = None,
 ) -> LightOrder:
-    """Tell from the images of one surface whether its four lights were in the order of `lighting`.
+    """Test by the images of one surface whether its four lights were in the order of `lighting`.
 
-    Two things hold for a matt surface only if each image is taken for that of its own light. The
-    images are linearly dependent: sum_k nul_k i_k = 0, with nul the left null vector of the light
-    directions. And the slopes p, q that follow from them are those of a surface: dp/dy = dq/dx.
-    Lights exchanged across the ring break the second, lights exchanged with a neighbour the first
-    and mostly both. Of an order that makes both left-overs smallest the likelihood is largest, for
-    errors of the Laplace distribution and unknown size; that is computed for all 24 orders.
+    Two conditions hold for a matt surface only if each image is assigned to its own light. The
+    redundancy residual sum_k nul_k i_k is zero, with nul the left null vector of the light
+    directions. And the slopes p, q are those of a surface: their curl dp/dy - dq/dx is zero. Lights
+    exchanged across the ring break the second condition, lights exchanged with a neighbour the
+    first and mostly both. The misfit of an order is the sum of the logarithms of its mean absolute
+    residual and curl: minus its log likelihood for errors of a Laplace distribution of unknown
+    width. It is computed for all 24 orders.
 
-    Only what would hold for a perfect ring decides: the first left-over tells which lights are
-    opposite each other, and an order is as likely as itself turned by 180 degrees. What a ring
-    that is not perfect makes of them beyond that is less than what it is known to.
+    Only what would hold for a perfect ring is used: the residual decides which lights are opposite
+    each other, and an order has the same misfit as itself rotated by 180 degrees. Differences
+    beyond that come from errors of the light positions as well.
 
-    A level surface tells nothing. Slopes along one direction only do not tell orders from each
-    other that give the same images. Exchanging both opposite pairs cannot be told from a surface
-    that is indented where this one is raised.
+    A level surface decides nothing. Slopes along one direction only cannot distinguish orders that
+    give the same images. Both opposite pairs exchanged give the same images as a surface that is
+    indented where this one is raised.
 
     Parameters
     ----------
     images
         (4, H, W) uint8, uint16 or float32, linear in light, in the order of `lighting`.
     lighting
-        Four lights. Only of two pairs, each on both sides of the camera's axis, is the order told.
+        Four lights. The order is tested only if they are two pairs across the camera's axis.
     ambient
         (H, W) image with all lights out, of the same dtype, subtracted from each image.
     full_scale
@@ -114,7 +117,7 @@ def light_order(
         For another number of lights, or images that are not theirs.
     """
     if len(lighting) != 4:
-        raise InputError(f"the order of {len(lighting)} lights cannot be told; it takes 4")
+        raise InputError(f"the order of {len(lighting)} lights cannot be tested; give 4")
     stack = checked_stack(images, 4)
     opposite = _opposite(lighting)
     if opposite is None:
@@ -128,14 +131,14 @@ def light_order(
     values /= lighting.intensities.astype(np.float32)[:, None, None]
     pinv, null = drop_one_constants(lighting, "light_order")
     orders = np.array(_ORDERS)
-    # (24, 4, 4): x, y and z of the scaled normal and the contradiction, from the four images.
+    # (24, 4, 4): x, y and z of the scaled normal and the redundancy residual, from four images.
     weights = np.concatenate([pinv, null[None]])[:, orders].transpose(1, 0, 2).astype(np.float32)
-    contradiction, curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
+    residual, curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
     for scale in _scales(np.concatenate([values, usable[None]])):
-        of_scale = _left_over(scale[:4], scale[4] == 1.0, weights)
-        contradiction += _least_of_alike(of_scale[0], [_pairs(o, opposite) for o in _ORDERS])
-        curl += _least_of_alike(of_scale[1], [{o, _turned(o, opposite)} for o in _ORDERS])
-    misfit = contradiction + curl
+        residuals, curls = _misfits(scale[:4], scale[4] == 1.0, weights)
+        residual += _least_of_kind(residuals, [_pairs(o, opposite) for o in _ORDERS])
+        curl += _least_of_kind(curls, [{o, _rotated(o, opposite)} for o in _ORDERS])
+    misfit = residual + curl
     misfit -= misfit.min()
     ranked = sorted(range(len(_ORDERS)), key=lambda index: float(misfit[index]))
     return LightOrder(
@@ -158,12 +161,10 @@ def _scales(planes: FloatArray) -> Iterator[FloatArray]:
         planes = np.float32(0.25) * (across[:, ::2] + across[:, 1::2])
 
 
-def _left_over(
-    values: FloatArray, usable: BoolArray, weights: FloatArray
-) -> npt.NDArray[np.float64]:
-    """(2, 24) log of the mean contradiction and of the mean curl under each order.
+def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:
+    """(2, 24) log of the mean residual and of the mean curl under each order.
 
-    All 0 where there are too few pixels under all four lights.
+    All 0 if too few pixels are lit by all four lights.
     """
     brightest = values.max(axis=0)
     lit = usable & (values.min(axis=0) > _MAYBE_SHADOW * brightest)
@@ -171,25 +172,25 @@ def _left_over(
     inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
     if np.count_nonzero(inner) < _MIN_SAMPLES:
         return np.zeros((2, len(weights)))
-    # Shares of the light at a pixel: albedo is out, and what is left of order one.
+    # Shares of the light at a pixel do not depend on its albedo.
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     flat = shares.reshape(4, -1).astype(np.float32)
-    left_over = np.empty((2, len(weights)))
+    misfits = np.empty((2, len(weights)))
     for index, weight in enumerate(weights):
-        b_x, b_y, b_z, contradiction = (weight @ flat).reshape(4, *lit.shape)
+        b_x, b_y, b_z, residual = (weight @ flat).reshape(4, *lit.shape)
         p, q = -b_x / b_z, -b_y / b_z
         curl = (p[:-2, 1:-1] - p[2:, 1:-1]) - (q[1:-1, 2:] - q[1:-1, :-2])  # y is up, rows go down
-        left_over[:, index] = np.log(_spread(contradiction[lit])), np.log(_spread(curl[inner]))
-    return left_over
+        misfits[:, index] = np.log(_spread(residual[lit])), np.log(_spread(curl[inner]))
+    return misfits
 
 
 def _spread(values: FloatArray) -> float:
-    """Mean absolute deviation, never 0. Of the mean, in which LEDs of unlike strength show."""
+    """Mean absolute deviation from the mean, never 0; unequal LED levels change the mean only."""
     return max(float(np.abs(values - values.mean()).mean()), 1e-9)
 
 
 def _opposite(lighting: Lighting) -> Order | None:
-    """The order with each light replaced by the one across the axis, if there are two pairs."""
+    """The order with each light replaced by that across the axis; None without two such pairs."""
     try:
         opposite = tuple(
             lighting.light_nearest_tilt(float(tilt) + 180.0, _ACROSS_DEG)
@@ -200,19 +201,19 @@ def _opposite(lighting: Lighting) -> Order | None:
     return opposite if opposite in _ORDERS else None
 
 
-def _turned(order: Order, opposite: Order) -> Order:
+def _rotated(order: Order, opposite: Order) -> Order:
     return tuple(opposite[light] for light in order)
 
 
 def _pairs(order: Order, opposite: Order) -> set[frozenset[int]]:
-    """Which images are of lights across from each other."""
+    """Pairs of images whose lights are opposite each other."""
     return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}
 
 
-def _least_of_alike(
+def _least_of_kind(
     values: npt.NDArray[np.float64], kinds: Sequence[object]
 ) -> npt.NDArray[np.float64]:
-    """Each value replaced by the least of its kind."""
+    """Replace each value by the smallest of its kind."""
     return np.array([
         min(value for value, other in zip(values, kinds, strict=True) if other == kind)
         for kind in kinds

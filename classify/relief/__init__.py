@@ -1,1 +1,1 @@
-"""What slopes say beyond themselves: height, curvature, roughness, other lights, shadows."""
+"""Height, curvature, roughness, cast shadows and relit images from a gradient field."""

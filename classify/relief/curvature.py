@@ -15,14 +15,13 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 __all__ = ["CURVATURE_SCALE_PX", "MIN_CURVATURE_SCALE_PX", "Curvature", "surface_curvature"]
 
 CURVATURE_SCALE_PX = 1.0
-# A narrower Gaussian gives the neighbouring pixels next to no weight.
+# A narrower Gaussian gives next to no weight to the neighbouring pixels.
 MIN_CURVATURE_SCALE_PX = 0.5
-# Weights beyond this many scales are below 4e-4 of the middle one.
+# Weights beyond this many standard deviations are below 4e-4 of the middle one.
 _REACH = 4.0
-# Rows are worked off in strips of about so many pixels: their maps stay in the cache, and the
-# memory needed does not grow with the image.
+# Pixels of one strip of rows: its maps stay in the cache, and memory does not grow with the image.
 _STRIP_PX = 1 << 16
-# In units of scale^2; decides only where the valid neighbours lie on a line or at a point.
+# In units of scale^2; has an effect only where the valid neighbours lie on a line or at a point.
 _RIDGE = 1e-4
 
 
@@ -36,7 +35,7 @@ class Curvature:
         (H, W) float32 H, 1/px: 1/R on a ball of radius R, -1/R in a bowl, 1/(2R) on a rod.
     gaussian
         (H, W) float32 K, 1/px^2: positive on domes and in bowls, negative on saddles, zero on
-        whatever can be unrolled (planes, rods, cones).
+        surfaces that can be unrolled (planes, rods, cones).
 
     Both are 0 where the surface is not valid.
     """
@@ -45,18 +44,25 @@ class Curvature:
     gaussian: FloatMap
 
 
-def surface_curvature(surface: SurfaceEstimate, scale_px: float = CURVATURE_SCALE_PX) -> Curvature:
-    """Mean and Gaussian curvature of the surface z(x, y) whose gradients are known.
+def surface_curvature(
+    surface: SurfaceEstimate,
+    scale_px: float = CURVATURE_SCALE_PX,
+    *,
+    strip_px: int = _STRIP_PX,
+) -> Curvature:
+    """Mean and Gaussian curvature of the surface z(x, y) from its gradients.
 
     Parameters
     ----------
     surface
         Its p, q and valid are used.
     scale_px
-        Standard deviation of the Gaussian within which derivatives are taken. White noise of the
-        slopes, standard deviation s, is left as s / (scale^2 sqrt(8 pi)) in a derivative, 0.2 s at
-        scale 1; a wave of length L is weakened by exp(-2 (pi scale / L)^2), 0.73 at 8 px and
+        Standard deviation of the Gaussian within which derivatives are taken. White noise of
+        standard deviation s in the slopes becomes s / (scale^2 sqrt(8 pi)) in a derivative, 0.2 s
+        at scale 1. A wave of length L is weakened by exp(-2 (pi scale / L)^2), 0.73 at 8 px and
         scale 1.
+    strip_px
+        Pixels of the strips of rows in which the work is done; changes no result.
 
     Raises
     ------
@@ -70,19 +76,19 @@ def surface_curvature(surface: SurfaceEstimate, scale_px: float = CURVATURE_SCAL
         H = -((1 + q^2) p_x - p q (p_y + q_x) + (1 + p^2) q_y) / (2 w^3)
         K = (p_x q_y - (p_y + q_x)^2 / 4) / w^4
 
-    where the sign of H is that of the normal n = (-p, -q, 1) / w towards the camera turning
-    outwards: H = div(n) / 2. Besl and Jain 1986 take the other sign (a peak has H < 0 there).
-    The mixed derivative is the mean of p_y and q_x; their difference is curl, hence error.
+    The sign of H is that of div(n) / 2, where n = (-p, -q, 1) / w is the normal towards the camera.
+    Besl and Jain 1986 take the other sign (a peak has H < 0 there). The mixed derivative is the
+    mean of p_y and q_x; their difference is curl, hence error.
 
     The same formulas are evaluated here in the derivatives of n: in the coordinates x, y the
     shape operator is the Jacobian J of (n_x, n_y), so that H = tr J / 2, and K = det J - c^2 with
-    c = n . curl(n) / 2 = (p_y - q_x) / (2 w^2). A component of n is at most 1, while one wild slope
-    next to a shadow would outweigh all its neighbours; and n is linear on a sphere, so that a
-    sphere comes out exactly at any scale.
+    c = n . curl(n) / 2 = (p_y - q_x) / (2 w^2). A component of n is at most 1, while one wrong
+    slope beside a shadow would outweigh all its neighbours. And n is linear on a sphere, so that the
+    curvature of a sphere is exact at any scale.
 
     Derivatives are the slopes of a plane fitted to n with Gaussian weights over the valid pixels
-    (normalized differential convolution, Knutsson and Westin 1993). Inside that is the derivative
-    of a Gaussian; at the frame's border and beside invalid pixels it stays exact where n is linear.
+    (normalized differential convolution, Knutsson and Westin 1993). Inside the frame this is the
+    derivative of a Gaussian; at its border and beside invalid pixels it is exact where n is linear.
     """
     if not MIN_CURVATURE_SCALE_PX <= scale_px < np.inf:
         raise InputError(
@@ -91,7 +97,7 @@ def surface_curvature(surface: SurfaceEstimate, scale_px: float = CURVATURE_SCAL
         )
     rows, columns = surface.shape
     reach = int(np.ceil(_REACH * scale_px))
-    height = max(4 * reach, _STRIP_PX // max(columns, 1))
+    height = max(4 * reach, strip_px // max(columns, 1))
     mean, gaussian = (np.empty(surface.shape, np.float32) for _ in range(2))
     for first in range(0, rows, height):
         top, last = max(0, first - reach), min(rows, first + height)
@@ -107,7 +113,7 @@ def _curvature(
 ) -> tuple[FloatMap, FloatMap]:
     p, q = np.where(valid, p, np.float32(0.0)), np.where(valid, q, np.float32(0.0))
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
-        raise InputError("the gradients hold NaN or infinity; mark such pixels as not valid")
+        raise InputError("the gradients contain NaN or infinity; mark such pixels as not valid")
     weight = valid.astype(np.float32)
     n_z: FloatMap = (weight / np.sqrt(1.0 + p * p + q * q)).astype(np.float32, copy=False)
     normal = (-p * n_z, -q * n_z, n_z)
@@ -121,10 +127,10 @@ def _curvature(
 def _fitted_planes(
     weight: FloatMap, fields: tuple[FloatMap, ...], scale_px: float, reach: int
 ) -> list[tuple[FloatMap, FloatMap, FloatMap]]:
-    """Value, x slope and y slope, at each pixel, of a plane fitted to each field around it.
+    """Value, x slope and y slope at each pixel of planes fitted to the fields around it.
 
-    Weighted least squares in closed form from moments about the weighted mean position. The
-    fields are zero where `weight` is; beyond the frame the weight is zero.
+    Weighted least squares in closed form, from moments about the weighted mean position. The
+    fields are zero where `weight` is zero, as it is beyond the frame.
     """
     offset = np.arange(-reach, reach + 1, dtype=np.float32)
     g0 = np.exp(-0.5 * (offset / np.float32(scale_px)) ** 2)

@@ -13,12 +13,13 @@ __all__ = ["integrate_gradients"]
 
 
 def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
-    """Relative height in pixels, zero mean, of least squared gradient error.
+    """Relative height of zero mean with the least squared gradient error.
 
-    The half-pixel slopes are means of neighbouring p (q), and the height whose differences come
-    nearest to them solves Poisson's equation with free boundaries, exactly and in one step in the
-    cosine basis: no assumption that the frame is periodic (Simchony, Chellappa and Shao 1990; the
-    periodic transform of Frankot and Chellappa is out by a quarter on such frames, SCIENCE 1).
+    Slopes at half pixels are means of neighbouring p (q). The height whose differences are nearest
+    to them solves Poisson's equation with free boundaries, which the cosine transform does exactly
+    and in one step (Simchony, Chellappa and Shao 1990). It does not assume a periodic frame, as
+    the Fourier transform of Frankot and Chellappa (1988) does: on a frame that is not periodic its
+    error is a quarter of the height (tests/classify/relief/test_height.py).
 
     Parameters
     ----------
@@ -27,7 +28,7 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
 
     Returns
     -------
-    (H, W) float32. Constant slopes are kept; a constant height cannot be known.
+    (H, W) float32, pixels. Constant slopes are kept; the mean height is not determined.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
     if p.shape != q.shape or p.ndim != 2 or p.size == 0:
         raise InputError(f"p is {p.shape} and q {q.shape}; both must be (rows, columns)")
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
-        raise InputError("the gradients hold NaN or infinity; set such pixels to 0 first")
+        raise InputError("the gradients contain NaN or infinity; set such pixels to 0 first")
     rows, columns = p.shape
     divergence = np.zeros((rows, columns), dtype=np.float32)
     along_x = 0.5 * (p[:, 1:] + p[:, :-1])
@@ -60,8 +61,8 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
 def _second_difference(length: int) -> FloatMap:
     """Eigenvalues of the second difference with free ends, 2 cos(pi k / length) - 2.
 
-    As the square of a sine: next to 1 a float32 cosine has too few digits left, and the lowest
-    frequencies, which carry most of the height, would be out by percents.
+    They are computed as the square of a sine. A float32 cosine near 1 has too few digits, and the
+    lowest frequencies, which carry most of the height, would be wrong by percents.
     """
     sine = np.sin(0.5 * np.pi * np.arange(length) / length)
     return (-4.0 * sine * sine).astype(np.float32)

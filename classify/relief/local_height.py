@@ -1,4 +1,4 @@
-"""What is raised above its surroundings, and what is indented."""
+"""Relief above or below the surroundings, without the form of the part."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from classify.threads import thread_count
 
 __all__ = ["default_cutoff_px", "local_relief"]
 
-# The Gaussian of ISO 16610 passes one half at the cut-off wavelength.
+# With this the Gaussian of ISO 16610 passes one half at the cut-off wavelength.
 _ALPHA = np.sqrt(np.log(2.0) / np.pi)
+# Longer waves of an integrated height are mostly drift (test_local_height.py).
 _CUTOFFS_PER_SIDE = 5.0
 
 
 def default_cutoff_px(shape: tuple[int, int]) -> float:
-    """A fifth of the frame's longer side."""
+    """Default cut-off wavelength: a fifth of the frame's longer side."""
     return max(shape) / _CUTOFFS_PER_SIDE
 
 
@@ -31,9 +32,9 @@ def local_relief(
     """Relative height above the Gaussian mean of the surroundings: raised > 0, indented < 0.
 
     The L-filter of ISO 25178-2, a Gaussian after ISO 16610-61 with
-    transmission exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, takes away the form and the drift
-    that integrated gradients have over long ways; what is left is the scale-limited relief.
-    Waves much shorter than the cut-off stay whole, one of the cut-off's length is halved.
+    transmission exp(-pi (alpha cutoff f)^2), alpha^2 = ln 2 / pi, removes the form of the part and
+    the drift that integrated gradients have over long distances. Waves much shorter than the
+    cut-off are kept, a wave of the cut-off's length is halved.
 
     Parameters
     ----------
@@ -43,8 +44,8 @@ def local_relief(
         (H, W) bool; the relief is 0 where false.
     cutoff_px
         Wavelength of the filter, by default a fifth of the longer side of the frame. A round bump
-        as wide (at half its height) as a quarter of it keeps three quarters of its height; one
-        much wider than it is shown by its edges.
+        whose width at half height is a quarter of it keeps three quarters of its height; of a much
+        wider bump only the edges remain.
 
     Returns
     -------
@@ -53,7 +54,7 @@ def local_relief(
     Raises
     ------
     InputError
-        If the height is no finite (rows, columns) array, or the cut-off is not positive.
+        If the height is not a finite (rows, columns) array, or the cut-off is not positive.
 
     Notes
     -----
@@ -63,13 +64,13 @@ def local_relief(
     if height.ndim != 2 or height.size == 0:
         raise InputError(f"the height is {height.shape}; it must be (rows, columns)")
     if not np.isfinite(height).all():
-        raise InputError("the height holds NaN or infinity")
+        raise InputError("the height contains NaN or infinity")
     rows, columns = height.shape
     cutoff = default_cutoff_px((rows, columns)) if cutoff_px is None else cutoff_px
     if not 0.0 < cutoff < np.inf:
         raise InputError(f"cutoff_px is {cutoff_px}; it must be a positive wavelength in pixels")
     spectrum = scipy.fft.dctn(height, type=2, norm="ortho", workers=thread_count())
-    # Less the mean rather than times its complement: separable, and no map of the filter is made.
+    # The mean is subtracted: its filter is separable, that of the relief is not.
     mean = spectrum * _transmission(rows, cutoff)[:, None]
     mean *= _transmission(columns, cutoff)
     spectrum -= mean
@@ -80,7 +81,7 @@ def local_relief(
 
 
 def _transmission(length: int, cutoff_px: float) -> FloatMap:
-    """Of the cosines of one axis, whose frequencies are k / (2 length) cycles per pixel."""
+    """Transmission of the cosines of one axis, of frequencies k / (2 length) cycles per pixel."""
     frequencies_cpp = np.arange(length) / (2.0 * length)
     transmission: FloatMap = np.exp(-np.pi * (_ALPHA * cutoff_px * frequencies_cpp) ** 2).astype(
         np.float32

@@ -1,4 +1,4 @@
-"""A surface as it would look under other lights."""
+"""Images of a solved surface under other lights."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
     """Images of the surface under any distant lights, without cast shadows.
 
     Lambert's law, i = intensity rho max(0, n . l): the forward model that `photometric_stereo`
-    inverts, after Wu's thesis, chapter 9. What faces away from a light is black; nothing throws a
-    shadow on anything else, and highlights are gone.
+    inverts (Wu's thesis, chapter 9). Pixels that face away from a light are black. There are no
+    cast shadows and no highlights.
 
     Parameters
     ----------
     surface
-        Its p, q and albedo are used. Where no slope is known, p and q are 0: it is shown flat.
+        Its p, q and albedo are used. Pixels without a slope have p = q = 0 and are shown flat.
     lighting
         One light or more.
 

@@ -27,11 +27,11 @@ class Roughness:
         Developed interfacial area ratio: how much larger the surface is than its projection, in
         percent. From the gradients alone.
     sa_px, sq_px
-        Arithmetical mean height and root mean square height, in pixels: from the relative height,
-        less its mean plane. Errors of the gradients add up over the frame, so compare them only
-        between frames of one size.
+        Arithmetical mean height and root mean square height in pixels, of the relative height
+        without its mean plane. Errors of the gradients add up over the frame, so compare these
+        only between frames of one size.
     valid_pixels
-        Number of pixels they were taken over.
+        Number of valid pixels.
     """
 
     sdq: float
@@ -49,7 +49,7 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
     surface
         Its p, q and valid are used.
     height
-        (H, W) relative height, if it is at hand; otherwise it is integrated from p and q.
+        (H, W) relative height; None is integrated from p and q.
 
     Raises
     ------
@@ -63,9 +63,9 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
         Sdq = sqrt(mean(p^2 + q^2))         Sdr = 100 % mean(sqrt(1 + p^2 + q^2) - 1)
         Sa = mean(|z|)                      Sq = sqrt(mean(z^2))
 
-    with z the height less its least-squares plane (the F-operation). Gradients are not levelled:
-    a tilted part has a larger Sdq. All four grow with the noise of the images, and the slope is
-    that at the scale of a pixel: a coarser image of the same part has a smaller Sdq.
+    with z the height without its least-squares plane (the F-operation). Gradients are not levelled:
+    a tilted part has a larger Sdq. All four grow with the noise of the images. Slopes are those at
+    the scale of a pixel: a coarser image of the same part has a smaller Sdq.
     """
     valid = surface.valid
     count = int(np.count_nonzero(valid))
@@ -78,9 +78,11 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
     zero = np.float32(0.0)
     p, q, z = (np.where(valid, values, zero) for values in (surface.p, surface.q, height))
     if not all(np.isfinite(values).all() for values in (p, q, z)):
-        raise InputError("gradients or height hold NaN or infinity; mark such pixels as not valid")
+        raise InputError(
+            "gradients or height contain NaN or infinity; mark such pixels as not valid"
+        )
     steepness = p * p + q * q
-    # sqrt(1 + s) - 1 without the loss of digits on a flat surface
+    # sqrt(1 + s) - 1, written without loss of digits on a flat surface.
     developed = steepness / (np.sqrt(1.0 + steepness) + 1.0)
     levelled = _levelled(z, valid)
     return Roughness(
@@ -93,16 +95,16 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
 
 
 def _levelled(height: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
-    """The height less its least-squares plane over the valid pixels, 0 elsewhere."""
+    """Subtract the least-squares plane of the valid pixels; 0 elsewhere."""
     rows, columns = valid.shape
-    # Within [-1, 1], so that the normal equations stay well conditioned in any frame.
+    # Coordinates within [-1, 1] keep the normal equations well conditioned in any frame.
     y, x = np.linspace(1.0, -1.0, rows), np.linspace(-1.0, 1.0, columns)
     of_row, of_column = (valid.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
     height_of_row, height_of_column = (height.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
     n, s_x, s_y, s_xy = of_row.sum(), of_column @ x, of_row @ y, y @ (valid @ x)
     products = [[n, s_x, s_y], [s_x, of_column @ x**2, s_xy], [s_y, s_xy, of_row @ y**2]]
     moments = [height_of_row.sum(), height_of_column @ x, height_of_row @ y]
-    # Least norm, because one pixel or one row has no plane.
+    # Of least norm, because one pixel or one row does not determine a plane.
     level, along_x, along_y = np.linalg.lstsq(products, moments, rcond=1e-9)[0]
     plane = (level + along_y * y).astype(np.float32)[:, None] + (along_x * x).astype(np.float32)
     levelled: FloatMap = (height - plane) * valid

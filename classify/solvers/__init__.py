@@ -1,4 +1,4 @@
 """From images under known lights to a surface.
 
-`solver` checks what is given and chooses; the other files are its kernels.
+`solver` checks the input and looks the method up; each other file holds one method or a part of it.
 """

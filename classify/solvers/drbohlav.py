@@ -1,4 +1,4 @@
-"""Four lights and more without those whose values the others contradict."""
+"""Four lights or more, without those whose values are inconsistent with the others."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ def solve_drbohlav(problem: Problem) -> Maps:
 
 
 def gates(lights: int) -> npt.NDArray[np.float32]:
-    """(N + 1,) the sum of squared residuals of n lights, in variances, that is beyond noise.
+    """(N + 1,) largest sum of squared residuals of n lights that is noise, in variances.
 
-    The point of chi-squared with n - 3 degrees of freedom that lies 3 standard deviations out
-    (Wilson and Hilferty); 9 for four lights, and out of reach for three.
+    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom, by the formula of Wilson and
+    Hilferty (1931): 9 for four lights; infinite for three, which always agree.
     """
     freedom = np.maximum(np.arange(lights + 1) - 3.0, 1e-9)
     spread = 2.0 / (9.0 * freedom)

@@ -98,7 +98,7 @@ def _lines_of_two_lights(
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """(6, 3, 2) b0 = solutions[pair] (i_j, i_k), and (7, 3) unit d with d_z >= 0, 0 for no line.
 
-    b0 is the shortest solution, the pseudo-inverse's, at right angles to d = l_j x l_k.
+    b0 is the shortest solution, that of the pseudo-inverse, perpendicular to d = l_j x l_k.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)

@@ -21,19 +21,20 @@ __all__ = ["NOT_REACHED", "NO_LINE", "SKIPPED", "Unsolved", "grow", "neighbour_w
 Array = npt.NDArray[Any]
 
 NOT_REACHED = np.uint8(255)
-# In place of the index of a pair of lights: nothing is known, or nothing is to be done.
+# In place of the index of a pair of lights: fewer than two lights, or a pixel to be left alone.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
 
-# Pixels further than this from a solved one keep no slope: those in one light or none, and those
-# in two.
+# Largest distance from a solved pixel at which slopes are filled in, with one light or none and
+# with two. The error grows with it; test_ps4_robust.py holds the error of what is filled in.
 _REACH_DARK_PX, _REACH_PX = 8, 24
+# More sweeps take more time for less than the noise (test_ps4_robust.py).
 _SWEEPS = 10
-# Steps along a line are lengthened by this (successive over-relaxation).
+# Steps along a line are lengthened by this factor (successive over-relaxation).
 _OVER = np.float32(1.5)
-# Solutions on the line of two lights are steep at its ends; beyond this slope (75 degrees) lies
-# none that a camera from above would see.
+# Smallest z of a normal on the line of two lights: a slope of 75 degrees. The ends of the line are
+# steeper, and a camera from above would not see such a surface.
 _MIN_NZ = np.float32(0.26)
-# A curl must be zero where a step of slope need only be likely.
+# Additional weight of the curl, which is zero for every surface, while steps of slope are not.
 _CURL = 2.0
 
 
@@ -66,14 +67,14 @@ class Unsolved:
 def neighbour_weights(
     p: Array, q: Array, albedo: Array, depth: Array, step: int
 ) -> tuple[np.float32, np.float32]:
-    """How much a relative step of albedo and a curl count against a step of slope.
+    """Weights of a relative step of albedo and of a curl, relative to a step of slope.
 
-    Each by its mean square over squares of four solved pixels (`depth` 0), one in `step` rows and
-    columns: so the surface itself says whether its paint or its relief is the smoother, noise
-    included. A step of more than 1 is an edge and counts as 1.
+    Each is the inverse of its mean square over squares of four solved pixels (`depth` 0), one in
+    `step` rows and columns. So the smoother of albedo and relief on this surface gets the larger
+    weight, noise included. A step of more than 1 is an edge and counts as 1.
     """
     rows, columns = p.shape
-    slope, paint, curl, count = 0.0, 0.0, 0.0, 0
+    slope, relative, curl, count = 0.0, 0.0, 0.0, 0
     for r in range(0, rows - 1, step):
         for c in range(0, columns - 1, step):
             if depth[r, c] | depth[r, c + 1] | depth[r + 1, c] | depth[r + 1, c + 1]:
@@ -85,14 +86,14 @@ def neighbour_weights(
             slope += min(right_p**2, 1.0) + min(right_q**2, 1.0)
             slope += min(down_p**2, 1.0) + min(down_q**2, 1.0)
             here, right, down = albedo[r, c], albedo[r, c + 1], albedo[r + 1, c]
-            paint += ((right - here) / (right + here)) ** 2
-            paint += ((down - here) / (down + here)) ** 2
+            relative += ((right - here) / (right + here)) ** 2
+            relative += ((down - here) / (down + here)) ** 2
             curl += min((down_p + far_p + right_q + far_q) ** 2, 1.0)
             count += 1
     if count < 16:
         return np.float32(1.0), np.float32(1.0)
-    # Two steps of paint, each taken as half of the relative step, go to four steps of slope.
-    albedo_weight = slope / max(8.0 * paint, 4e-6 * count)
+    # There are two steps of albedo, each half of the relative step, to four steps of slope.
+    albedo_weight = slope / max(8.0 * relative, 4e-6 * count)
     curl_weight = _CURL * slope / max(4.0 * curl, 4e-6 * count)
     return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
 
@@ -102,13 +103,13 @@ def _first_on_line(
     lines: Array, n: int, d: Array,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
-    """The point of a line that comes nearest to slopes P, Q and albedo A.
+    """Find the point of a line that is nearest to slopes P, Q and albedo A.
 
-    The distance in albedo has two minima on a line, one on each side of b0; hence the search.
+    The distance in albedo has two minima on a line, one on each side of b0: hence the search.
     """
     one = np.float32(1.0)
     x, y, z = lines[n, 0], lines[n, 1], lines[n, 2]
-    # b0 is at right angles to d, so that |b|^2 = |b0|^2 + t^2.
+    # b0 is perpendicular to d, so that |b|^2 = |b0|^2 + t^2.
     square = x * x + y * y + z * z
     start = A / np.sqrt(one + P * P + Q * Q) * (d[2] - P * d[0] - Q * d[1])
     least, best = np.float32(np.inf), np.float32(0.0)
@@ -135,7 +136,7 @@ def _step_along_line(
     P: np.float32, Q: np.float32, A: np.float32,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32]:  # fmt: skip
-    """One step of Gauss and Newton along a line, from p, q, rho towards P, Q, A."""
+    """Make one Gauss-Newton step along a line, from p, q, rho towards P, Q, A."""
     t = lines[n, 3]
     inverse = np.float32(1.0) / (lines[n, 2] + t * d[2])
     dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
@@ -145,7 +146,7 @@ def _step_along_line(
     curvature = slope_weight * (dp * dp + dq * dq) + relative * dr * dr
     error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
     step = -_OVER * slope / curvature
-    # p and q are not linear along the line: a step that leads no lower is shortened.
+    # p and q are not linear along the line: a step that does not reduce the error is shortened.
     for _ in range(4):
         s = t + step
         bx, by, bz = lines[n, 0] + s * d[0], lines[n, 1] + s * d[1], lines[n, 2] + s * d[2]

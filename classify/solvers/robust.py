@@ -1,8 +1,8 @@
-"""First pass of `ps4_robust`: the noise gate, and one light left out where one is to blame.
+"""`ps4_robust` and its first pass: the noise gate, and one light left out where it is to blame.
 
 The first loop over a row is free of branches, so that the compiler makes it eight pixels wide.
-Pixels that need a decision of their own are marked there and settled one by one in the second;
-what fewer than three lights can solve is left to `in_fill`.
+Pixels that need a decision of their own are marked there and settled one by one afterwards.
+Pixels with fewer than three usable lights are left to `in_fill`.
 """
 
 from __future__ import annotations
@@ -30,16 +30,17 @@ Array = npt.NDArray[Any]
 _NONE_LIT = np.uint8(15)
 _DOUBTFUL = np.uint8(128)
 
-# A contradiction of this many standard deviations is more than noise.
-GATE = np.float32(3.0)
-# A light is dark that gives no more than so many standard deviations of a pixel without light;
-# but no more than half of the brightest, for a dark material is all noise without being in shadow,
-# and in any case this share of the second brightest, which is no highlight: shadows get light from
-# the surface around them.
+# A residual of more standard deviations than this is not noise; one normal residual in 370 is.
+_GATE = np.float32(3.0)
+# A light is dark at a pixel if it gives no more than DARK standard deviations of a pixel without
+# light, but at most half of the brightest light: a dark material is all noise without shadow. It
+# is dark in any case below the share LEAK of the second brightest light, which is not a highlight:
+# shadows get light from the surface around them.
 DARK = np.float32(3.0)
 LEAK = np.float32(0.03)
-# Lights are of known strength, and surfaces Lambertian, to some per cent only. All four together
-# bear that better than three.
+# LED levels are known, and surfaces are Lambertian, to a few percent only: a smaller residual, as
+# a share of the brightest light, leaves out no light. All four lights average such errors better
+# than three. tests/rig/test_known_truth.py holds the slope errors that these limits give.
 TOLERANCE = np.float32(0.05)
 _TINY = np.float32(1e-30)
 
@@ -84,7 +85,7 @@ def _gate(
     null: Array, p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array, row_counts: Array,
 ) -> None:  # fmt: skip
-    """Least squares of four lights where they agree, without the one to blame where they do not.
+    """Least squares of four lights where they agree, without one light where they do not.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def _gate(
     n0, n1, n2, n3 = null
     a, b, black = noise
     y0, y1, y2, y3 = (n0 * g0) ** 2, (n1 * g1) ** 2, (n2 * g2) ** 2, (n3 * g3) ** 2
-    # The one ambient frame is in all four values, and cancels if the lights are equally strong.
+    # The one ambient frame is in all four values, and cancels if the gains are equal.
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     common = (frames - one) * (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
@@ -168,7 +169,7 @@ def _gate(
             dropped[r, c] = index if share != zero else np.uint8(NO_DROPPED_LIGHT)
             tolerance = TOLERANCE * brightest
             doubtful = saturated | (
-                (count == zero) & (square > GATE * GATE * variance + tolerance * tolerance)
+                (count == zero) & (square > _GATE * _GATE * variance + tolerance * tolerance)
             )
             bits = np.uint8((w0 + two * w1) + (np.float32(4.0) * w2 + np.float32(8.0) * w3))
             bits = bits if count > one else np.uint8(0)

@@ -1,4 +1,4 @@
-"""Five lights and more without the lowest and the highest value of each pixel."""
+"""Five lights or more, without the lowest and the highest value of each pixel."""
 
 from __future__ import annotations
 

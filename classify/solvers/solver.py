@@ -62,29 +62,29 @@ def photometric_stereo(
     method
         ``ps4_robust``, the default for four lights, uses all four at a pixel where they agree
         within the noise, leaves out the one in shadow or in a highlight where they do not, and
-        fills in what two lights leave open from the pixels around. ``ps4`` leaves out the darkest
+        completes pixels with two lights from those around them. ``ps4`` leaves out the darkest
         of four everywhere; ``ps3a`` to ``ps3d`` use three lights of a ring (all but 270, 0, 90
         and 180 degrees). ``least_squares``, the default for more than four, uses all N,
         ``rushmeier`` all but the lowest and the highest of five or more, and ``drbohlav`` all of
-        four or more less those whose values are inconsistent with the rest.
+        four or more except those whose values are inconsistent with the rest.
     ambient
         (H, W) image with all lights out, of the same dtype, subtracted from each image.
     full_scale
         Pixel value at which the sensor saturates. Pixels that reach it are marked, and the albedo
-        is given as a fraction of it; without it nothing is marked and albedo is in pixel values.
+        is a fraction of it. Without it nothing is marked, and the albedo is in pixel values.
     noise
-        Of the sensor that took the images; without it the noise is estimated from them.
+        Of the sensor that took the images. Without it the noise is estimated from the images.
 
     Raises
     ------
     InputError
-        For another shape, dtype or count of images, NaN or infinity in a float image, or lights
-        from which the method cannot solve.
+        For another shape, dtype or count of images, NaN, infinity or values beyond 1e12 in a float
+        image, a full scale or light intensity out of range, or lights that do not suit the method.
 
     Notes
     -----
-    i = rho n . l, so b = rho n solves L b = i; p = -b_x / b_z, q = -b_y / b_z, rho = |b|. PS4 is
-    after J. Wu, thesis chapter 9; the sources of the other methods are in the kernels' docstrings.
+    i = rho n . l, so that b = rho n solves L b = i; p = -b_x / b_z, q = -b_y / b_z, rho = |b|. PS4
+    is that of J. Wu, thesis chapter 9. The functions of the other methods name their sources.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""What the solvers find out about a surface, and what can be told from it and the images."""
+"""The result of a solver, and what follows from it and the images."""

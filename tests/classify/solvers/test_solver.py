@@ -490,10 +490,10 @@ def test_unusable_input_is_named(
 )  # fmt: skip
 def test_a_pixel_value_that_cannot_be_used_is_named(bad: float, cause: str) -> None:
     images = tile([100, 100, 100, 100])
-    with pytest.raises(InputError, match=f"ambient image holds {cause}"):
+    with pytest.raises(InputError, match=f"ambient image contains {cause}"):
         photometric_stereo(images, RING, ambient=np.full((4, 4), bad, np.float32))
     images[2, 1, 1] = bad
-    with pytest.raises(InputError, match=f"image 2 holds {cause}"):
+    with pytest.raises(InputError, match=f"image 2 contains {cause}"):
         photometric_stereo(images, RING)
 
 
