@@ -83,8 +83,8 @@ def surface_curvature(
     The same formulas are evaluated here in the derivatives of n: in the coordinates x, y the
     shape operator is the Jacobian J of (n_x, n_y), so that H = tr J / 2, and K = det J - c^2 with
     c = n . curl(n) / 2 = (p_y - q_x) / (2 w^2). A component of n is at most 1, while one wrong
-    slope beside a shadow would outweigh all its neighbours. And n is linear on a sphere, so that the
-    curvature of a sphere is exact at any scale.
+    slope beside a shadow would outweigh all its neighbours. And n is linear on a sphere, so
+    that the curvature of a sphere is exact at any scale.
 
     Derivatives are the slopes of a plane fitted to n with Gaussian weights over the valid pixels
     (normalized differential convolution, Knutsson and Westin 1993). Inside the frame this is the
