@@ -1,17 +1,17 @@
-"""The root of the one exception tree; `rig` and `capture` hang their branches on it."""
+"""Base classes of all exceptions; `rig` and `capture` derive theirs from them."""
 
 __all__ = ["InputError", "LibraryError", "Ps4rigError"]
 
 
 class Ps4rigError(Exception):
-    """What a user is told in one line. `exit_status` is what the command line returns for it."""
+    """An error reported in one line; the command line then returns `exit_status`."""
 
     exit_status = 2
 
 
 class InputError(Ps4rigError):
-    """An image, a file or an option is not usable; the message names it and the way out."""
+    """An unusable image, file or option; the message names it and says what to do."""
 
 
 class LibraryError(InputError):
-    """A texture library that cannot be read, or does not fit the surface it is asked about."""
+    """A texture library that cannot be read, or does not fit the surface."""

@@ -1,4 +1,4 @@
-"""Where the lights stand. The project's only home for axes, tilt, slant and their signs.
+"""Light directions, and the conventions for axes, tilt, slant and their signs.
 
 x points right, y up (against the row index), z towards the camera. Tilt is anticlockwise from +x,
 slant from the z axis. Gradients are p = dz/dx and q = dz/dy; as rows grow downwards, q = -dz/drow.
@@ -33,7 +33,7 @@ class Lighting:
     Parameters
     ----------
     directions
-        (N, 3) vectors towards the lights; normalised here. All must be above the surface (z > 0).
+        (N, 3) vectors towards the lights, normalised here. All must be above the surface (z > 0).
     intensities
         (N,) relative intensities, all 1 if empty; an image is divided by its light's intensity.
 
@@ -85,7 +85,7 @@ class Lighting:
 
     @classmethod
     def ring(cls, slant_deg: float = 45.0, tilts_deg: Sequence[float] = RING_TILTS_DEG) -> Lighting:
-        """A ring of lights at one slant; the four of PS4 unless other tilts are given.
+        """Lights at one slant, by default the four of PS4 at tilts 0, 90, 180 and 270.
 
         Examples
         --------
@@ -98,7 +98,7 @@ class Lighting:
     def from_angles(
         cls, tilts_deg: Sequence[float], slants_deg: float | Sequence[float]
     ) -> Lighting:
-        """Lights at the given tilts and slants, both in degrees; slants within [0, 90)."""
+        """Lights at the given tilts and slants, in degrees; slants from 0 to below 89.9."""
         tilts, slants = _numbers(tilts_deg, "tilts"), _numbers(slants_deg, "slants")
         if not np.isfinite(tilts).all():
             raise InputError(f"tilts {tilts_deg!r} are not all numbers; give degrees")
@@ -136,7 +136,7 @@ class Lighting:
         return _rounded(np.degrees(np.arctan2(across, self.directions[:, 2])))
 
     def within(self, degrees: float, other: Lighting) -> bool:
-        """Whether `other` has as many lights, each within so many degrees of its own."""
+        """Whether `other` has as many lights, each within `degrees` of its counterpart."""
         if len(self) != len(other):
             return False
         cosines = np.clip((self.directions * other.directions).sum(axis=1), -1.0, 1.0)
@@ -148,7 +148,7 @@ class Lighting:
         Raises
         ------
         InputError
-            If none stands within `within_deg` of it.
+            If no light is within `within_deg` of it.
         """
         apart = np.abs((self.tilts_deg - tilt_deg + 180.0) % 360.0 - 180.0)
         nearest = int(np.argmin(apart))
@@ -168,5 +168,5 @@ def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
 
 
 def _rounded(degrees: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    # Sines and cosines are exact to 1e-16, so that 90 comes back as 90 and not 90.00000000000001.
+    # Directions are exact to 1e-16; without rounding, 90 degrees would be 90.00000000000001.
     return np.asarray(np.round(degrees, 9), dtype=np.float64)

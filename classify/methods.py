@@ -1,4 +1,4 @@
-"""The names of solvers and classifiers, apart from them: a list of choices loads no numerics."""
+"""Names of solvers and classifiers, in a file that loads no numerics."""
 
 from __future__ import annotations
 

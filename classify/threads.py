@@ -15,8 +15,8 @@ __all__ = ["STRIP_PX", "map_in_threads", "run_on_rows", "set_thread_count", "thr
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# Pixels of one strip of rows. Large against the 10 us that a call of a kernel takes, small enough
-# that threads end at about the same time.
+# Pixels of one strip of rows: 200 us of work, which is long for the 10 us of a call and short
+# enough that threads end at about the same time.
 STRIP_PX = 1 << 17
 
 _count: int | None = None
@@ -79,7 +79,7 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
     try:
         work()
     finally:
-        # What has not started by now has nothing left to do.
+        # Threads that have not started by now have nothing left to do.
         started = [future for future in futures if not future.cancel()]
         errors = [future.exception() for future in started]
     for error in errors:
@@ -103,7 +103,7 @@ def run_on_rows(
 
 @lru_cache(maxsize=1)
 def _kept_threads(count: int) -> ThreadPoolExecutor:
-    """Threads that wait for work: to start new ones takes as long as to solve a small frame."""
+    """Threads that wait for work; to start new ones takes as long as to solve a small frame."""
     return ThreadPoolExecutor(count)
 
 

@@ -1,4 +1,4 @@
-"""What the images say of a solution: contradiction, shadow, highlights, the darkest light."""
+"""A solution compared with its images: residual, shadow, highlights, the darkest light."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ __all__ = ["compare_with_prediction", "find_darkest", "fit_residual"]
 
 Array = npt.NDArray[Any]
 
-# A highlight gives more than this multiple of the Lambertian prediction, which is taken as at
-# least the second number times the albedo.
+# A highlight gives at least this multiple of the Lambertian prediction, which is taken as at least
+# the second number times the albedo: the counterpart of the shadow rule. tests/classify/surface/
+# test_diagnostics.py holds both.
 _HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
 
 
@@ -24,7 +25,7 @@ def fit_residual(
     images: Array, ambient: Array, gains: Array, weights: Array, directions: Array,
     residual: Array,
 ) -> None:  # fmt: skip
-    """The rms difference between the lights and the nearest Lambertian surface, b = weights i."""
+    """Rms difference between the lights and the least squares surface, b = weights i."""
     lights = images.shape[0]
     rows, columns = residual.shape
     share = np.float32(1.0 / lights)
@@ -55,7 +56,7 @@ def compare_with_prediction(
     images: Array, ambient: Array, gains: Array, directions: Array,
     p: Array, q: Array, albedo: Array, shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """How many lights give half of what p, q and albedo predict or less, and if one gives more."""
+    """Compare each light with the prediction of p, q and albedo; count shadows, mark highlights."""
     rows, columns = p.shape
     one = np.float32(1.0)
     for r in range(rows):
@@ -77,7 +78,7 @@ def compare_with_prediction(
 
 @kernel
 def find_darkest(images: Array, ambient: Array, gains: Array, darkest: Array) -> None:
-    """Index of the light with the lowest value, the first of those that are equally low."""
+    """Find the index of the light with the lowest value, the first of equally low ones."""
     rows, columns = darkest.shape
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]

@@ -1,4 +1,4 @@
-"""What the solvers find out about a surface."""
+"""`SurfaceEstimate`, the result of a solver."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ FloatMap = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class SurfaceEstimate:
-    """Gradient field, albedo and the maps that say how far to trust them, each (H, W).
+    """Gradient field, albedo, and maps of where they can be trusted, each (H, W).
 
-    The solver writes p, q, albedo and `valid`, and where its method decides it pixel by pixel what
-    was left out or repaired. What these and the images say together is computed when it is first
-    asked for: `residual`, `shadow_count`, `saturated`, and for some methods `dropped` and
-    `specular`. The images are not copied, so they must not be written to before.
+    The solver writes p, q, albedo and `valid`, and some methods also what was left out or repaired
+    at each pixel. `residual`, `shadow_count`, `saturated`, and for some methods `dropped` and
+    `specular`, are computed from these and the images when they are first read. The images are
+    not copied and must not be changed before.
 
     Attributes
     ----------
     p, q
-        float32 gradients dz/dx and dz/dy (y up); 0 where no slope can be known.
+        float32 gradients dz/dx and dz/dy (y up); 0 where no slope can be determined.
     albedo
-        float32, in units of the images (of full scale, where the solver was told it).
+        float32, as a fraction of full scale if that is known, else in units of the images.
     valid
-        bool, false where no slope can be known: fewer than three lights of those used are out of
-        shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
-        solution faces away from the camera, or its standard error, from the noise of these
-        images, exceeds 0.5.
+        bool, false where no slope can be determined: fewer than three of the lights used are out
+        of shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
+        solution faces away from the camera, or the standard error of the slope from the noise of
+        these images exceeds 0.5.
     method
         Name of the solver.
     images, ambient, full_scale
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
-        as they were given; None for an estimate that comes from elsewhere.
+        as they were given; None for an estimate that does not come from a solver.
     lighting
-        The N lights of these images, with the intensities that they were found to have
-        (ps4_robust; see `light_balance`).
+        The N lights of these images; ps4_robust corrects their intensities by the LED levels that
+        it finds (`level_corrections`).
     left_out
         See `dropped`; None where that is the darkest light everywhere.
     highlights
-        See `specular`; None where that is to be told from the prediction.
+        See `specular`; None where that follows from the prediction of the solution.
     repaired
-        bool, true where fewer than three lights were left and the slope, and with one light or
-        none the albedo too, was taken from the pixels around (ps4_robust only).
+        bool, true where fewer than three lights were usable and the slope, with one light or none
+        the albedo too, comes from the pixels around (ps4_robust only).
     """
 
     p: FloatMap
@@ -75,8 +75,8 @@ class SurfaceEstimate:
     def dropped(self) -> npt.NDArray[np.uint8]:
         """(H, W) uint8 index of the light left out of the solution, 255 where all were used.
 
-        Where several were left out, or equally dark, it is the first of those, for rushmeier the
-        lowest.
+        Where several were left out, or were equally dark, it is the first of them; for rushmeier
+        it is the lowest.
         """
         if self.left_out is not None:
             return self.left_out
@@ -93,8 +93,8 @@ class SurfaceEstimate:
     def residual(self) -> FloatMap:
         """(H, W) float32 rms difference between the light images and a Lambertian surface.
 
-        That of the least squares fit to all lights, whatever the method, in units of the albedo.
-        Shadow, highlight, noise and wrong light order all raise it.
+        Of the least squares fit to all lights, whatever the method, in units of the albedo. Shadow,
+        highlights, noise and a wrong light order all raise it.
         """
         stack, lighting = self._stack_and_lights
         directions = lighting.directions.astype(np.float32)
@@ -110,10 +110,10 @@ class SurfaceEstimate:
 
     @property
     def shadow_count(self) -> npt.NDArray[np.uint8]:
-        """(H, W) uint8 number of lights that give no more than half of what this solution predicts.
+        """(H, W) uint8 number of lights that give at most half of what this solution predicts.
 
-        Cast and attached shadow together. Its mean over the number of lights is the shadow image
-        integrated over all lights of the thesis's figure 9.7.
+        It counts cast and attached shadow. Divided by the number of lights it is the shadow image
+        integrated over all lights of figure 9.7 of Wu's thesis.
         """
         return self._shadows_and_highlights[0]
 
@@ -135,9 +135,9 @@ class SurfaceEstimate:
     def specular(self) -> npt.NDArray[np.bool_]:
         """(H, W) bool, true where a highlight is suspected.
 
-        A light gives clearly more than a Lambertian surface would. ps4_robust and drbohlav tell it
-        from the lights that contradict each other, the others where a light exceeds the prediction
-        of their solution by half; ps4, which trusts its three brightest, never does.
+        A light gives clearly more than a Lambertian surface would. ps4_robust and drbohlav find it
+        where the lights do not agree, the other methods where a light exceeds the prediction of
+        their solution by half. ps4, which relies on the three brightest lights, finds none.
         """
         return self._shadows_and_highlights[1] if self.highlights is None else self.highlights
 
