@@ -41,12 +41,12 @@ def test_the_timing_is_stored_and_used_by_capture(ps4rig: Command, bench: Path) 
     kept = [line for line in bench.read_text().splitlines() if line in BENCH.splitlines()]
     assert kept == BENCH.splitlines()
     config = load_config(bench)
-    # The frame's end is 4 ms before the stamp, and the rise of 4 ms takes 13 to a thousandth.
+    # The frame ends 4 ms before the stamp. A rise of 4 ms takes 13 ms to within a thousandth.
     assert config.camera.timestamp_offset_ms == pytest.approx(-4.0, abs=1.0)
     assert config.camera.timing_measured_at == config.camera.mode
     assert 11.0 < config.lights.settle_ms < 16.0
     assert ps4rig("capture", "a.ome.tif").exit_code == 0
-    # What was stored is measured anew, and not on top of itself.
+    # A second measurement gives the same values, not a correction to them.
     again = json.loads(ps4rig("rig", "latency", "--steps", "12", "--json").output)
     assert again["camera"]["timestamp_offset_ms"] == pytest.approx(
         config.camera.timestamp_offset_ms, abs=0.1

@@ -1,4 +1,4 @@
-"""`ps4rig rig lights`, as a process of its own at a controller on a pty in real time."""
+"""`ps4rig rig lights`, as a process with a simulated controller in real time."""
 
 import signal
 import time
@@ -49,7 +49,7 @@ def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..
     while bench.lit() != [0.0, 0.0, 0.4, 0.0]:
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.02)
-    time.sleep(0.7)  # longer than the watchdog waits
+    time.sleep(0.7)  # longer than the watchdog time
     assert bench.lit() == [0.0, 0.0, 0.4, 0.0]
     process.send_signal(signal.SIGINT)
     stdout, stderr = process.communicate(timeout=20)

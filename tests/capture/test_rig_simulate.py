@@ -1,4 +1,4 @@
-"""``ps4rig rig simulate`` on a serial line made of two terminals; frames are tried in tests/hil."""
+"""``ps4rig rig simulate`` on a serial line of two ptys; tests/hil tests the frames."""
 
 import os
 import select
@@ -20,7 +20,7 @@ Spawn = Callable[..., "subprocess.Popen[str]"]
 
 @contextmanager
 def null_modem() -> Iterator[tuple[str, str]]:
-    """Two serial devices joined by a cable."""
+    """Two connected serial devices."""
     pairs = [os.openpty() for _ in range(2)]
     (near, near_end), (far, far_end) = pairs
     for _, end in pairs:

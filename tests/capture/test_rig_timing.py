@@ -1,4 +1,4 @@
-"""`ps4rig rig timing`: a set by software and by the controller, against what is possible."""
+"""`ps4rig rig timing`: sets by software and by the controller, compared with the limit."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One simulated device on virtual time, with the bytes of an exchange in one call."""
+"""A simulated device on virtual time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ def _new_device(max_on_ms: int = 120_000, **options: object) -> Device:
 
 @pytest.fixture(scope="session")
 def new_device() -> Callable[..., Device]:
-    """Make a device; its banner waits to be taken."""
+    """Make a device whose banner has not been read."""
     return _new_device
 
 
 @pytest.fixture
 def device() -> Device:
-    """A device whose banner has been taken."""
+    """A device whose banner has been read."""
     made = _new_device()
     made.controller.take_output()
     return made

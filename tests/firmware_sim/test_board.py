@@ -1,4 +1,4 @@
-"""The light: closed-form integral against numeric integration, rise and fall times, limits."""
+"""The simulated board: light over time, numeric against exact integrals, buffers, options."""
 
 import math
 from itertools import pairwise
@@ -33,7 +33,7 @@ def test_the_integral_matches_the_output(switches, rise_ms, fall_ms, interval):
     clock.sleep_s(0.03)
     start_s, end_s = interval
 
-    # pieces that are short against how fast the output bends there
+    # Pieces that are short compared with the time constants.
     bends_s = [
         at_s + k * ms / 1e3 for at_s in changes_s for k in BENDS for ms in (rise_ms, fall_ms)
     ]
@@ -44,7 +44,7 @@ def test_the_integral_matches_the_output(switches, rise_ms, fall_ms, interval):
 
 
 def simpson_s(board: SimulatedBoard, start_s: float, end_s: float, steps: int = 20) -> float:
-    """Simpson's rule, a little inside the ends: where a drive changes the output may jump."""
+    """Simpson's rule, slightly inside the ends, since the output may jump at a switch."""
     inset_s = (end_s - start_s) * 1e-9
     step_s = (end_s - start_s) / steps
     points = [start_s + inset_s, *(start_s + i * step_s for i in range(1, steps)), end_s - inset_s]

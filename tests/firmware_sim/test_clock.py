@@ -1,4 +1,4 @@
-"""Virtual time: exact, cheap, common to all threads."""
+"""Real and virtual clocks: sleeping, ticks, calls at given times, threads."""
 
 import threading
 import time
@@ -121,7 +121,7 @@ def test_a_call_may_add_another_call():
             clock.call_at(clock.now_s() + 0.0004, call)
 
     clock.sleep_s(0.010)
-    clock.call_at(0.001, call)  # past: as soon as may be
+    clock.call_at(0.001, call)  # in the past: as soon as possible
     clock.sleep_s(0.001)
     assert calls_s == [0.010, 0.0104, 0.0108]
     clock.sleep_s(0.001)
@@ -142,5 +142,5 @@ def test_calls_on_the_real_clock():
     assert calls[0][1] >= start_s + 0.01
     assert calls[1][1] >= start_s + 0.02
     done.clear()
-    clock.call_at(clock.now_s(), done.set)  # its thread had ended, or is about to
+    clock.call_at(clock.now_s(), done.set)  # the clock's thread has ended or is ending
     assert done.wait(5.0)

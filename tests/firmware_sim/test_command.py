@@ -1,4 +1,4 @@
-"""`python -m firmware_sim` as a process of its own."""
+"""`python -m firmware_sim` in its own process."""
 
 import re
 import signal
@@ -73,7 +73,7 @@ def test_bad_options_and_addresses_in_use(tmp_path):
             ("--unix", str(taken)): f"cannot serve at {taken}: Address already in use",
             ("--pty", str(taken)): f"cannot serve at {taken}: File exists",
         }
-        # together, as starting Python is what takes the time
+        # All at once, because starting Python takes most of the time.
         processes = {options: start(*options) for options in cases}
         for options, cause in cases.items():
             with processes[options] as process:

@@ -1,4 +1,4 @@
-"""The device as a whole: boot, reset on opening, what a line costs."""
+"""The device as a whole: boot, reset on opening, delay of a line."""
 
 BANNER = b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
 

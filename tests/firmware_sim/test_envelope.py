@@ -1,4 +1,4 @@
-"""Sequence ids and checksums, against an implementation of their own."""
+"""Sequence ids and checksums, compared with an independent implementation."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +7,7 @@ from firmware_sim import crc8
 
 
 def crc8_by_division(data: bytes) -> int:
-    """The remainder of data * x^8 by x^8 + x^2 + x + 1, as in the textbook."""
+    """Remainder of data * x^8 divided by x^8 + x^2 + x + 1, by polynomial division."""
     value = int.from_bytes(data, "big") << 8
     while value.bit_length() > 8:
         value ^= 0x107 << (value.bit_length() - 9)
@@ -47,14 +47,14 @@ def test_a_damaged_byte_never_switches(new_device, damage, place):
     device = new_device()
     device.controller.take_output()
     reply = device.exchange(bytes(message) + seal + b"\n")
-    # a line end made by the damage splits the line; neither part may be executed
+    # A damaged byte may become a line end; then neither part may be executed.
     assert b"OK" not in reply
     assert reply.endswith(sealed(b'ERR -360,"Communication error"') + b"\n")
     assert device.lit() == [0.0] * 4
 
 
 def test_a_checksum_may_have_lower_case_and_blanks_around_it(device):
-    # the blanks before the seal are under it, those after it are not
+    # The checksum covers the blanks before it, not those after it.
     assert device.exchange(sealed(b" LED:OFF ") + b"  \r\n") == sealed(b"OK -1,1000") + b"\n"
     assert device.exchange(b"#7 LED:SEL 2~e0\n") == sealed(b"#7 OK 2,2000") + b"\n"
 

@@ -1,4 +1,4 @@
-"""Faults on purpose do what their names say, when they are told to."""
+"""Simulated faults of lines and LEDs have the documented effects at the given times."""
 
 import random
 from collections.abc import Callable
@@ -24,7 +24,7 @@ def said(line: FaultyLine, data: bytes) -> list[bytes]:
     return line.take_output().splitlines()
 
 
-# when
+# When
 
 
 def test_nth_and_times_count_events_from_one() -> None:
@@ -46,7 +46,7 @@ def test_impossible_conditions_are_refused(fields: dict[str, float]) -> None:
         When(**fields)  # type: ignore[arg-type]
 
 
-# lines
+# Lines
 
 
 def test_a_line_without_faults_is_not_changed() -> None:

@@ -1,4 +1,4 @@
-"""Anything may arrive in any pieces: one reply per line, and nothing changes without reason."""
+"""Random bytes in random pieces: one reply per line, and only valid commands act."""
 
 import re
 from itertools import pairwise
@@ -13,7 +13,7 @@ COMMANDS = [
     b"LED:LIM? 1",
 ]
 
-# the grammar of what may be accepted without a checksum, written apart from the parser
+# Grammar of the lines without checksum that may be accepted, independent of the parser.
 ACCEPTABLE = re.compile(
     rb" *(#0*\d{1,5} +)?"
     rb"(\*IDN\?|\*RST|SYST:ERR\?|SYST:WDOG +\d+|SYST:WDOG\?|LED:SEL +0*[0-3]|LED:OFF"
@@ -60,7 +60,7 @@ def test_a_refused_line_changes_nothing(new_device, lines):
             assert state(device) == before
         elif b"~" not in line:
             assert ACCEPTABLE.fullmatch(line)
-        device.exchange(b"LED:OFF\n")  # a sequence would go on by itself
+        device.exchange(b"LED:OFF\n")  # a sequence would continue by itself
 
 
 def state(device) -> tuple[bytes, bytes, list[float]]:

@@ -1,4 +1,4 @@
-"""The firmware must load on MicroPython: no run-time imports, no syntax that it lacks."""
+"""The firmware loads on MicroPython: no imports at run time, no unsupported syntax."""
 
 import ast
 from pathlib import Path

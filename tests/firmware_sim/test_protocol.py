@@ -1,4 +1,4 @@
-"""Exact bytes: every command, every error, and the transcripts of the README."""
+"""Exact bytes of every command, every error, and the transcripts of the README."""
 
 import re
 from pathlib import Path
@@ -53,7 +53,7 @@ def test_readme_transcript(new_device, transcript):
         (b"SEQ:TRIG 0,60000000" + b",-1" * 14 + b"\n", b"OK 1000\n"),
         (b"SEQ:STAT?\n", b"OK 0,0,0,0,0,0,1000\n"),
         (b"LED:STAT?\n", b"OK -1,100,100,100,100,1000\n"),
-        # what people type
+        # As people type
         (b"led:sel 2\r\n", b"OK 2,1000\n"),
         (b"  Led:Sel   002  \r\n", b"OK 2,1000\n"),
         (b"LED:LEV 1 , 50\n", b"OK 1,50\n"),

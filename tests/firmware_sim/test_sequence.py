@@ -1,4 +1,4 @@
-"""Sequences: which exposures count, what ends one, and that every time in the record is true."""
+"""Sequences: exposures that count, events that end one, times in the record; LED limits."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,7 +12,7 @@ SETTLE_US = 2000
 
 @dataclass(frozen=True)
 class Run:
-    """A device that runs a sequence, and the camera that exposes above it."""
+    """A device that runs a sequence, and a camera that exposes."""
 
     device: object
     start_us: int
@@ -63,7 +63,7 @@ def test_each_light_gets_one_exposure_and_the_leds_are_off_afterwards(device):
         assert ended_us == begun_us + 10_000
         assert (triggered_us, exposures) == (-1, 1)
         if index:
-            assert 0 < lit_us - steps[index - 1][4] <= 200  # one turn of the main loop
+            assert 0 < lit_us - steps[index - 1][4] <= 200  # one pass of the main loop
     passed_us = run.ask("SEQ:STAT?")[5]
     assert 0 < passed_us - steps[-1][4] <= 200
 
@@ -81,9 +81,9 @@ def test_an_exposure_that_runs_at_the_start_does_not_count(device):
 
 def test_an_exposure_before_the_light_has_settled_does_not_count(device):
     run = arm(device, 0, 1, timeout_us=50_000)
-    run.expose(pause_us=SETTLE_US - 500)  # too soon
+    run.expose(pause_us=SETTLE_US - 500)  # too early
     run.expose(pause_us=1000)
-    run.expose(pause_us=1000)  # too soon after light 1 was lit
+    run.expose(pause_us=1000)  # too early after light 1 was lit
     run.expose(pause_us=1000)
     assert [step[3:] for step in run.steps()] == [[12_500, 22_500, 2], [34_500, 44_500, 2]]
 
@@ -104,7 +104,7 @@ def test_a_busy_loop_is_late_but_counts_correctly(new_device):
         run.expose(pause_us=1000, exposure_us=4000)
     device.clock.sleep_s(0.1)
     first, second = run.steps()
-    assert first[3] == 6000  # the one at 1000 us was too soon
+    assert first[3] == 6000  # the exposure at 1000 us began too early
     assert second[1] == 20_000
     assert second[3] < 0 or second[3] - second[1] >= SETTLE_US
 
@@ -206,7 +206,7 @@ def test_the_record_of_a_sequence_stays_until_the_next(device):
     assert [step[0] for step in second.steps()] == [2]
 
 
-@settings(deadline=None)  # many turns of the main loop
+@settings(deadline=None)  # many passes of the main loop
 @given(
     timing=st.lists(
         st.tuples(st.integers(100, 9000), st.integers(100, 9000)), min_size=1, max_size=16
@@ -231,7 +231,7 @@ def test_an_exposure_counts_only_under_one_settled_light(new_device, timing, lig
                 assert ended_us <= light_changes_us[index + 1]
 
 
-# limits of the LEDs
+# Limits of the LEDs
 
 
 def test_keep_alive_commands_do_not_extend_the_time_limit_of_an_led(new_device):

@@ -36,7 +36,7 @@ def controller(clock=None, **options) -> SimulatedController:
 
 @contextmanager
 def opened(address: str) -> Iterator[serial.Serial]:
-    """Open as a host does: a pyserial URL, or a device path for itself alone."""
+    """Open as a host does: a pyserial URL, or a device path exclusively."""
     exclusive = {} if address.startswith("socket:") else {"exclusive": True}
     with serial.serial_for_url(address, timeout=2.0, write_timeout=2.0, **exclusive) as port:
         yield port

@@ -1,4 +1,4 @@
-"""The watchdog, to the simulated microsecond."""
+"""The watchdog, exact to the simulated microsecond."""
 
 import pytest
 
@@ -8,7 +8,7 @@ NO_ERROR = b'OK 0,"No error"\n'
 
 @pytest.fixture
 def instant(new_device):
-    """A device whose line takes no time, so that a sleep is all the time that passes."""
+    """A device without line delay, so that time passes only in sleeps."""
     device = new_device(link_delay_ms=0.0)
     device.controller.take_output()
     return device
@@ -21,7 +21,7 @@ def test_the_watchdog_trips_at_its_time_and_not_before(instant):
     instant.clock.sleep_s(0.001)
     now_s = instant.clock.now_s()
     assert now_s == 5.0
-    assert instant.board.output(1, now_s) == pytest.approx(1.0)  # it begins to fall now
+    assert instant.board.output(1, now_s) == pytest.approx(1.0)  # begins to fall now
     instant.clock.sleep_s(0.003)
     assert instant.board.output(1, now_s + 0.003) < 1e-6
     assert instant.exchange(b"SYST:ERR?\n" * 2) == TRIPPED + NO_ERROR
@@ -34,7 +34,7 @@ def test_the_watchdog_time_can_be_set(instant, watchdog_ms):
     instant.clock.sleep_s(watchdog_ms / 1000 - 0.001)
     start_s = instant.clock.now_s()
     instant.clock.sleep_s(0.051)
-    # 1 ms of full light, then the tail of the fall: 0.3 ms / ln 9
+    # 1 ms of full light, then the integral of the fall: 0.3 ms / ln 9.
     light_s = instant.board.output_integral_s(0, start_s, instant.clock.now_s())
     assert light_s == pytest.approx(0.001 + 0.0003 / 2.1972245773362196, rel=1e-9)
 

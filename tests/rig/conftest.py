@@ -1,4 +1,4 @@
-"""The light controller's firmware on a pty, intact or behind a line that damages its replies."""
+"""The simulated light controller on a pty, also behind a line that damages its replies."""
 
 import os
 import select
@@ -17,7 +17,7 @@ Tamper = Callable[[str, bytes], Iterable[bytes]]
 
 @dataclass(frozen=True)
 class Bench:
-    """The simulated device on virtual time, with its board in view."""
+    """The simulated controller on virtual time, with its board."""
 
     clock: VirtualClock
     board: SimulatedBoard
@@ -29,7 +29,7 @@ class Bench:
         return self.server.address
 
     def lit(self) -> list[float]:
-        """The output of each LED, once it has settled."""
+        """The output of each LED after it has settled."""
         self.clock.sleep_s(0.05)
         now_s = self.clock.now_s()
         return [round(self.board.output(led, now_s), 6) for led in range(self.board.led_count)]
@@ -45,10 +45,10 @@ def bench() -> Iterator[Bench]:
 
 
 class DamagedLine:
-    """A pty with the real firmware behind it; `tamper` decides what becomes of each reply.
+    """A pty with the real firmware; `tamper` changes each reply.
 
-    `tamper(command, reply)` is asked once for each line of the host; what it yields is sent,
-    each piece in a write of its own.
+    `tamper(command, reply)` is called once for each line of the host. Each piece that it returns is
+    sent in its own write.
     """
 
     def __init__(self, tamper: Tamper) -> None:
@@ -97,5 +97,5 @@ def damaged_device() -> Iterator[Callable[[Tamper], DamagedLine]]:
 
 @pytest.fixture
 def damaged_line(damaged_device: Callable[[Tamper], DamagedLine]) -> Callable[[Tamper], str]:
-    """Put `tamper` between the firmware and a port; returns the port."""
+    """Put `tamper` between the firmware and a port; return the port."""
     return lambda tamper: damaged_device(tamper).port

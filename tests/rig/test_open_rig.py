@@ -1,4 +1,4 @@
-"""A whole rig opened and closed."""
+"""Opening and closing a rig."""
 
 import threading
 from collections.abc import Iterator
@@ -145,7 +145,6 @@ def test_a_rig_may_have_more_than_four_leds() -> None:
 
 @pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
 def test_a_simulated_camera_is_refused_above_a_real_controller(serve: type) -> None:
-    """It could not see its LEDs: what it showed would not be what is there."""
     clock = VirtualClock()
     with serve(SimulatedController(SimulatedBoard(clock), clock)) as server:
         config = SMALL.with_changes(lights={"port": server.address})

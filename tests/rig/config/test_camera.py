@@ -1,4 +1,4 @@
-"""`rig.toml` with a V4L2 camera: what is refused, and in which words."""
+"""The section [camera] of rig.toml: defaults of each kind, refused values, messages."""
 
 from pathlib import Path
 
@@ -106,7 +106,7 @@ def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "claims_start", "start_s"),
     [
-        # 100 s less the exposure of 20 ms and a whole period of 1/25 s for the readout
+        # 100 s minus the exposure of 20 ms and a readout of a whole period of 1/25 s
         ({}, False, 99.94),
         ({}, True, 99.94),
         ({"readout_ms": 5.0}, True, 99.975),

@@ -1,4 +1,4 @@
-"""`rig.toml`: what is refused, and in which words."""
+"""rig.toml as a whole: refused files and values, and their messages."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the controller is asked to do by itself: it leaves time to settle, or is refused."""
+"""Plans of sequences leave time to settle, or are refused."""
 
 import pytest
 from hypothesis import given
@@ -35,7 +35,7 @@ def test_a_plan_leaves_time_to_settle(settle_ms, period_ms, exposed_share, trigg
     assert plan.lights == (None, 0, 1, 2, 3)
     step_s = plan.wait_us / 1e6 if triggers else plan.frames_per_step * period_ms / 1e3
     assert step_s >= exposed_s + REACTION_S + settle_ms / 1e3 - 1e-9
-    if not triggers and plan.frames_per_step > 1:  # and no exposure more is passed over than must
+    if not triggers and plan.frames_per_step > 1:  # and no more frames than needed
         assert step_s - period_ms / 1e3 < exposed_s + REACTION_S + settle_ms / 1e3
     assert start_command(plan).endswith(",-1,0,1,2,3")
     assert len(f"#65535 {start_command(plan)}~FF") <= 64

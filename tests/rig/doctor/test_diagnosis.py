@@ -13,11 +13,11 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 from rig import ListedCamera, RigConfig, open_rig
 from rig.config.camera import V4l2CameraConfig
 from rig.doctor import diagnosis as doctor_module
-from rig.doctor import lights as light_checks_module
 from rig.doctor.cameras import check_cameras, check_frames, longest_exposure_ms
 from rig.doctor.check import Check
 from rig.doctor.diagnosis import check_kernel_cache, diagnose
 from rig.doctor.light_images import LightImages, capture_light_images, check_light_images
+from rig.doctor.lights import check_lights
 from rig.doctor.serial_ports import (
     RULES_FILE,
     check_access,
@@ -168,9 +168,10 @@ def test_a_broken_watchdog_is_a_fault(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         assert lights.trips_watchdog()
         assert lights.state().led is None
-        lights._clock = VirtualClock()  # the controller's time stands still
-        assert not lights.trips_watchdog()
-        assert light_checks_module._watchdog(lights).status == "fault"
+    # The controller's time stands still while this clock advances.
+    with LightController(bench.port, clock=VirtualClock()) as lights:
+        checks = {c.name: c for c in check_lights(lights, bench.clock, RigConfig().lights)}
+        assert checks["watchdog"].status == "fault"
 
 
 def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
@@ -182,7 +183,7 @@ def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
     ):
         found = measure_switch_latency(lights, clock, switches=7)
         assert (found.median_ms, found.worst_ms) == pytest.approx((12.0, 12.0))
-        check = light_checks_module._latency(lights, clock)
+        *_, check = check_lights(lights, clock, RigConfig().lights)
         assert check.status == "warning"
         assert "latency_timer" in check.advice
         assert lights.state().led is None
@@ -190,7 +191,7 @@ def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
 
 def test_old_firmware_is_a_warning(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
-        check, count, *_ = light_checks_module.check_lights(
+        check, count, *_ = check_lights(
             lights,
             bench.clock,
             RigConfig().lights.model_copy(update={"tilts_deg": (0.0,) * 5}),

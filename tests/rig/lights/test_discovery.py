@@ -1,4 +1,4 @@
-"""Where the controller is: real ptys with the real firmware, listed as if on USB."""
+"""Finding the controller: the real firmware on ptys that are listed as USB ports."""
 
 import os
 import subprocess
@@ -32,7 +32,7 @@ PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 
 @pytest.fixture
 def plug_in() -> Iterator[Callable[..., SerialPort]]:
-    """Plug in a controller; its own serial number, and what USB says of it."""
+    """Plug in a controller with a serial number and properties of its USB port."""
     with ExitStack() as stack:
 
         def start(own: str, usb_id: str | None = PICO, serial: str | None = None) -> SerialPort:
@@ -46,7 +46,7 @@ def plug_in() -> Iterator[Callable[..., SerialPort]]:
 
 @pytest.fixture
 def silent_port() -> Iterator[tuple[int, SerialPort]]:
-    """A port at which nobody answers: the other end's descriptor, and how it is listed."""
+    """A silent port: the descriptor of its other end, and its listing."""
     master, slave = os.openpty()
     os.set_blocking(master, False)
     port = SerialPort(os.ttyname(slave), PICO)
@@ -89,7 +89,7 @@ def test_the_controller_that_answers_is_chosen_among_several_ports(
     ask = partial(who_is_there, timeouts=LinkTimeouts(open_s=0.3))
     assert find_controller(auto(), [silent, there], ask) == there.device
     said = os.read(master, 4096)
-    # It was asked, and nothing else was written to what is not ours.
+    # Nothing but *IDN? was written to the other port.
     assert said.replace(b"\n", b"").startswith(b"#")
     lines = [line for line in said.split(b"\n") if line]
     assert all(b" *IDN?~" in line for line in lines)
@@ -155,7 +155,7 @@ _HOLDS = (
 
 @pytest.fixture
 def held() -> Iterator[Callable[[str], int]]:
-    """Have another program open a device; returns its process id."""
+    """Let another program open a device; return its process id."""
     programs: list[subprocess.Popen[bytes]] = []
 
     def hold(device: str) -> int:

@@ -41,7 +41,7 @@ def sequence_of(line: str) -> str:
     return line.split()[0]
 
 
-# what it does
+# Commands
 
 
 def test_identity_is_what_the_firmware_says(bench: Any) -> None:
@@ -121,7 +121,7 @@ def test_the_configured_watchdog_time_is_used(bench: Any) -> None:
             lights.confirm(0)
 
 
-# the end
+# Closing
 
 
 def test_close_puts_the_leds_out_and_may_be_called_again(bench: Any) -> None:
@@ -153,7 +153,7 @@ def test_the_port_is_free_again_after_a_failed_opening(bench: Any) -> None:
         assert lights.select(0).led == 0
 
 
-# the port
+# The port
 
 
 def test_a_second_opener_is_told_that_the_port_is_in_use(bench: Any) -> None:
@@ -174,7 +174,7 @@ from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
 from rig.lights.timeouts import LinkTimeouts
 import serial, serial.serialposix
 if os.getuid() == 0:
-    os.setuid(65534)  # the superuser is let in by the kernel
+    os.setuid(65534)  # the kernel does not exclude the superuser
 clock = VirtualClock()
 with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
     for _ in range(3):
@@ -191,7 +191,7 @@ with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
 def test_the_kernel_refuses_other_programs_until_the_port_is_closed() -> None:
     program = _AS_NOBODY.format(path=sys.path)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert (done.stdout.split(), done.stderr) == (["16"] * 3, "")  # EBUSY, at each of three visits
+    assert (done.stdout.split(), done.stderr) == (["16"] * 3, "")  # EBUSY, each of three times
 
 
 def test_a_port_that_does_not_exist() -> None:
@@ -216,7 +216,7 @@ def test_an_unusable_url_is_refused(url: str) -> None:
 
 @pytest.fixture
 def bare_pty() -> Iterator[tuple[int, str]]:
-    """A terminal with nobody behind it: the master's descriptor and the port."""
+    """A pty without a device: the master's descriptor and the port."""
     master, slave = os.openpty()
     yield master, os.ttyname(slave)
     os.close(slave)
@@ -265,7 +265,7 @@ def test_a_port_that_chatters_is_given_up(
     assert time.monotonic() - started_s < 1.5
 
 
-# somebody else, or another version
+# Other devices and versions
 
 
 @pytest.mark.parametrize(
@@ -296,11 +296,11 @@ def test_an_unsuitable_controller_is_refused_before_any_command(
     assert all("IDN" in command or command == "" for command in asked)
 
 
-# replies that are damaged, late, doubled or in pieces
+# Replies that are damaged, late, doubled or in pieces
 
 
 def only(wanted: str, damage: Callable[[str, bytes], Iterable[bytes]]) -> Callable[..., Any]:
-    """Damage the replies to one command and leave all others whole."""
+    """Damage only the replies to one command."""
 
     def tamper(command: str, reply: bytes) -> Iterable[bytes]:
         return damage(command, reply) if wanted in command else [reply]
@@ -343,7 +343,7 @@ def test_half_a_reply_is_never_accepted(damaged_line: Line) -> None:
     with LightController(damaged_line(only("LED:SEL 1", cut)), timeouts=SHORT) as lights:
         with pytest.raises(LightControllerError, match="no answer"):
             lights.select(1)
-        # The half that is left stands before the next reply, whose checksum then fails.
+        # The other half precedes the next reply, whose checksum then fails.
         with pytest.raises(LightControllerError, match="garbled"):
             lights.select(2)
         assert lights.select(3).led == 3
@@ -385,7 +385,7 @@ def test_an_intact_reply_of_another_form_is_an_error(damaged_line: Line, fields:
     def strange(command: str, reply: bytes) -> Iterator[bytes]:
         nonlocal asked
         asked += 1
-        # The first is part of opening.
+        # The driver asks once when it opens.
         yield reply if asked == 1 else sealed(f"{sequence_of(command)} OK{fields}")
 
     with (
@@ -402,7 +402,7 @@ def test_a_state_with_another_number_of_leds_is_an_error(damaged_line: Line, lev
     def change(command: str, reply: bytes) -> Iterator[bytes]:
         nonlocal asked
         asked += 1
-        # The first is part of opening.
+        # The driver asks once when it opens.
         yield reply if asked == 1 else sealed(f"{sequence_of(command)} OK -1,{levels},900000000")
 
     with (
@@ -412,7 +412,7 @@ def test_a_state_with_another_number_of_leds_is_an_error(damaged_line: Line, lev
         lights.confirm(None)
 
 
-# a controller that restarts or goes away
+# A controller that restarts or is unplugged
 
 
 def test_a_restart_in_an_exchange_is_noticed(damaged_line: Line) -> None:

@@ -1,4 +1,4 @@
-"""The watchdog stays quiet while the program lives, in simulated and in real time."""
+"""The watchdog stays quiet while the program lives, in simulated and real time."""
 
 import os
 import signal
@@ -108,7 +108,7 @@ def test_a_restart_without_a_banner_is_noticed(bench: Any) -> None:
         lights.state()
         bench.controller.reset()
         bench.clock.sleep_s(0.5)
-        bench.controller.take_output()  # the banner went to nobody
+        bench.controller.take_output()  # the banner is lost
         lights.keep_alive_if_due()
         with pytest.raises(LightControllerError, match=r"while nobody switched: .*restarted"):
             lights.select(1)
@@ -117,7 +117,8 @@ def test_a_restart_without_a_banner_is_noticed(bench: Any) -> None:
 def test_nothing_is_sent_after_a_failure_so_the_watchdog_trips(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
         lights.select(3)
-        lights._has_failed = True
+        with pytest.raises(LightControllerError):
+            lights.ask("*IDN?", 1)  # not a number
         for _ in range(4):
             bench.clock.sleep_s(0.15)
             lights.keep_alive_if_due()

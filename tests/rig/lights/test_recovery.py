@@ -1,4 +1,4 @@
-"""After a failure the link comes back between sets, to the same controller and to no other."""
+"""After a failure `recover` opens the line to the same controller again."""
 
 import string
 from collections.abc import Callable, Iterable, Iterator
@@ -86,19 +86,19 @@ def test_a_restarted_controller_gets_its_settings_again(bench: Any) -> None:
         bench.clock.sleep_s(0.2)
         bench.controller.reset()
         bench.clock.sleep_s(0.4)
-        bench.controller.take_output()  # the banner went to nobody
+        bench.controller.take_output()  # the banner is lost
         with pytest.raises(LightControllerError, match="should be lit but no LED is"):
             lights.confirm(1)
         lights.recover()
         assert lights.state().levels_percent == (100, 30, 100, 100)
         lights.select(1)
         bench.clock.sleep_s(0.9)
-        assert lights.state().led is None  # of 0.7 s again, not of 5
+        assert lights.state().led is None  # the watchdog time is 0.7 s again
 
 
 @pytest.fixture
 def devices() -> Iterator[Callable[[str], str]]:
-    """Plug in a controller of this serial number; returns its port."""
+    """Plug in a controller with a serial number; return its port."""
     with ExitStack() as stack:
 
         def plug_in(serial_number: str) -> str:
@@ -132,7 +132,7 @@ def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str
             lights.recover()
         with pytest.raises(LightControllerError):
             lights.select(0)
-    with LightController(other) as lights:  # and it was let go
+    with LightController(other) as lights:  # its port was released
         assert lights.identity.serial_number == "B-2"
 
 
@@ -144,7 +144,7 @@ def test_a_controller_at_no_port_is_named_as_missing(devices: Callable[[str], st
 
 
 class Damage:
-    """What becomes of the replies while it is on."""
+    """Damages replies as planned."""
 
     def __init__(self) -> None:
         self.plan: list[tuple[str, int]] = []
@@ -155,7 +155,7 @@ class Damage:
         if not self.plan or not reply:
             return [*held, reply]
         kind, number = self.plan.pop(0)
-        if kind == "late":  # comes before the answer to the next command
+        if kind == "late":  # comes before the next reply
             self.late = [reply]
             return held
         if kind == "doubled":
@@ -180,7 +180,7 @@ KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "ba
 def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
     switches: int, damaged_device: Callable[[Any], Any]
 ) -> None:
-    """Any damage to any replies: no acknowledge of a switch that did not happen."""
+    """Random damage to random replies."""
     damage = Damage()
     line = damaged_device(damage)
 
@@ -192,7 +192,7 @@ def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
             led = number % 4
             with suppress(LightControllerError):
                 assert lights.select(led).led == led
-                # What is acknowledged has happened, whatever was on the line before.
+                # An acknowledged switch has happened.
                 line.clock.sleep_s(0.01)
                 assert line.board.output(led, line.clock.now_s()) > 0.99
         damage.plan, damage.late = [], []

@@ -1,4 +1,4 @@
-"""Sequences from the host's side: what is reported, what is noticed, whose clock says what."""
+"""Sequences from the host's side: their report, their errors, the relation of the clocks."""
 
 from collections.abc import Iterator
 
@@ -44,7 +44,7 @@ def test_the_report_matches_the_board(rig: Rig) -> None:
     assert tuple(step.light for step in report.steps) == plan.lights
     assert report.clock.uncertainty_s < 0.001
     for step in report.steps:
-        # the simulated clock and the board's are the same one
+        # The rig and the simulated board share one clock.
         for at_us in (step.lit_us, step.begun_us, step.ended_us):
             assert at_us is not None
             assert abs(report.clock.on_rig_s(at_us) - at_us / 1e6) <= report.clock.uncertainty_s

@@ -1,4 +1,4 @@
-"""The host's lines against the firmware's own envelope."""
+"""Lines of the host and the firmware understand each other; damage is detected."""
 
 import pytest
 from hypothesis import given
@@ -61,8 +61,8 @@ def test_a_damaged_byte_in_a_command_changes_no_led(
     firmware = Firmware(board)
     board.receive(bytes(line) + b"\n")
     firmware.poll()
-    # A line whose ~ is gone has no checksum to fail: only the driver's refusal of replies
-    # without one is left then, and the command must not have been the one that was sent.
+    # A line without ~ has no checksum that could fail. The driver then refuses the reply, which has
+    # no checksum either, and the command executed must not be the one sent.
     shown = [index for index in range(4) if board.output(index, 0.0) > 0.0]
     assert shown in ([], [led])
 
