@@ -20,8 +20,6 @@ DISCONNECTED = "/dev/video1"
 REMOVED = "/dev/video2"
 RATE_HZ = 10.0
 PERIOD_S = 1.0 / RATE_HZ
-# The kernel's clock ticks every 4 ms, and vivid's frames come on a tick.
-JITTER_S = 0.02
 # The time-out of a read, and some time for an emulated processor that pauses.
 DEADLINE_S = 6.0
 # For a frame that was being filled, and for the thread that sets the brightness.
@@ -74,6 +72,13 @@ def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
         if len(frames) == count:
             return frames
     raise AssertionError(f"never {count} frames in a row without a gap")
+
+
+def mean_period_s(frames: list[Frame]) -> float:
+    """The mean period of frames in a row; a busy host delays single ones by tens of milliseconds."""
+    starts_s = [frame.exposure_start_s for frame in frames]
+    assert starts_s == sorted(set(starts_s))
+    return (starts_s[-1] - starts_s[0]) / (len(frames) - 1)
 
 
 def named(device: V4l2Device, slug: str) -> Control:
