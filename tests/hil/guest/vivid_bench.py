@@ -75,7 +75,7 @@ def without_loss(camera: V4l2Camera, count: int) -> list[Frame]:
 
 
 def mean_period_s(frames: list[Frame]) -> float:
-    """The mean period of frames in a row; a busy host delays single ones by tens of milliseconds."""
+    """The mean period of frames in a row; a busy host delays single ones by 20 ms and more."""
     starts_s = [frame.exposure_start_s for frame in frames]
     assert starts_s == sorted(set(starts_s))
     return (starts_s[-1] - starts_s[0]) / (len(frames) - 1)
