@@ -6,7 +6,7 @@ absolute, because a worker of a cluster has another working folder.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,7 +23,7 @@ from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
 from classify.labels import checked_label
-from classify.library.training import TrainingRow, common_lighting, observe
+from classify.library.training import observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
 
@@ -33,7 +33,6 @@ __all__ = [
     "SolveTask",
     "SolvedSet",
     "classify_set",
-    "library_of",
     "observe_set",
     "read_header",
     "solve_set",
@@ -107,37 +106,6 @@ def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIE
     captured = CapturedSet.load(path)
     with _naming(path):
         return observe(captured.solve(), segment_px, classifier)
-
-
-def library_of(
-    headers: Sequence[SetHeader],
-    observations: Sequence[Observation],
-    segment_px: int,
-    classifier: str = DEFAULT_CLASSIFIER,
-    sources: Sequence[str] = (),
-) -> TextureLibrary:
-    """Train a library from the headers and observations of sets.
-
-    Parameters
-    ----------
-    segment_px
-        The size of segments of all observations.
-    sources
-        The paths of the sets as the library stores them.
-    """
-    rows = [
-        TrainingRow(header.label, observed, header.orientation_deg)
-        for header, observed in zip(headers, observations, strict=True)
-    ]
-    hashes = [header.pixels_sha256 for header in headers]
-    return TextureLibrary.from_observations(
-        rows,
-        segment_px,
-        classifier,
-        lighting=common_lighting([header.lighting for header in headers]),
-        simulated=any(header.simulated for header in headers),
-        sources=list(zip(sources, hashes, strict=False)),
-    )
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ from typing import NamedTuple
 from capture.console import progress
 from classify import TextureLibrary
 from classify.errors import InputError, LibraryError
+from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import library_of, observe_set, read_header, warn_unprotected
+from .tasks import observe_set, read_header, warn_unprotected
 
 __all__ = ["Trained", "retrain_library", "train_library"]
 
@@ -54,10 +55,22 @@ def train_library(
     segment_px = min(header.segment_px for header in headers)
     task = partial(observe_set, segment_px=segment_px, classifier=classifier)
     observations = list(progress(batch.map(task, absolute), len(paths), "train"))
-    sources = [os.path.relpath(path, folder.absolute()) for path in absolute]
-    trained = library_of(headers, observations, segment_px, classifier, sources)
+    library = TextureLibrary.from_observations(
+        [
+            TrainingRow(header.label, observation, header.orientation_deg)
+            for header, observation in zip(headers, observations, strict=True)
+        ],
+        segment_px,
+        classifier,
+        lighting=common_lighting([header.lighting for header in headers]),
+        simulated=any(header.simulated for header in headers),
+        sources=[
+            (os.path.relpath(path, folder.absolute()), header.pixels_sha256)
+            for path, header in zip(absolute, headers, strict=True)
+        ],
+    )
     labels = [header.label for header in headers]
-    return Trained(trained, {label: labels.count(label) for label in trained.classes})
+    return Trained(library, {label: labels.count(label) for label in library.classes})
 
 
 def retrain_library(

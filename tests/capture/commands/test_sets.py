@@ -85,16 +85,6 @@ def test_orientations_and_counts_write_numbered_files(ps4rig: Command, tmp_path:
     assert abs(first - second).mean() < 0.3 * abs(first - rotated).mean()
 
 
-@pytest.mark.parametrize("wrong", ["1e9", "nan"])
-def test_a_wrong_orientation_fails_before_the_first_set(
-    refused: Refused, tmp_path: Path, wrong: str
-) -> None:
-    path = tmp_path / "a.ome.tif"
-    line = refused("capture", "--rig", "sim", "--rotate", 0, "--rotate", wrong, path)
-    assert "placement.rotate_deg" in line
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_an_existing_file_among_the_numbered_ones_fails_before_the_first_set(
     ps4rig: Command, refused: Refused, tmp_path: Path
 ) -> None:
@@ -167,21 +157,14 @@ def test_a_rejected_set_is_status_1_and_a_wrong_rig_status_2(
         (["--bits", "9", "a.ome.tif"], "camera.bits"),
         (["--size", "8", "a.ome.tif"], "camera.width_px"),
         (["--slant", "90", "a.ome.tif"], "lights.slant_deg"),
-        (
-            ["--size", "64", "--average", "1025", "a.ome.tif"],
-            "average is 1025; it must be 1 to 1024",
-        ),
+        (["--size", "64", "--average", "1025", "a.ome.tif"], "average is 1025; it must be 1 to"),
         (["--seed", "-1", "a.ome.tif"], "placement.seed"),
+        (["--rotate", "0", "--rotate", "1e9", "a.ome.tif"], "placement.rotate_deg"),
+        (["--rotate", "0", "--rotate", "nan", "a.ome.tif"], "placement.rotate_deg"),
         (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
         (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
-        (
-            ["--size", "64", "--label", "two\nlines", "a.ome.tif"],
-            r"label 'two\nlines': use printable",
-        ),
-        (
-            ["--size", "64", "none/a.ome.tif"],
-            "none/a.ome.tif: cannot be written: there is no folder",
-        ),
+        (["--size", "64", "--label", "a\nb", "a.ome.tif"], r"label 'a\nb': use printable"),
+        (["none/a.ome.tif"], "none/a.ome.tif: cannot be written: there is no folder"),
     ],
 )
 def test_a_wrong_option_of_capture_is_one_line(
