@@ -1,4 +1,4 @@
-"""The 1D classifiers: polar spectra, alone or with radial ones (thesis chapters 6 to 8)."""
+"""The 1D classifiers: polar spectra, alone or with radial spectra (thesis chapters 6 to 8)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
-from classify.texture.spectra import image_spectrum, polar_radii_px
+from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px
 
 from .classifier import Comparison, Parameters, simple_classifier
 from .spectra_2d import PolarSpectra, observe_spectra, shifts_by_polar
@@ -51,11 +51,11 @@ def _polar(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 
 def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
-    """Least squared error over all turns, relative to the energy of both."""
+    """Least squared error over all shifts, relative to the energy of both."""
     errors = squared_errors_by_shift(test, references)
     energy = _energy(test[None]) + _energy(references)
-    turns = best_shift(errors)
-    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, turns * STEP_DEG)
+    shifts = best_shift(errors)
+    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, shifts * STEP_DEG)
 
 
 def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
@@ -65,26 +65,25 @@ def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 
 def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
-    """Mean of four relative errors: polar and radial, of M and of A, polar ones turned alike."""
-    angles = 90
-    polar, radial = test[:, :angles], test[:, angles:]
-    polar_references, radial_references = references[..., :angles], references[..., angles:]
-    turns = shifts_by_polar(polar[:, None], polar_references[:, :, None])
-    turned = roll_angles(polar, turns)
+    """Mean of four relative errors: polar and radial, of M and of A, under one polar shift."""
+    polar, radial = test[:, :ANGLES], test[:, ANGLES:]
+    polar_references, radial_references = references[..., :ANGLES], references[..., ANGLES:]
+    shifts = shifts_by_polar(polar[:, None], polar_references[:, :, None])
+    shifted = roll_angles(polar, shifts)
     shares = [
         np.square(one[:, channel] - other[:, channel], dtype=np.float64).sum(axis=-1)
         / (_energy(one[:, channel]) + _energy(other[:, channel]))
         for one, other in (
-            (turned, polar_references),
+            (shifted, polar_references),
             (np.broadcast_to(radial, radial_references.shape), radial_references),
         )
         for channel in range(2)
     ]
-    return Comparison(np.mean(shares, axis=0), turns * STEP_DEG)
+    return Comparison(np.mean(shares, axis=0), shifts * STEP_DEG)
 
 
 def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
-    """(n,) sums of squares, never zero."""
+    """(n,) sums of squares, made positive."""
     sums: npt.NDArray[np.float64] = np.square(rows, dtype=np.float64).sum(axis=-1)
     sums += np.finfo(np.float64).tiny
     return sums

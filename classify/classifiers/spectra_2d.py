@@ -1,4 +1,4 @@
-"""Scheme 9.3 of the thesis: turn by the 1D polar spectra, decide by the 2D spectra."""
+"""Scheme 9.3 of the thesis: shift by the 1D polar spectra, distance of the 2D spectra."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class PolarSpectra(Observation):
 
 
 def observe_spectra(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
-    """M and A of a surface, each multiplied by the square of the frequency."""
+    """Spectra M and A of a surface, per octave."""
     return PolarSpectra(per_octave(surface_spectra(surface, segment_px)))
 
 
 def per_octave(spectra: Spectra) -> FloatMap:
     """(2, R, A) float32: M and A times frequency squared.
 
-    The thesis leaves open how low frequencies weigh against high ones, and gradient against
-    albedo; this makes them slope^2 and albedo^2 per octave.
+    The thesis does not specify the weights of frequencies and of gradient against albedo. This
+    gives slope^2 and albedo^2 per octave.
     """
     density = np.stack([spectra.gradient, spectra.albedo])
     power: FloatMap = density * np.square(spectra.radii_cpp).astype(np.float32)[:, None]
@@ -47,12 +47,12 @@ def per_octave(spectra: Spectra) -> FloatMap:
 
 
 def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
-    """(n,) turns in grid steps at the least squared error of the 1D polar spectra of M and A."""
+    """(n,) shifts in grid steps of least squared error between 1D polar spectra of M and A."""
     return best_shift(_errors_1d(test, references))
 
 
 def _magnitude(observation: PolarSpectra, _: Parameters) -> FloatMap:
-    """Magnitudes: a few strong low frequencies outvote all others in a power spectrum."""
+    """Magnitudes; in a power spectrum a few strong low frequencies outweigh all others."""
     return np.sqrt(observation.per_octave)
 
 
@@ -61,25 +61,25 @@ def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 
 def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
-    """Distance and turn of one (2, R, A) signature against n references.
+    """Distance and orientation of one (2, R, A) signature against n references.
 
-    For each reference the 1D polar spectra of M and A give the turn of least squared error; the
-    2D spectra, turned by it, give the total squared error (thesis scheme 9.3). The error is
+    For each reference the 1D polar spectra of M and A give the shift of least squared error; the
+    2D spectra, shifted by it, give the total squared error (thesis scheme 9.3). The error is
     divided by the energy of both signatures, for M and A separately, so that it lies between
-    0 and 1 and a rough texture cannot drown a smooth one.
+    0 and 1 and M does not outweigh A.
     """
-    turns = shifts_by_polar(test, references)
-    turned = roll_angles(test, turns)
-    difference = np.square(turned - references).sum(axis=(2, 3))
-    energy = np.square(turned).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
+    shifts = shifts_by_polar(test, references)
+    shifted = roll_angles(test, shifts)
+    difference = np.square(shifted - references).sum(axis=(2, 3))
+    energy = np.square(shifted).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
         axis=(2, 3)
     )
     shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
-    return Comparison(shares.mean(axis=1), turns * STEP_DEG)
+    return Comparison(shares.mean(axis=1), shifts * STEP_DEG)
 
 
 def _errors_1d(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
-    """(n, A) squared errors of the polar spectra for every turn, relative to their energy."""
+    """(n, A) squared errors of the polar spectra for every shift, relative to their energy."""
     errors_1d = np.zeros((len(references), test.shape[-1]))
     for channel in range(2):
         polar = test[channel].sum(axis=0)

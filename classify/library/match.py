@@ -1,4 +1,4 @@
-"""The answer of a library: which class, how far turned, how sure, and why."""
+"""`Match`: the class of a surface, its orientation, and the reason."""
 
 from __future__ import annotations
 
@@ -16,34 +16,33 @@ __all__ = ["Match", "match_of"]
 
 @dataclass(frozen=True)
 class Match:
-    """Which texture a surface shows, or that it shows none of them.
+    """The texture of a surface, or that it is unknown.
 
     Attributes
     ----------
     label
-        The class, or None: unknown.
+        The class; None for an unknown surface.
     nearest
-        The nearest class, even then.
+        The nearest class, also of an unknown surface.
     orientation_deg
-        Orientation of the surface, anticlockwise, modulo 180, in the terms of the training set;
-        None where the classifier knows no angles.
+        Orientation of the surface, anticlockwise, modulo 180, relative to the same zero as those of
+        the training sets. None where the classifier finds no orientation.
     heading_deg
-        The same over the full turn, [0, 360), where the texture is another one upside down and it
-        is clear which way it lies; else None.
+        The orientation over 360 degrees, [0, 360), where the texture looks clearly different when
+        rotated by 180 degrees; else None.
     distance
         Distance to the nearest class. For the joint classifier 1 is the typical distance between
         two quarters of one training frame.
     runner_up, runner_up_distance
         The next other class; None in a library of one class.
     margin
-        1 - distance / runner_up_distance: 0 undecided, 1 beyond doubt; None without a runner-up.
+        1 - distance / runner_up_distance: 0 undecided, 1 certain; None without a runner-up.
     limit
-        Distance beyond which a surface is not of the nearest class; None where none was learned.
+        Distance beyond which the nearest class rejects; None where none was learned.
     sharpness
-        How clear the orientation is: 0 any angle does as well, 1 one angle explains everything
-        directional. None as for the orientation.
+        How well the orientation is determined: 0 not at all, 1 exactly. None without orientation.
     reason
-        Why the label is what it is, in words.
+        The reason for the label, as text.
     """
 
     label: str | None
@@ -65,16 +64,16 @@ def match_of(
     orientations_deg: npt.NDArray[np.float64],
     limits: Mapping[str, float],
 ) -> Match:
-    """The match of a surface from its comparison with n references.
+    """Make a match from the comparison of a surface with n references.
 
     Parameters
     ----------
     found
-        With each of n references.
+        The comparison.
     labels, orientations_deg
-        Of these references.
+        Class and orientation of each reference.
     limits
-        Of the classes; empty if none were learned.
+        Limit of each class; empty if none were learned.
     """
     best_of_class: dict[str, int] = {}
     for index in np.argsort(found.distances, kind="stable").tolist():
@@ -92,7 +91,6 @@ def match_of(
     limit = limits.get(nearest)
     label: str | None = nearest
     if margin == 0.0:
-        # To name one of two at the same distance would be to toss a coin.
         label, reason = None, f"{nearest} and {runner_up} are equally near"
     elif limit is not None and distance > limit:
         label = None
@@ -104,12 +102,12 @@ def match_of(
             reason += f", next is {runner_up} at {runner_up_distance:.2f}"
     orientation_deg = heading_deg = sharpness = None
     if found.orientations_deg is not None:
-        turned_deg = float(orientations_deg[winner] + found.orientations_deg[winner])
-        # Rounded first: a hair below 0 is 0, not a hair below 180.
-        orientation_deg = round(turned_deg, 6) % 180.0
+        sum_deg = float(orientations_deg[winner] + found.orientations_deg[winner])
+        # Rounded first: -1e-12 is 0, not 180 - 1e-12.
+        orientation_deg = round(sum_deg, 6) % 180.0
         heading = 0.0 if found.headings is None else float(found.headings[winner])
         if abs(heading) >= LEAST_SCORE:
-            heading_deg = round(turned_deg + 180.0 * (heading < 0.0), 6) % 360.0
+            heading_deg = round(sum_deg + 180.0 * (heading < 0.0), 6) % 360.0
     if found.sharpness is not None:
         sharpness = float(found.sharpness[winner])
     return Match(

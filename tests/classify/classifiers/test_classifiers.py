@@ -1,4 +1,4 @@
-"""Every classifier behind the one interface: trained, asked, saved and asked again."""
+"""Every classifier through the one interface: training, matching, saving."""
 
 import json
 from dataclasses import asdict, replace
@@ -22,10 +22,10 @@ every = pytest.mark.parametrize("name", CLASSIFIERS)
 
 @pytest.fixture(scope="module")
 def surface(stationary, photographed):
-    """Make a surface with its images: kind, turn_deg, seed."""
+    """Make a surface with its images: kind, orientation_deg, seed."""
 
-    def make(kind: str, turn_deg: float = 0.0, seed: int = 1, slant_deg: float = 45.0):
-        return photographed(stationary(kind, turn_deg, seed=seed, side=SIDE), slant_deg)
+    def make(kind: str, orientation_deg: float = 0.0, seed: int = 1, slant_deg: float = 45.0):
+        return photographed(stationary(kind, orientation_deg, seed=seed, side=SIDE), slant_deg)
 
     return make
 
@@ -37,7 +37,7 @@ def libraries(surface) -> dict[str, TextureLibrary]:
 
 
 def test_the_names_are_those_of_the_classifiers_in_their_order() -> None:
-    """A list of choices is shown without loading any of them."""
+    """The list of names loads no classifier."""
     assert tuple(CLASSIFIERS) == CLASSIFIER_NAMES
     assert all(name == each.name for name, each in CLASSIFIERS.items())
     assert DEFAULT_CLASSIFIER in CLASSIFIER_NAMES
@@ -45,7 +45,7 @@ def test_the_names_are_those_of_the_classifiers_in_their_order() -> None:
     assert {"image_polar", "varma_zisserman"} == OF_IMAGES
 
 
-def test_an_unknown_name_lists_those_there_are(surface) -> None:
+def test_an_unknown_name_lists_the_names(surface) -> None:
     with pytest.raises(InputError, match=r"no classifier is called 'dice'; choose one of joint, "):
         classifier_named("dice")
     with pytest.raises(InputError, match="no classifier is called 'dice'"):
@@ -68,27 +68,27 @@ def test_a_training_set_is_recognised(libraries, surface, name: str) -> None:
 
 
 @every
-def test_another_patch_turned_is_recognised(libraries, surface, name: str) -> None:
+def test_another_patch_in_another_orientation_is_recognised(libraries, surface, name: str) -> None:
     for kind in KINDS:
-        # Of the images of a directed texture all change as it turns.
-        turn_deg = 0.0 if name in OF_IMAGES else 37.0
-        assert libraries[name].classify(surface(kind, turn_deg, seed=5)).nearest == kind
+        # The images of a directed texture depend on its orientation.
+        orientation_deg = 0.0 if name in OF_IMAGES else 37.0
+        assert libraries[name].classify(surface(kind, orientation_deg, seed=5)).nearest == kind
 
 
 @every
-def test_a_library_answers_the_same_after_saving_and_loading(
+def test_a_library_gives_the_same_match_after_saving_and_loading(
     libraries, surface, tmp_path: Path, name: str
 ) -> None:
     libraries[name].save(tmp_path / "x.ps4lib")
     loaded = TextureLibrary.load(tmp_path / "x.ps4lib")
     assert loaded.classifier == name
     for kind in KINDS:
-        asked = surface(kind, 37.0, seed=6)
-        assert loaded.classify(asked) == libraries[name].classify(asked)
+        patch = surface(kind, 37.0, seed=6)
+        assert loaded.classify(patch) == libraries[name].classify(patch)
 
 
 @every
-def test_an_answer_can_be_written_as_json(libraries, surface, name: str) -> None:
+def test_a_match_can_be_written_as_json(libraries, surface, name: str) -> None:
     match = libraries[name].classify(surface("sand", 12.0))
     written = json.loads(json.dumps(asdict(match), allow_nan=False))
     assert written["nearest"] == "sand"
@@ -113,7 +113,7 @@ def test_of_two_equal_classes_neither_is_named(surface, name: str) -> None:
 
 
 @every
-def test_a_library_of_one_class_answers(surface, name: str) -> None:
+def test_a_library_of_one_class_gives_a_match(surface, name: str) -> None:
     library = TextureLibrary.train([("sand", surface("sand"))], name)
     match = library.classify(surface("sand", 0.0, seed=2))
     assert match.label == "sand"
@@ -134,7 +134,7 @@ def test_images_under_other_lights_are_refused_with_the_reason(
 
 
 @pytest.mark.parametrize("name", sorted(OF_IMAGES))
-def test_images_under_turned_or_fewer_lights_are_refused(libraries, surface, name: str) -> None:
+def test_images_under_rotated_or_fewer_lights_are_refused(libraries, surface, name: str) -> None:
     patch = surface("sand")
     for tilts_deg in ((45, 135, 225, 315), (90, 180, 270, 0)):
         with pytest.raises(InputError, match="other tilts"):
@@ -145,17 +145,13 @@ def test_images_under_turned_or_fewer_lights_are_refused(libraries, surface, nam
 
 
 @pytest.mark.parametrize("name", OF_SURFACES)
-def test_surfaces_are_compared_whatever_light_they_were_seen_under(
-    libraries, surface, name: str
-) -> None:
+def test_surfaces_are_compared_whatever_their_lighting(libraries, surface, name: str) -> None:
     for slant_deg in (30.0, 60.0):
         assert libraries[name].classify(surface("sand", slant_deg=slant_deg)).label == "sand"
 
 
 @every
-def test_lights_that_moved_by_less_than_a_degree_or_are_not_known_are_accepted(
-    libraries, surface, name: str
-) -> None:
+def test_lights_within_a_degree_or_unknown_are_accepted(libraries, surface, name: str) -> None:
     for lighting in (Lighting.ring(45.5), None):
         patch = replace(surface("sand"), lighting=lighting)
         assert libraries[name].classify(patch).nearest == "sand"
@@ -192,7 +188,7 @@ def test_bad_surfaces_get_one_line(libraries, surface, name: str) -> None:
         with pytest.raises(InputError) as caught:
             library.classify(each)
         assert "\n" not in str(caught.value)
-    # 40 x 90 px is as much as segments of 32 need; textons need more.
+    # 40 x 90 px are enough for segments of 32 px, not for textons.
     if name == "varma_zisserman":
         with pytest.raises(InputError):
             library.classify(small)

@@ -1,4 +1,4 @@
-"""The classifier by default: what it recognises, what it refuses, and what it says about angles."""
+"""The default classifier: recognition, rejection, orientation, rotated lights."""
 
 import pickle
 from dataclasses import replace
@@ -13,7 +13,7 @@ from classify.library.training import observe
 JOINT = CLASSIFIERS["joint"]
 KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
 DIRECTED = ("sand", "fine sand", "brushed")
-TURNS_DEG = (23.7, 58.0, 101.3, 142.0)
+ORIENTATIONS_DEG = (23.7, 58.0, 101.3, 142.0)
 
 
 def off_deg(found: float, true: float) -> float:
@@ -26,41 +26,43 @@ def library(stationary) -> TextureLibrary:
 
 
 @pytest.fixture(scope="module")
-def asked(stationary):
-    """(kind, turn in degrees, surface): patches of their own, none at a multiple of 90 degrees."""
+def tests(stationary):
+    """(kind, orientation_deg, surface): other patches, none at a multiple of 90 degrees."""
     return [
-        (kind, turn_deg, stationary(kind, turn_deg, seed=2 + seed))
+        (kind, orientation_deg, stationary(kind, orientation_deg, seed=2 + seed))
         for kind in KINDS
-        for seed, turn_deg in enumerate(TURNS_DEG)
+        for seed, orientation_deg in enumerate(ORIENTATIONS_DEG)
     ]
 
 
 @pytest.fixture(scope="module")
-def signatures(library, asked):
-    return [library.observe(surface) for _, _, surface in asked]
+def signatures(library, tests):
+    return [library.observe(surface) for _, _, surface in tests]
 
 
-def test_other_patches_are_recognised_whichever_way_they_lie(library, asked, signatures) -> None:
-    for (kind, _, _), signature in zip(asked, signatures, strict=True):
+def test_other_patches_are_recognised_in_any_orientation(library, tests, signatures) -> None:
+    for (kind, _, _), signature in zip(tests, signatures, strict=True):
         match = library.match(signature)
         assert match.label == kind
         assert match.distance < match.limit
         assert match.margin > 0.3
 
 
-def test_orientation_is_right_to_a_degree_where_there_is_one(library, asked, signatures) -> None:
+def test_orientations_of_directed_textures_are_right_to_a_degree(
+    library, tests, signatures
+) -> None:
     errors = [
-        off_deg(library.match(signature).orientation_deg, turn_deg)
-        for (kind, turn_deg, _), signature in zip(asked, signatures, strict=True)
+        off_deg(library.match(signature).orientation_deg, orientation_deg)
+        for (kind, orientation_deg, _), signature in zip(tests, signatures, strict=True)
         if kind in DIRECTED
     ]
     assert np.median(errors) < 1.0
     assert max(errors) < 4.0
 
 
-def test_sharpness_tells_where_there_is_an_orientation(library, asked, signatures) -> None:
+def test_sharpness_separates_directed_from_undirected_textures(library, tests, signatures) -> None:
     sharpness = {kind: [] for kind in KINDS}
-    for (kind, _, _), signature in zip(asked, signatures, strict=True):
+    for (kind, _, _), signature in zip(tests, signatures, strict=True):
         sharpness[kind].append(library.match(signature).sharpness)
     for kind in DIRECTED:
         assert min(sharpness[kind]) > 0.75
@@ -70,11 +72,11 @@ def test_sharpness_tells_where_there_is_an_orientation(library, asked, signature
 
 
 @pytest.mark.parametrize("left_out", KINDS)
-def test_a_texture_that_was_not_learned_is_refused(stationary, asked, left_out: str) -> None:
+def test_a_texture_that_was_not_learned_is_unknown(stationary, tests, left_out: str) -> None:
     known = TextureLibrary.train(
         (kind, stationary(kind, seed=1)) for kind in KINDS if kind != left_out
     )
-    for kind, _, surface in asked[:: len(TURNS_DEG)]:
+    for kind, _, surface in tests[:: len(ORIENTATIONS_DEG)]:
         match = known.classify(surface)
         if kind == left_out:
             assert match.label is None
@@ -85,8 +87,8 @@ def test_a_texture_that_was_not_learned_is_refused(stationary, asked, left_out: 
             assert match.label == kind
 
 
-def test_equal_spectrum_twins_are_told_apart(stationary) -> None:
-    """Pits and domes have one power spectrum: local statistics alone can tell."""
+def test_twins_of_equal_spectrum_are_distinguished(stationary) -> None:
+    """Pits and domes have one power spectrum; their local statistics differ."""
     library = TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in ("domes", "pits"))
     spectra = TextureLibrary.train(
         ((kind, stationary(kind, seed=1)) for kind in ("domes", "pits")), "spectra_2d"
@@ -102,8 +104,8 @@ def test_equal_spectrum_twins_are_told_apart(stationary) -> None:
     assert np.median(margins) < 0.5
 
 
-def test_a_class_that_scatters_more_has_a_limit_further_out(stationary) -> None:
-    """Between its own sets."""
+def test_a_class_of_larger_scatter_has_a_larger_limit(stationary) -> None:
+    """Scatter between its own sets."""
     alike, unlike = (
         [stationary("malv", seed=seed) for seed in (1, 2, 3)],
         [stationary(kind, seed=4) for kind in ("malv", "rough", "brushed")],
@@ -121,26 +123,24 @@ def test_a_class_that_scatters_more_has_a_limit_further_out(stationary) -> None:
         assert found.distances.min() <= library.limits[label]
 
 
-@pytest.mark.parametrize(("side_px", "further"), [(64, 2.0**0.5), (128, 2.0**0.25), (512, 1.0)])
-def test_limits_of_small_training_sets_lie_further_out(
-    stationary, side_px: int, further: float
-) -> None:
-    """Their quarters do not show how far two patches of a coarse texture lie apart."""
+@pytest.mark.parametrize(("side_px", "factor"), [(64, 2.0**0.5), (128, 2.0**0.25), (512, 1.0)])
+def test_limits_of_small_training_sets_are_larger(stationary, side_px: int, factor: float) -> None:
+    """Their quarters underestimate how far two patches of a coarse texture differ."""
     seen = [JOINT.observe_training(stationary(kind, seed=1), 64) for kind in KINDS]
     limits = []
     for pixels in (256**2, side_px**2):
         sized = [replace(each, frame=replace(each.frame, pixels=pixels)) for each in seen]
         limits.append(float(JOINT.learn(sized, KINDS)["limit"]))
-    assert limits[1] == pytest.approx(further * limits[0])
+    assert limits[1] == pytest.approx(factor * limits[0])
 
 
-def test_every_class_has_a_limit_and_room_for_its_own_quarters(library) -> None:
+def test_every_class_has_a_limit(library) -> None:
     assert set(library.limits) == set(KINDS)
     assert all(0.0 < limit < 100.0 for limit in library.limits.values())
 
 
-def test_distances_are_in_units_of_how_quarters_differ(library, signatures) -> None:
-    """Another patch of the same texture, whatever the texture: about 1, not 0.01 or 100."""
+def test_the_unit_of_distances_is_the_distance_between_quarters(library, signatures) -> None:
+    """Another patch of the same texture is at a distance of about 1, for every texture."""
     distances = [library.match(signature).distance for signature in signatures]
     assert all(0.05 < distance < 4.0 for distance in distances)
     assert 0.2 < np.median(distances) < 2.0
@@ -148,14 +148,14 @@ def test_distances_are_in_units_of_how_quarters_differ(library, signatures) -> N
 
 @pytest.mark.parametrize(("side", "rows"), [(64, 128), (96, 96), (200, 64), (256, 256)])
 def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, rows: int) -> None:
-    """A smaller frame knows its texture less well, and is not refused for that."""
+    """A smaller frame scatters more, and is not rejected for that."""
     for kind in ("sand", "brushed", "malv", "domes"):
         surface = stationary(kind, 61.0, seed=8, side=side, rows=rows)
         assert library.classify(surface).label == kind
 
 
-def test_a_smaller_frame_is_given_more_room(library, stationary) -> None:
-    """A quarter of the area: twice the distance, which alone would make some unknown."""
+def test_distances_of_a_smaller_frame_are_divided_by_its_scatter(library, stationary) -> None:
+    """A quarter of the area would double the distance and make some unknown."""
     small = [library.classify(stationary("malv", 20.0 * s, s, side=64)) for s in range(5, 12)]
     whole = [library.classify(stationary("malv", 20.0 * s, s)) for s in range(5, 12)]
     assert [match.label for match in small] == ["malv"] * 7
@@ -163,7 +163,7 @@ def test_a_smaller_frame_is_given_more_room(library, stationary) -> None:
     assert median_small < 4.0 * median
 
 
-def test_training_keeps_what_a_test_is_judged_by_and_the_quarters(stationary) -> None:
+def test_training_observes_the_frame_like_a_test_and_its_quarters(stationary) -> None:
     surface = stationary("malv", seed=1)
     tested, trained = JOINT.observe(surface, 64), observe(surface, 64)
     np.testing.assert_array_equal(tested.polar, trained.frame.polar)
@@ -173,7 +173,7 @@ def test_training_keeps_what_a_test_is_judged_by_and_the_quarters(stationary) ->
     assert len(pickle.dumps(trained)) < 2**20
 
 
-def test_the_unit_of_what_was_learned_is_the_mean_of_all_quarters(library) -> None:
+def test_parameters_are_positive_floors_and_a_triangular_whitening(library) -> None:
     parameters = library.parameters
     assert all(values.dtype == np.float64 for values in parameters.values())
     for name in ("density_floor", "relief_floors", "albedo_floors"):
@@ -183,18 +183,20 @@ def test_the_unit_of_what_was_learned_is_the_mean_of_all_quarters(library) -> No
     assert np.linalg.matrix_rank(whitening) == len(whitening)
 
 
-def test_turning_the_test_changes_its_angle_and_little_else(texture) -> None:
-    """The same plane waves, turned about the middle of the frame."""
+def test_the_orientation_of_a_test_changes_its_distance_little(texture) -> None:
+    """The same plane waves, rotated about the middle of the frame."""
     waves = TextureLibrary.train((k, texture(k, seed=1, side=192)) for k in ("ripple", "grain"))
-    found = [waves.classify(texture("grain", turn, seed=1, side=192)) for turn in (0.0, 31.0, 77.0)]
+    found = [
+        waves.classify(texture("grain", angle, seed=1, side=192)) for angle in (0.0, 31.0, 77.0)
+    ]
     for match in found:
         assert match.label == "grain"
         assert match.distance < 0.1 * match.runner_up_distance
 
 
 @pytest.mark.parametrize("kind", ["sand", "malv"])
-def test_noise_that_is_new_does_not_make_a_texture_unknown(library, stationary, kind: str) -> None:
-    """As of an 8-bit camera in place of one of 16 bits."""
+def test_additional_noise_does_not_make_a_texture_unknown(library, stationary, kind: str) -> None:
+    """As of an 8-bit camera instead of one of 16 bits."""
     surface = stationary(kind, 66.0, seed=6)
     p, q, albedo = (
         np.random.default_rng(0).normal(0.0, 0.01, (3, *surface.shape)).astype(np.float32)
@@ -203,8 +205,7 @@ def test_noise_that_is_new_does_not_make_a_texture_unknown(library, stationary, 
     assert library.classify(noisy).label == kind
 
 
-def test_a_bound_holds_for_every_reference(library, signatures) -> None:
-    """What a large library is sifted by."""
+def test_invariants_bound_the_distance_of_every_reference(library, signatures) -> None:
     references = JOINT.invariants(library.signatures)
     for signature in signatures:
         vector = JOINT.invariants(signature[None])[0]
@@ -212,24 +213,24 @@ def test_a_bound_holds_for_every_reference(library, signatures) -> None:
         bounds /= vector[-1]
         distances = JOINT.compare(signature, library.signatures, library.parameters).distances
         assert (bounds <= distances * (1 + 1e-4) + 1e-3).all()
-        # And says something: the wrong classes are kept out by it.
+        # The bounds of wrong classes are above the smallest distance.
         assert np.sort(bounds)[1] > distances.min()
 
 
 @pytest.fixture(scope="module")
 def low_light(stationary, photographed):
-    """Make a surface as solved from lights so low that it shades itself: kind, turn_deg, seed."""
+    """Make a surface solved from low lights, much in shadow: kind, orientation_deg, seed."""
     lighting = Lighting.ring(72.0)
 
-    def make(kind: str, turn_deg: float = 0.0, seed: int = 1):
-        images = photographed(stationary(kind, turn_deg, seed=seed), 72.0).images
+    def make(kind: str, orientation_deg: float = 0.0, seed: int = 1):
+        images = photographed(stationary(kind, orientation_deg, seed=seed), 72.0).images
         return photometric_stereo(images, lighting)
 
     return make
 
 
 def test_a_surface_in_shadow_gives_references_for_rotated_lights(low_light) -> None:
-    """They belong to its set: they count in comparing, and not in how far a class reaches."""
+    """They count in comparisons but not in the limits."""
     rows = [(kind, low_light(kind)) for kind in ("brushed", "rough")]
     assert all(surface.shadow_mask.mean() > 0.05 for _, surface in rows)
     library = TextureLibrary.train([(kind, surface, 30.0) for kind, surface in rows])
@@ -240,8 +241,8 @@ def test_a_surface_in_shadow_gives_references_for_rotated_lights(low_light) -> N
     assert set(library.orientations_deg.tolist()) == {30.0}
     assert library.limits == pytest.approx(plain.limits)
     for kind in ("brushed", "rough"):
-        for turn_deg in (22.5, 45.0, 67.5):
-            surface = low_light(kind, turn_deg, seed=2)
+        for orientation_deg in (22.5, 45.0, 67.5):
+            surface = low_light(kind, orientation_deg, seed=2)
             match = library.classify(surface)
             assert match.nearest == kind
             assert match.distance <= plain.classify(surface).distance * (1 + 1e-6)

@@ -1,4 +1,4 @@
-"""The 1D classifiers: what polar and radial spectra know, and what they do not."""
+"""The 1D classifiers of polar and radial spectra."""
 
 from dataclasses import replace
 
@@ -27,11 +27,11 @@ def off_deg(found: float, true: float) -> float:
 
 @pytest.fixture(scope="module")
 def observed(texture):
-    """Observations of grain, turned."""
-    return {turn: POLAR.observe(texture("grain", turn, seed=1), 64) for turn in (0.0, 35.0)}
+    """Observations of grain by its orientation."""
+    return {angle: POLAR.observe(texture("grain", angle, seed=1), 64) for angle in (0.0, 35.0)}
 
 
-def test_signatures_are_the_sums_that_they_are_named_for(observed) -> None:
+def test_signatures_are_sums_over_radius_and_angle(observed) -> None:
     magnitude = np.sqrt(observed[0.0].per_octave)
     polar = POLAR.signature(observed[0.0], {})
     np.testing.assert_allclose(polar, magnitude[0].sum(axis=0), rtol=1e-6)
@@ -44,12 +44,12 @@ def test_signatures_are_the_sums_that_they_are_named_for(observed) -> None:
 
 
 @pytest.mark.parametrize("classifier", OF_SURFACES, **NAMES)
-def test_a_turned_surface_is_found_at_its_angle(observed, classifier) -> None:
-    still, turned = (classifier.signature(observed[turn], {}) for turn in (0.0, 35.0))
-    found = classifier.compare(turned, np.stack([still, turned]), {})
+def test_the_orientation_of_a_rotated_surface_is_found(observed, classifier) -> None:
+    still, rotated = (classifier.signature(observed[angle], {}) for angle in (0.0, 35.0))
+    found = classifier.compare(rotated, np.stack([still, rotated]), {})
     assert off_deg(found.orientations_deg[0], 35.0) < 1.0
     assert off_deg(found.orientations_deg[1], 0.0) < 0.1
-    # Between steps of the grid the turn is refined; the error of `polar` is that at the step.
+    # The orientation is refined between steps of the grid, the error of `polar` is not.
     assert found.distances[0] < 0.02
     assert found.distances[1] == pytest.approx(0.0, abs=1e-9)
     assert found.sharpness is None
@@ -63,14 +63,14 @@ def test_polar_spectra_compare_as_by_brute_force(steps: int, seed: int) -> None:
     references = np.stack([np.roll(test, -steps), rng.random(ANGLES)]).astype(np.float32)
     found = POLAR.compare(test, references, {})
     for reference, distance in zip(references.astype(float), found.distances, strict=True):
-        errors = [np.square(np.roll(test, -turn) - reference).sum() for turn in range(ANGLES)]
+        errors = [np.square(np.roll(test, -angle) - reference).sum() for angle in range(ANGLES)]
         energy = np.square(test, dtype=float).sum() + np.square(reference).sum()
         assert distance == pytest.approx(min(errors) / energy, abs=1e-9)
     assert off_deg(found.orientations_deg[0], 2.0 * steps) < 2.0
 
 
-def test_radial_spectra_tell_what_polar_ones_cannot(observed) -> None:
-    """The same sums over radius, from other frequencies."""
+def test_radial_spectra_distinguish_frequencies(observed) -> None:
+    """Polar spectra have the same sums over other frequencies."""
     power = observed[0.0].per_octave
     other = PolarSpectra(power[:, np.random.default_rng(0).permutation(RADII)])
     apart = {}
@@ -82,7 +82,7 @@ def test_radial_spectra_tell_what_polar_ones_cannot(observed) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_distances_lie_between_nothing_and_one(seed: int) -> None:
+def test_distances_lie_between_zero_and_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for classifier, shape in ((POLAR, (ANGLES,)), (POLAR_RADIAL, (2, ANGLES + RADII))):
         test, *others = rng.random((4, *shape)).astype(np.float32) ** 3
@@ -93,7 +93,7 @@ def test_distances_lie_between_nothing_and_one(seed: int) -> None:
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("classifier", OF_SURFACES, **NAMES)
-def test_a_smooth_surface_is_like_itself_and_unlike_a_texture(observed, classifier) -> None:
+def test_a_smooth_surface_equals_itself_and_no_texture(observed, classifier) -> None:
     textured = classifier.signature(observed[0.0], {})
     nothing = np.zeros_like(textured)
     found = classifier.compare(nothing, np.stack([nothing, textured]), {})
@@ -101,8 +101,8 @@ def test_a_smooth_surface_is_like_itself_and_unlike_a_texture(observed, classifi
     assert found.distances[1] == pytest.approx(1.0)
 
 
-def test_a_channel_that_is_empty_in_both_makes_no_distance(observed) -> None:
-    """Most parts are of one colour."""
+def test_a_channel_that_is_empty_in_both_adds_no_distance(observed) -> None:
+    """As the albedo of most parts is."""
     signature = POLAR_RADIAL.signature(observed[0.0], {}).copy()
     signature[1] = 0.0
     assert POLAR_RADIAL.compare(signature, signature[None], {}).distances[0] == (
@@ -110,7 +110,7 @@ def test_a_channel_that_is_empty_in_both_makes_no_distance(observed) -> None:
     )
 
 
-def test_the_light_looked_by_is_that_nearest_to_tilt_0(photographed, stationary) -> None:
+def test_the_first_light_is_nearest_to_tilt_0(photographed, stationary) -> None:
     surface = photographed(stationary("malv", side=64))
     assert first_light(surface) == 0
     assert first_light(replace(surface, lighting=Lighting.ring(45.0, (90, 180, 270, 350)))) == 3
@@ -136,16 +136,16 @@ def test_a_black_image_is_refused(photographed, stationary) -> None:
         IMAGE_POLAR.observe(replace(surface, images=0 * surface.images), 64)
 
 
-def test_an_image_does_not_turn_with_its_surface_but_slopes_do(photographed, stationary) -> None:
-    """Why photometric stereo is needed: ripples along the light are next to invisible."""
+def test_slopes_rotate_with_the_surface_and_images_do_not(photographed, stationary) -> None:
+    """Ripples along the light are nearly invisible in an image."""
     shares = []
     for classifier in (IMAGE_POLAR, POLAR):
-        still, turned = (
+        still, rotated = (
             classifier.signature(
-                classifier.observe(photographed(stationary("malv", turn, seed=1)), 64), {}
+                classifier.observe(photographed(stationary("malv", angle, seed=1)), 64), {}
             )
-            for turn in (0.0, 90.0)
+            for angle in (0.0, 90.0)
         )
-        back = roll_angles(turned, np.array([45.0]))[0]
+        back = roll_angles(rotated, np.array([45.0]))[0]
         shares.append(np.square(back - still).sum() / np.square(still).sum())
     assert shares[0] > 5.0 * shares[1]

@@ -1,4 +1,4 @@
-"""Scheme 9.3: distance and turn between 2D spectra."""
+"""Scheme 9.3 of the thesis: distance and orientation between 2D spectra."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def learned(texture) -> np.ndarray:
 
 
 @pytest.mark.parametrize("scheme", [SCHEME, OF_POWER], ids=lambda each: each.name)
-def test_signature_is_finite_and_of_one_size(texture, scheme) -> None:
+def test_signatures_are_finite_and_of_one_shape(texture, scheme) -> None:
     found = signature(texture("grain", seed=1), scheme)
     assert found.shape == (2, RADII, ANGLES)
     assert found.dtype == np.float32
@@ -39,8 +39,8 @@ def test_signature_is_finite_and_of_one_size(texture, scheme) -> None:
     assert (found >= 0).all()
 
 
-def test_one_signature_holds_magnitudes_the_other_powers(surface_of, texture) -> None:
-    """Twice the slopes: twice or four times the signature of M, the same of A."""
+def test_signatures_are_magnitudes_or_powers(surface_of, texture) -> None:
+    """Double slopes double or quadruple M and leave A."""
     surface = texture("grain", seed=1)
     steeper = surface_of(2 * surface.p, 2 * surface.q, surface.albedo)
     for scheme, times in ((SCHEME, 2.0), (OF_POWER, 4.0)):
@@ -52,56 +52,56 @@ def test_one_signature_holds_magnitudes_the_other_powers(surface_of, texture) ->
 
 
 def test_a_signature_is_at_distance_zero_of_itself(learned) -> None:
-    distances, turns = compare(learned, learned[None])
+    distances, orientations = compare(learned, learned[None])
     assert distances[0] == pytest.approx(0.0, abs=1e-6)
-    assert (turns[0] + 90) % 180 - 90 == pytest.approx(0.0, abs=1e-3)
+    assert (orientations[0] + 90) % 180 - 90 == pytest.approx(0.0, abs=1e-3)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0, 180))
-def test_a_turned_signature_is_found_at_its_angle(learned, turn_deg: float) -> None:
-    turned = roll_angles(learned, np.array([-turn_deg * ANGLES / 180.0]))[0]
-    distances, turns = compare(turned.astype(np.float32), learned[None])
-    assert (turns[0] - turn_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
+def test_the_orientation_of_a_rotated_signature_is_found(learned, orientation_deg: float) -> None:
+    rotated = roll_angles(learned, np.array([-orientation_deg * ANGLES / 180.0]))[0]
+    distances, orientations = compare(rotated.astype(np.float32), learned[None])
+    assert (orientations[0] - orientation_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
     assert distances[0] < 0.01
 
 
-def test_the_angle_comes_from_the_polar_spectra_alone(learned) -> None:
-    """Whatever the radii hold, as long as their sums are the same."""
+def test_the_orientation_comes_from_the_polar_spectra_alone(learned) -> None:
+    """Permuted radii have the same sums."""
     rng = np.random.default_rng(0)
     other = learned[:, rng.permutation(RADII)]
-    turned = roll_angles(other, np.array([-20.0 * ANGLES / 180.0]))[0].astype(np.float32)
-    distances, turns = compare(turned, learned[None])
-    assert (turns[0] - 20.0 + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
+    rotated = roll_angles(other, np.array([-20.0 * ANGLES / 180.0]))[0].astype(np.float32)
+    distances, orientations = compare(rotated, learned[None])
+    assert (orientations[0] - 20.0 + 90) % 180 - 90 == pytest.approx(0.0, abs=0.5)
     assert distances[0] > 0.05
-    np.testing.assert_allclose(shifts_by_polar(turned, learned[None]) * 2.0, turns)
+    np.testing.assert_allclose(shifts_by_polar(rotated, learned[None]) * 2.0, orientations)
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_distances_lie_between_zero_and_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     test, *references = rng.random((4, 2, RADII, ANGLES)).astype(np.float32) ** 4
-    distances, turns = compare(test, np.stack([*references, 0 * test]))
+    distances, orientations = compare(test, np.stack([*references, 0 * test]))
     assert ((distances >= 0) & (distances <= 1 + 1e-12)).all()
-    assert ((turns >= 0) & (turns <= 180)).all()
+    assert ((orientations >= 0) & (orientations <= 180)).all()
     assert distances[-1] == pytest.approx(1.0)
 
 
-def test_a_rough_channel_does_not_drown_a_smooth_one(learned) -> None:
-    """M a thousand times stronger in both: the distance that comes from A alone is the same."""
+def test_a_rough_channel_does_not_outweigh_a_smooth_one(learned) -> None:
+    """The distance by A does not change when M is a thousand times stronger in both."""
     other = learned.copy()
     other[1] = learned[1][::-1]
     rough = np.array([1000, 1], np.float32)[:, None, None]
     plain, _ = compare(learned, other[None])
-    drowned, _ = compare(rough * learned, (rough * other)[None])
+    rougher, _ = compare(rough * learned, (rough * other)[None])
     assert plain[0] > 0.05
-    assert drowned[0] == pytest.approx(plain[0], rel=1e-3)
+    assert rougher[0] == pytest.approx(plain[0], rel=1e-3)
 
 
 @pytest.mark.filterwarnings("error")
-def test_smooth_surfaces_are_alike_and_unlike_textures(learned) -> None:
+def test_smooth_surfaces_equal_each_other_and_no_texture(learned) -> None:
     nothing = np.zeros_like(learned)
-    distances, turns = compare(nothing, np.stack([nothing, learned]))
+    distances, orientations = compare(nothing, np.stack([nothing, learned]))
     assert distances[0] == 0.0
     assert distances[1] == pytest.approx(1.0)
-    assert np.isfinite(turns).all()
+    assert np.isfinite(orientations).all()

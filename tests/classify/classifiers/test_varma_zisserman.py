@@ -1,4 +1,4 @@
-"""Varma and Zisserman behind the interface of all classifiers."""
+"""The classifier of Varma and Zisserman."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def test_every_image_of_a_training_set_is_a_reference(library) -> None:
     assert library.limits == {}
 
 
-def test_a_test_is_one_image_and_has_no_angle(library, surfaces) -> None:
+def test_a_test_is_one_image_without_an_orientation(library, surfaces) -> None:
     assert library.observe(surfaces["malv"]).shape == library.signatures.shape[1:]
     match = library.classify(surfaces["malv"])
     assert (match.label, match.runner_up) == KINDS
@@ -43,9 +43,9 @@ def test_a_test_is_one_image_and_has_no_angle(library, surfaces) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_patch_is_recognised(library, stationary, photographed, kind: str) -> None:
-    for seed, turn_deg in ((5, 0.0), (6, 40.0)):
-        asked = photographed(stationary(kind, turn_deg, seed=seed, side=96))
-        assert library.classify(asked).label == kind
+    for seed, orientation_deg in ((5, 0.0), (6, 40.0)):
+        patch = photographed(stationary(kind, orientation_deg, seed=seed, side=96))
+        assert library.classify(patch).label == kind
 
 
 def test_several_sets_of_a_class_make_one_dictionary(surfaces, stationary, photographed) -> None:

@@ -1,4 +1,4 @@
-"""The sieve finds what comparing everything finds, with a fraction of the comparisons."""
+"""The sieve finds the same nearest references with a fraction of the comparisons."""
 
 from dataclasses import dataclass, field, replace
 
@@ -26,7 +26,7 @@ def sieve(invariants: npt.NDArray[np.float32], labels: list[str]) -> Sieve:
 
 @dataclass
 class Points:
-    """References that are points; distances are squared and Euclidean, over a divisor."""
+    """References that are points; distances are squared Euclidean ones over a divisor."""
 
     points: npt.NDArray[np.float32]
     labels: list[str]
@@ -47,7 +47,7 @@ class Points:
         return np.append(test[:KEPT], np.float32(self.divisor))
 
     def match(self, test: npt.NDArray[np.float32]) -> Match:
-        """Through the sieve."""
+        """The match by the sieve."""
         everything = self.distances(test)
 
         def compare(indices: npt.NDArray[np.intp]) -> Comparison:
@@ -99,7 +99,7 @@ def test_nearest_and_runner_up_are_those_of_comparing_everything(
     known: bool,
     divisor: float,
 ) -> None:
-    """Clusters from a ten thousandth of their distance wide to all over each other."""
+    """Clusters from a ten thousandth of their distance wide to wider than their distance."""
     library = clustered(seed, count, classes, spread, level)
     library.divisor = divisor
     rng = np.random.default_rng(seed ^ 1)
@@ -109,7 +109,7 @@ def test_nearest_and_runner_up_are_those_of_comparing_everything(
 
 
 def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
-    """More than are ever compared have lower bounds than any of another class."""
+    """More references than are compared have lower bounds than those of the other class."""
     library = clustered(0, 12_000, 2, 0.05, 0.0)
     assert 2 * MOST < 12_000
     test = library.points[0]
@@ -126,7 +126,7 @@ def test_few_are_compared_where_classes_lie_apart() -> None:
     assert library.compared < 20 * 250
 
 
-def test_of_equal_classes_neither_is_named() -> None:
+def test_equal_classes_make_a_test_unknown() -> None:
     library = clustered(2, 2000, 30, 0.2, 0.0)
     library.points[1000:] = library.points[:1000]
     library.labels[1000:] = [f"twin of {label}" for label in library.labels[:1000]]
@@ -136,7 +136,7 @@ def test_of_equal_classes_neither_is_named() -> None:
         assert found == library.exhaustive(library.points[index])
 
 
-def test_a_single_class_has_its_nearest_found() -> None:
+def test_the_nearest_of_a_single_class_is_found() -> None:
     library = clustered(3, 3000, 1, 1.0, 0.0)
     test = library.points[7] + np.float32(0.01)
     found = library.match(test)
@@ -145,7 +145,7 @@ def test_a_single_class_has_its_nearest_found() -> None:
     assert library.compared < 1000
 
 
-def test_where_bounds_say_nothing_the_time_stays_bounded() -> None:
+def test_useless_bounds_do_not_lead_to_more_comparisons_than_allowed() -> None:
     library = clustered(4, 9000, 3, 1.0, 0.0)
     library.points[:, :KEPT] = 0.0
     test = library.points[11]
@@ -154,12 +154,12 @@ def test_where_bounds_say_nothing_the_time_stays_bounded() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 64, 65])
-def test_a_library_of_any_size_is_sifted(count: int) -> None:
+def test_a_library_of_any_size_is_searched(count: int) -> None:
     library = clustered(5, count, 2, 1.0, 0.0)
     assert library.match(library.points[0]) == library.exhaustive(library.points[0])
 
 
-def test_a_classifier_without_angles_is_sifted_as_well() -> None:
+def test_a_classifier_without_orientations_is_searched_too() -> None:
     library = clustered(6, 3000, 10, 1.0, 0.0)
     library.points[:, :KEPT] *= 0.1
     test = library.points[5] + np.float32(0.1)
@@ -173,8 +173,8 @@ def test_a_classifier_without_angles_is_sifted_as_well() -> None:
     assert found.distances.min() == distances.min()
 
 
-def test_a_reference_with_a_bound_that_is_no_number_is_compared() -> None:
-    """Of a mapped library, of which nobody has read all numbers."""
+def test_a_reference_with_a_bound_of_nan_is_compared() -> None:
+    """The numbers of a mapped library are not tested when it is loaded."""
     library = clustered(7, 3000, 10, 0.1, 0.0)
     test = library.points[2000]
     expected = library.exhaustive(test)
@@ -201,7 +201,7 @@ def joint_signatures(
     scale = like.signatures[:, :-1].std()
     centres = like.signatures[rng.integers(0, len(like.labels), classes), :-1]
     centres = centres + 0.2 * scale * rng.standard_normal((classes, width - 1))
-    # Classes differ in how strong their frequencies are, in any direction.
+    # Classes differ in the power of their frequencies, in any direction.
     levels = np.s_[:, : 2 * HARMONICS * MAPS : 2 * HARMONICS]
     centres[levels] += 3.0 * scale * rng.standard_normal((classes, MAPS))
     members = np.arange(count) % classes
@@ -229,7 +229,7 @@ def test_no_joint_distance_is_below_its_bound(trained, seed: int, spread: float)
 
 
 @pytest.mark.parametrize("spread", [0.01, 0.2, 1.0])
-def test_a_large_library_answers_as_if_all_were_compared(trained, spread: float) -> None:
+def test_a_large_library_gives_the_match_of_comparing_all(trained, spread: float) -> None:
     signatures, labels = joint_signatures(11, 600, 60, spread, trained)
     everything = replace(
         trained,
@@ -243,22 +243,22 @@ def test_a_large_library_answers_as_if_all_were_compared(trained, spread: float)
     rng = np.random.default_rng(12)
     for index in rng.integers(0, 600, 6):
         noise = rng.standard_normal(signatures.shape[1]).astype(np.float32)
-        asked = signatures[index] + 0.1 * spread * noise
-        expected, answer = everything.match(asked), library.match(asked)
+        test = signatures[index] + 0.1 * spread * noise
+        expected, answer = everything.match(test), library.match(test)
         assert (answer.nearest, answer.runner_up) == (expected.nearest, expected.runner_up)
         assert answer.distance == pytest.approx(expected.distance, rel=1e-6, abs=1e-9)
         assert answer.runner_up_distance == pytest.approx(expected.runner_up_distance, rel=1e-6)
         assert answer.orientation_deg == pytest.approx(expected.orientation_deg, abs=1e-3)
     if spread < 1.0:
-        assert len(library.candidates(asked)[0]) < 300
+        assert len(library.candidates(test)[0]) < 300
 
 
-def test_a_library_of_a_class_and_its_copy_names_neither(stationary, trained) -> None:
-    """Equal references at equal distances, wherever in the library they stand."""
+def test_a_class_and_its_copy_make_a_surface_unknown(stationary, trained) -> None:
+    """Equal references at equal distances, far apart in the library."""
     signatures, _ = joint_signatures(13, 150, 150, 1.0, trained)
     signatures[[3, 140]] = trained.signatures[0]
     labels = tuple(f"class {index}" for index in range(150))
-    asked = trained.observe(stationary("sand", 33.0, seed=2))
+    test = trained.observe(stationary("sand", 33.0, seed=2))
     for at_once in (1000, 100):
         library = replace(
             trained,
@@ -267,6 +267,6 @@ def test_a_library_of_a_class_and_its_copy_names_neither(stationary, trained) ->
             signatures=signatures,
             compare_all_up_to=at_once,
         )
-        found = library.match(asked)
+        found = library.match(test)
         assert found.label is None
         assert (found.nearest, found.runner_up) == ("class 3", "class 140")

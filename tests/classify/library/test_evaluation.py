@@ -1,4 +1,4 @@
-"""Counting right answers and degrees."""
+"""Accuracy, confusion and orientation errors of trials."""
 
 from dataclasses import replace
 
@@ -33,8 +33,8 @@ def test_orientation_error_is_the_angle_between_two_lines(found: float, true: fl
 
 
 @given(ANGLES, st.floats(-90, 90), st.integers(-3, 3))
-def test_half_a_turn_makes_no_error(true: float, off: float, half_turns: int) -> None:
-    trial = Trial("a", true, answer("a", true + off + 180.0 * half_turns))
+def test_a_difference_of_180_degrees_is_no_error(true: float, off: float, halves: int) -> None:
+    trial = Trial("a", true, answer("a", true + off + 180.0 * halves))
     assert trial.orientation_error_deg == pytest.approx(abs(off), abs=1e-9)
 
 
@@ -58,7 +58,7 @@ def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:
     assert Trial("a", 5.0, answer(None, 5.0)).orientation_error_deg is None
 
 
-def test_a_classifier_without_angles_makes_no_orientation_error() -> None:
+def test_a_classifier_without_orientations_makes_no_orientation_error() -> None:
     result = evaluate([Trial("a", 5.0, answer("a", None)), Trial("a", 5.0, answer("a", 8.0))])
     assert Trial("a", 5.0, answer("a", None)).orientation_error_deg is None
     assert result.correct == 2
@@ -98,20 +98,20 @@ def test_the_confusion_holds_every_trial_once(pairs: list[tuple[str, str | None]
     assert sum(group.sets for group in result.per_class.values()) == result.sets
 
 
-def test_nothing_to_evaluate_is_said() -> None:
+def test_an_evaluation_needs_trials() -> None:
     with pytest.raises(InputError, match="nothing to evaluate"):
         evaluate([])
 
 
 @given(ANGLES, st.floats(-89, 89), st.booleans(), st.integers(-3, 3))
 def test_a_heading_is_reversed_beyond_a_right_angle(
-    true: float, off: float, around: bool, turns: int
+    true: float, off: float, around: bool, circles: int
 ) -> None:
-    match = replace(answer("a"), heading_deg=true + off + 180.0 * around + 360.0 * turns)
+    match = replace(answer("a"), heading_deg=true + off + 180.0 * around + 360.0 * circles)
     assert Trial("a", true, match).is_reversed == around
 
 
-def test_headings_are_counted_where_they_were_told() -> None:
+def test_headings_are_counted_where_there_are_any() -> None:
     told = replace(answer("a"), heading_deg=170.0)
     result = evaluate([
         Trial("a", 175.0, told),

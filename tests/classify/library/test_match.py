@@ -1,4 +1,4 @@
-"""From distances to an answer: a class, or why none is named."""
+"""From distances to a match: the class, or unknown and the reason."""
 
 import numpy as np
 import pytest
@@ -14,20 +14,20 @@ LABELS = ("a", "b", "a", "c")
 def matched(
     distances: list[float],
     labels: tuple[str, ...] = LABELS,
-    turns_deg: list[float] | None = None,
-    orientations_deg: list[float] | None = None,
+    found_deg: list[float] | None = None,
+    references_deg: list[float] | None = None,
     sharpness: list[float] | None = None,
     **limits: float,
 ) -> Match:
     found = Comparison(
         np.array(distances),
-        None if turns_deg is None else np.array(turns_deg),
+        None if found_deg is None else np.array(found_deg),
         None if sharpness is None else np.array(sharpness),
     )
-    return match_of(found, labels, np.array(orientations_deg or [0.0] * len(labels)), limits)
+    return match_of(found, labels, np.array(references_deg or [0.0] * len(labels)), limits)
 
 
-def test_the_nearest_reference_names_the_class_and_the_next_class_is_the_runner_up() -> None:
+def test_the_nearest_reference_gives_the_class_and_the_next_class_is_the_runner_up() -> None:
     match = matched([0.5, 0.4, 0.1, 0.9])
     assert (match.label, match.nearest, match.distance) == ("a", "a", 0.1)
     assert (match.runner_up, match.runner_up_distance) == ("b", 0.4)
@@ -40,7 +40,7 @@ def test_the_nearest_reference_names_the_class_and_the_next_class_is_the_runner_
     st.lists(st.tuples(st.sampled_from("abcd"), st.floats(0, 1e6)), min_size=1, max_size=30),
     st.dictionaries(st.sampled_from("abcd"), st.floats(0, 1e6)),
 )
-def test_an_answer_is_that_of_its_definition(
+def test_a_match_follows_its_definition(
     references: list[tuple[str, float]], limits: dict[str, float]
 ) -> None:
     labels, distances = zip(*references, strict=True)
@@ -60,20 +60,20 @@ def test_an_answer_is_that_of_its_definition(
     assert match.nearest in match.reason
 
 
-def test_beyond_the_limit_of_its_class_a_surface_is_unknown_and_the_reason_says_so() -> None:
+def test_a_surface_beyond_the_limit_is_unknown_and_the_reason_says_so() -> None:
     match = matched([2.5, 3.0, 4.0, 9.0], a=2.4, b=100.0)
     assert match.label is None
     assert (match.nearest, match.limit) == ("a", 2.4)
     assert match.reason == "nearest is a, but 2.50 away; its limit is 2.40"
 
 
-def test_at_the_limit_it_is_still_of_the_class() -> None:
+def test_a_surface_at_the_limit_is_of_the_class() -> None:
     match = matched([2.4, 3.0, 4.0, 9.0], a=2.4)
     assert match.label == "a"
     assert match.reason == "a is 2.40 of at most 2.40 away, next is b at 3.00"
 
 
-def test_of_two_equally_near_classes_neither_is_named() -> None:
+def test_two_equally_near_classes_make_a_surface_unknown() -> None:
     for distance in (0.0, 0.3):
         match = matched([0.9, distance, distance, 1.0])
         assert match.label is None
@@ -81,7 +81,7 @@ def test_of_two_equally_near_classes_neither_is_named() -> None:
         assert match.reason == "b and a are equally near"
 
 
-def test_two_references_of_one_class_at_one_distance_are_no_tie() -> None:
+def test_equal_distances_within_a_class_are_no_tie() -> None:
     assert matched([0.2, 0.4, 0.2, 1.0]).label == "a"
 
 
@@ -94,32 +94,32 @@ def test_a_single_class_has_no_runner_up() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lay_deg", "turn_deg", "expected"),
+    ("reference_deg", "relative_deg", "expected"),
     [(0.0, 30.0, 30.0), (170.0, 30.0, 20.0), (90.0, 90.0, 0.0), (0.0, 179.9999999, 0.0),
      (0.0, -1e-12, 0.0), (0.0, 180.0, 0.0)],
 )  # fmt: skip
-def test_the_orientation_is_the_turn_from_how_the_reference_lay(
-    lay_deg: float, turn_deg: float, expected: float
+def test_the_orientation_is_relative_to_that_of_the_reference(
+    reference_deg: float, relative_deg: float, expected: float
 ) -> None:
     match = matched(
         [0.5, 0.1, 0.7, 0.9],
-        turns_deg=[77.0, turn_deg, 77.0, 77.0],
-        orientations_deg=[11.0, lay_deg, 11.0, 11.0],
+        found_deg=[77.0, relative_deg, 77.0, 77.0],
+        references_deg=[11.0, reference_deg, 11.0, 11.0],
         sharpness=[0.0, 0.8, 0.0, 0.0],
     )
     assert match.orientation_deg == expected
     assert match.sharpness == 0.8
 
 
-def test_without_angles_there_is_no_orientation() -> None:
+def test_a_match_without_orientations_has_none() -> None:
     match = matched([0.5, 0.1, 0.7, 0.9])
     assert match.orientation_deg is None
     assert match.sharpness is None
 
 
-def test_a_match_holds_plain_numbers() -> None:
-    """It is written as JSON."""
-    match = matched([0.5, 0.1, 0.7, 0.9], turns_deg=[1.0] * 4, sharpness=[0.5] * 4, b=2.0)
+def test_a_match_contains_plain_numbers() -> None:
+    """They are written as JSON."""
+    match = matched([0.5, 0.1, 0.7, 0.9], found_deg=[1.0] * 4, sharpness=[0.5] * 4, b=2.0)
     for value in (match.distance, match.runner_up_distance, match.margin, match.limit,
                   match.orientation_deg, match.sharpness):  # fmt: skip
         assert type(value) is float

@@ -1,4 +1,4 @@
-"""The ``.ps4lib`` file: what is written comes back, what is damaged is named."""
+"""The ``.ps4lib`` file: written libraries are read back, damaged ones refused."""
 
 import io
 import json
@@ -21,7 +21,7 @@ from classify import InputError, LibraryError, Lighting, TextureLibrary
 from classify.library.ps4lib import VERSION
 
 ARRAYS = ("classes.npy", "orientations_deg.npy", "signatures.npy")
-# So that of the small libraries here the signatures are mapped, and nothing else.
+# Of the small libraries here only the signatures are larger.
 SMALL_BYTES = 12_000
 
 
@@ -85,7 +85,7 @@ def edited(path: Path, edit: Callable[[dict[str, Any]], None]) -> Path:
     return path
 
 
-def test_a_saved_library_comes_back_bit_for_bit(library, saved: Path, stationary) -> None:
+def test_a_saved_library_is_read_bit_for_bit(library, saved: Path, stationary) -> None:
     loaded = TextureLibrary.load(saved)
     assert_equal(library, loaded)
     assert loaded.labels == ("grün", "fine", "grün")
@@ -95,7 +95,7 @@ def test_a_saved_library_comes_back_bit_for_bit(library, saved: Path, stationary
     assert loaded.classify(surface) == library.classify(surface)
 
 
-def test_all_that_a_library_says_of_itself_comes_back(library, tmp_path: Path) -> None:
+def test_lighting_sources_and_simulated_are_read_back(library, tmp_path: Path) -> None:
     path = tmp_path / "x.ps4lib"
     sources = (("one.ome.tif", "ab" * 32), ("zwei drei.ome.tif", ""))
     for lighting in (None, Lighting.ring(50.0, (0, 120, 240))):
@@ -182,7 +182,7 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
         (lambda h: h.update(sources=[["a"]]), r"header field sources\.0"),
     ],
 )
-def test_a_header_that_does_not_hold_is_named(
+def test_a_wrong_header_field_is_named(
     saved: Path, edit: Callable[[dict[str, Any]], None], cause: str
 ) -> None:
     with pytest.raises(LibraryError, match=cause) as caught:
@@ -201,8 +201,8 @@ def test_a_header_that_is_not_json_of_the_right_kind_is_refused(saved: Path, hea
         TextureLibrary.load(saved)
 
 
-def test_a_library_of_the_first_version_is_refused_and_says_what_to_do(tmp_path: Path) -> None:
-    """One array and another header."""
+def test_a_library_of_the_first_version_is_refused(tmp_path: Path) -> None:
+    """It had one array and another header."""
     path = tmp_path / "old.ps4lib"
     header = {"format": "ps4lib", "version": 1, "segment_px": 64, "references": [{"label": "a"}]}
     array = npy(np.ones((1, 2, 28, 90), np.float32))
@@ -258,8 +258,8 @@ UNREADABLE = "not a readable library"
         (b"cos\nsystem\n(S'true'\ntR.", UNREADABLE),
     ],
 )
-def test_an_array_that_does_not_hold_is_refused(saved: Path, array: bytes, cause: str) -> None:
-    """Read or mapped; but the numbers of a mapped array are tested by a match."""
+def test_a_damaged_array_is_refused(saved: Path, array: bytes, cause: str) -> None:
+    """Whether read or mapped; a match tests the numbers of a mapped array."""
     write_members(saved, members(saved) | {"signatures.npy": array})
     for mapped_from in (SMALL_BYTES,) if cause == "NaN" else (SMALL_BYTES, 1):
         with pytest.raises(LibraryError, match=cause) as caught:
@@ -347,7 +347,7 @@ def test_a_library_of_thousands_of_parameters_is_refused(saved: Path) -> None:
         TextureLibrary.load(saved)
 
 
-def test_an_npz_in_place_of_the_array_is_refused(saved: Path) -> None:
+def test_an_npz_instead_of_the_array_is_refused(saved: Path) -> None:
     stream = io.BytesIO()
     np.savez(stream, signatures=np.ones((3, 5), np.float32))
     write_members(saved, members(saved) | {"signatures.npy": stream.getvalue()})
@@ -365,7 +365,7 @@ class Explosive:
         return os.mkdir, (str(self.path),)
 
 
-def test_nothing_in_a_library_is_unpickled(saved: Path) -> None:
+def test_a_library_is_not_unpickled(saved: Path) -> None:
     trap = saved.parent / "trap"
     array = np.array([Explosive(trap)], dtype=object)
     write_members(saved, members(saved) | {"signatures.npy": npy(array, allow_pickle=True)})
@@ -375,7 +375,7 @@ def test_nothing_in_a_library_is_unpickled(saved: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["library.json", *ARRAYS])
-def test_a_zip_without_one_of_its_parts_is_no_library(saved: Path, name: str) -> None:
+def test_a_zip_without_one_of_the_members_is_no_library(saved: Path, name: str) -> None:
     content = members(saved)
     del content[name]
     write_members(saved, content)
@@ -428,7 +428,7 @@ def test_thousands_of_errors_in_a_header_take_little_memory(
 
 
 def patched(path: Path, name: str, central: dict[int, bytes], local: dict[int, bytes]) -> None:
-    """Bytes of the two headers of one member replaced, counted from where each begins."""
+    """Replace bytes of the two headers of a member, at offsets from their beginnings."""
     content = bytearray(path.read_bytes())
     with zipfile.ZipFile(path) as archive:
         start = archive.getinfo(name).header_offset
@@ -441,14 +441,14 @@ def patched(path: Path, name: str, central: dict[int, bytes], local: dict[int, b
 
 
 @pytest.mark.parametrize("name", ["library.json", *ARRAYS, "parameters/whitening.npy"])
-def test_an_encrypted_part_is_refused(saved: Path, name: str) -> None:
+def test_an_encrypted_member_is_refused(saved: Path, name: str) -> None:
     patched(saved, name, {8: b"\x01\x00"}, {6: b"\x01\x00"})
     with pytest.raises(LibraryError, match=r"not a readable library .*encrypted"):
         TextureLibrary.load(saved)
 
 
-def test_a_part_that_claims_more_than_there_is_is_refused(saved: Path) -> None:
-    """Whatever the version of zipfile says of members that overlap."""
+def test_a_member_larger_than_the_file_is_refused(saved: Path) -> None:
+    """Some versions of zipfile refuse overlapping members with another message."""
     for size in (2**31, saved.stat().st_size):
         claimed = size.to_bytes(4, "little")
         patched(saved, "signatures.npy", {20: claimed, 24: claimed}, {})
@@ -498,7 +498,7 @@ def flipped(saved: Path, data: st.DataObject, compression: int) -> Path:
     copy = saved.with_suffix(".copy")
     write_members(copy, members(saved), compression)
     content = bytearray(copy.read_bytes())
-    # Most of the file is numbers; the places where names, sizes and methods stand get their share.
+    # Most of the file is numbers; bytes of names, sizes and methods are drawn more often.
     near_edges = st.integers(0, 1200) | st.integers(len(content) - 1500, len(content) - 1)
     at = data.draw(near_edges | st.integers(0, len(content) - 1))
     content[at] ^= data.draw(st.integers(1, 255))
@@ -511,24 +511,20 @@ def flipped(saved: Path, data: st.DataObject, compression: int) -> Path:
 def test_a_flipped_byte_is_refused_or_harmless(
     saved: Path, library, data: st.DataObject, compression: int
 ) -> None:
-    """Whatever the byte: a `LibraryError` or the same library, nothing else.
-
-    But for a name of a parameter, which is then missing when it is asked for.
-    """
+    """A damaged library gives a `LibraryError` or the same library."""
     try:
         loaded = TextureLibrary.load(flipped(saved, data, compression))
     except LibraryError:
         return
-    if list(loaded.parameters) == list(library.parameters):
-        assert_equal(library, loaded)
+    assert_equal(library, loaded)
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[FIXTURE])
 @given(data=st.data())
-def test_a_flipped_byte_of_a_mapped_library_changes_numbers_and_nothing_else(
+def test_a_flipped_byte_of_a_mapped_library_changes_one_number_at_most(
     saved: Path, library, data: st.DataObject
 ) -> None:
-    """Its checksum would take the time that mapping saves."""
+    """To test its checksum would take the time that mapping saves."""
     try:
         loaded = load_mapped(flipped(saved, data, zipfile.ZIP_STORED))
     except LibraryError:
@@ -540,7 +536,7 @@ def test_a_flipped_byte_of_a_mapped_library_changes_numbers_and_nothing_else(
     np.testing.assert_array_equal(loaded.orientations_deg, library.orientations_deg)
 
 
-def test_a_mapped_library_answers_like_any_other(library, saved: Path, stationary) -> None:
+def test_a_mapped_library_gives_the_same_match(library, saved: Path, stationary) -> None:
     loaded = load_mapped(saved)
     assert isinstance(loaded.signatures, np.memmap)
     assert not loaded.signatures.flags.writeable
@@ -550,7 +546,7 @@ def test_a_mapped_library_answers_like_any_other(library, saved: Path, stationar
     assert loaded.classify(surface) == library.classify(surface)
 
 
-def test_a_mapped_library_is_not_disturbed_by_what_is_saved_over_it(
+def test_a_mapped_library_does_not_change_when_its_file_is_replaced(
     library, saved: Path, stationary
 ) -> None:
     surface = stationary("fine sand", 60.0, seed=3)
@@ -569,7 +565,7 @@ def test_a_mapped_array_must_not_be_packed(saved: Path) -> None:
         load_mapped(saved)
 
 
-def test_nan_in_a_mapped_library_is_found_when_it_is_asked(saved: Path, stationary) -> None:
+def test_nan_in_a_mapped_library_is_found_by_a_match(saved: Path, stationary) -> None:
     array = np.load(io.BytesIO(members(saved)["signatures.npy"]))
     array[1, 100] = np.nan
     write_members(saved, members(saved) | {"signatures.npy": npy(array)})
@@ -591,24 +587,22 @@ def test_nan_in_a_mapped_library_is_found_when_it_is_asked(saved: Path, stationa
         (30, b"S"),  # another name
     ],
 )
-def test_a_local_header_that_was_tampered_with_moves_no_array(
-    saved: Path, offset: int, value: bytes
-) -> None:
-    """Where a mapped array begins is told by this header, not by the directory."""
+def test_a_changed_local_header_is_refused(saved: Path, offset: int, value: bytes) -> None:
+    """It gives the offset of a mapped array."""
     patched(saved, "signatures.npy", {}, {offset: value})
     with pytest.raises(LibraryError, match=UNREADABLE):
         load_mapped(saved)
 
 
 @pytest.mark.parametrize("offset", [2**32 - 2, 10**6, 3])
-def test_a_directory_that_points_elsewhere_maps_nothing(saved: Path, offset: int) -> None:
+def test_a_directory_with_a_wrong_offset_is_refused(saved: Path, offset: int) -> None:
     patched(saved, "signatures.npy", {42: offset.to_bytes(4, "little")}, {})
     with pytest.raises(LibraryError, match=UNREADABLE):
         load_mapped(saved)
 
 
 def test_a_mapped_array_that_reaches_beyond_the_file_is_refused(saved: Path) -> None:
-    """Else the first look at its end would end the program."""
+    """Reading beyond the end would end the program."""
     array = claimed("(3, 10000000)")
     write_members(saved, members(saved) | {"signatures.npy": array})
     size = (len(array) - 16 + 120_000_000).to_bytes(4, "little")
@@ -650,7 +644,7 @@ else:
 
 
 def test_a_full_disk_is_one_line_and_leaves_the_old_library(saved: Path) -> None:
-    """A limit on the size of files stands for the disk."""
+    """A limit on the size of files stands for a full disk."""
     before = saved.read_bytes()
     assert len(before) > 8192
     run = subprocess.run(

@@ -1,4 +1,4 @@
-"""Turning as a phase: the least error over all turns, against turning and subtracting."""
+"""The least error over all circular shifts, against shifting and subtracting."""
 
 import numpy as np
 import pytest
@@ -15,20 +15,20 @@ from classify.texture.orientation import roll_angles
 
 ANGLES = 90
 SEEDS = st.integers(0, 2**32 - 1)
-TURNS_DEG = st.floats(0.0, 180.0, exclude_max=True)
+SHIFTS_DEG = st.floats(0.0, 180.0, exclude_max=True)
 
 
 def smooth(seed: int, *before: int) -> np.ndarray:
-    """Random maps (..., 90) that hold no harmonics finer than are kept."""
+    """Random maps (..., 90) without harmonics finer than those kept."""
     rng = np.random.default_rng(seed)
     fall = 0.8 ** np.arange(HARMONICS)
     series = rng.standard_normal((*before, HARMONICS, 2)) @ [1, 1j] * fall
     return np.fft.irfft(series, n=ANGLES, norm="ortho")
 
 
-def turned(maps: np.ndarray, turn_deg: float) -> np.ndarray:
-    """The maps turned anticlockwise."""
-    return roll_angles(maps, np.array([-turn_deg * ANGLES / 180.0]))[0]
+def shifted(maps: np.ndarray, shift_deg: float) -> np.ndarray:
+    """The maps, shifted anticlockwise."""
+    return roll_angles(maps, np.array([-shift_deg * ANGLES / 180.0]))[0]
 
 
 def off_deg(found: float, true: float) -> float:
@@ -47,7 +47,7 @@ def test_a_series_has_the_energy_of_its_map(seed: int, before: tuple[int, ...]) 
 
 
 @given(SEEDS)
-def test_what_is_finer_than_the_series_is_all_that_is_lost(seed: int) -> None:
+def test_a_series_loses_the_finer_harmonics_only(seed: int) -> None:
     noise = np.random.default_rng(seed).standard_normal(ANGLES)
     coarse = np.fft.rfft(noise)
     coarse[HARMONICS:] = 0.0
@@ -57,32 +57,32 @@ def test_what_is_finer_than_the_series_is_all_that_is_lost(seed: int) -> None:
 
 
 @settings(max_examples=100, deadline=None)
-@given(SEEDS, TURNS_DEG, st.integers(1, 5))
-def test_a_turned_map_is_found_at_its_angle(seed: int, turn_deg: float, maps: int) -> None:
+@given(SEEDS, SHIFTS_DEG, st.integers(1, 5))
+def test_the_shift_of_a_map_is_found(seed: int, shift_deg: float, maps: int) -> None:
     reference = smooth(seed, maps)
     series = harmonics(reference)
-    found = least_error(harmonics(turned(reference, turn_deg)), series[None])
+    found = least_error(harmonics(shifted(reference, shift_deg)), series[None])
     energy = np.square(reference).sum()
     assert found.errors[0] <= 1e-3 * energy
     assert found.sharpness[0] > 0.98
-    # Another angle may do nearly as well; it is not far off, or it does as well indeed.
-    at_found = turned(reference, float(found.shifts_deg[0]))
-    at_true = turned(reference, turn_deg)
+    # Another shift may give nearly the same map.
+    at_found = shifted(reference, float(found.shifts_deg[0]))
+    at_true = shifted(reference, shift_deg)
     assert np.square(at_found - at_true).sum() < 2e-3 * energy
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 0.3, 12.5, 89.9, 90.0, 133.37, 179.6])
-def test_the_angle_is_right_to_a_tenth_of_a_degree(turn_deg: float) -> None:
+@pytest.mark.parametrize("shift_deg", [0.0, 0.3, 12.5, 89.9, 90.0, 133.37, 179.6])
+def test_the_angle_is_right_to_a_tenth_of_a_degree(shift_deg: float) -> None:
     reference = smooth(5, 4)
-    found = least_error(harmonics(turned(reference, turn_deg)), harmonics(reference)[None])
-    assert off_deg(found.shifts_deg[0], turn_deg) < 0.1
+    found = least_error(harmonics(shifted(reference, shift_deg)), harmonics(reference)[None])
+    assert off_deg(found.shifts_deg[0], shift_deg) < 0.1
     assert 0.0 <= found.shifts_deg[0] < 180.0
 
 
 @settings(max_examples=60, deadline=None)
 @given(SEEDS, st.integers(1, 4), st.integers(1, 3))
 def test_least_errors_are_those_of_brute_force(seed: int, count: int, maps: int) -> None:
-    """Turn by every half a degree, subtract, square."""
+    """Shift by every half degree, subtract, square."""
     test, references = smooth(seed, maps), smooth(seed ^ 1, count, maps)
     found = least_error(harmonics(test), harmonics(references))
     shifts_deg = np.arange(0.0, 180.0, 0.5)
@@ -91,18 +91,18 @@ def test_least_errors_are_those_of_brute_force(seed: int, count: int, maps: int)
         errors = np.square(back - reference).sum(axis=(1, 2))
         energy = np.square(test).sum() + np.square(reference).sum()
         assert found.errors[index] == pytest.approx(errors.min(), abs=2e-3 * energy)
-        at_found = np.square(turned(reference, found.shifts_deg[index]) - test).sum()
+        at_found = np.square(shifted(reference, found.shifts_deg[index]) - test).sum()
         assert at_found == pytest.approx(errors.min(), abs=2e-3 * energy)
 
 
 @settings(max_examples=100, deadline=None)
-@given(SEEDS, TURNS_DEG, st.floats(0.0, 2.0), st.floats(0.0, 100.0))
+@given(SEEDS, SHIFTS_DEG, st.floats(0.0, 2.0), st.floats(0.0, 100.0))
 def test_no_error_is_below_the_bound_of_the_norms(
-    seed: int, turn_deg: float, unlike: float, level: float
+    seed: int, shift_deg: float, unlike: float, level: float
 ) -> None:
-    """From the very same map turned, where the bound is nothing, to another map altogether."""
+    """For the same map shifted, for another map, and between."""
     references = smooth(seed, 6, 3) + level
-    test = turned(references[0], turn_deg) + unlike * smooth(seed ^ 1, 3)
+    test = shifted(references[0], shift_deg) + unlike * smooth(seed ^ 1, 3)
     series, test_series = harmonics(references), harmonics(test)
     norms = shift_invariant_norms(series)
     assert norms.shape == (6, 6)
@@ -113,19 +113,19 @@ def test_no_error_is_below_the_bound_of_the_norms(
     assert (errors >= bounds - 1e-5 * energy).all()
 
 
-@given(SEEDS, TURNS_DEG)
-def test_no_turn_changes_the_norms(seed: int, turn_deg: float) -> None:
+@given(SEEDS, SHIFTS_DEG)
+def test_no_shift_changes_the_norms(seed: int, shift_deg: float) -> None:
     maps = smooth(seed, 4)
     before, after = (
-        shift_invariant_norms(harmonics(each)) for each in (maps, turned(maps, turn_deg))
+        shift_invariant_norms(harmonics(each)) for each in (maps, shifted(maps, shift_deg))
     )
     np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-5)
 
 
-def test_all_maps_of_a_stack_turn_together() -> None:
-    """Two maps that would each like another turn: the least sum decides."""
+def test_all_maps_of_a_stack_share_one_shift() -> None:
+    """Where each of two maps alone has another best shift, the least sum decides."""
     one = smooth(1, 2)
-    apart = np.stack([turned(one[0], 20.0), turned(one[1], 60.0)])
+    apart = np.stack([shifted(one[0], 20.0), shifted(one[1], 60.0)])
     found = least_error(harmonics(apart), harmonics(one)[None])
     alone = [
         least_error(harmonics(apart[i : i + 1]), harmonics(one[i : i + 1])[None]) for i in range(2)
@@ -135,7 +135,7 @@ def test_all_maps_of_a_stack_turn_together() -> None:
     assert found.errors[0] > sum(float(each.errors[0]) for each in alone) + 0.1
 
 
-def test_sharpness_is_nothing_where_there_is_no_direction() -> None:
+def test_sharpness_is_zero_without_a_direction() -> None:
     even = np.full((1, ANGLES), 3.0)
     directed = even + np.cos(2 * np.pi * np.arange(ANGLES) / ANGLES)
     found = least_error(harmonics(even), harmonics(np.stack([even, directed])))
@@ -147,8 +147,8 @@ def test_sharpness_is_nothing_where_there_is_no_direction() -> None:
 
 
 @given(SEEDS, SEEDS)
-@example(252, 252)  # a turn of a hair below 0
-def test_sharpness_lies_between_nothing_and_one(seed: int, other: int) -> None:
+@example(252, 252)  # a shift just below 0
+def test_sharpness_lies_between_zero_and_one(seed: int, other: int) -> None:
     found = least_error(harmonics(smooth(seed, 2)), harmonics(smooth(other, 5, 2)))
     assert ((found.sharpness >= 0.0) & (found.sharpness <= 1.0)).all()
     assert ((found.shifts_deg >= 0.0) & (found.shifts_deg < 180.0)).all()

@@ -1,4 +1,4 @@
-"""Slopes and albedo without their outliers."""
+"""Bounds, means and validity of texture fields."""
 
 from dataclasses import replace
 
@@ -30,14 +30,14 @@ def test_bounded_slopes_keep_their_direction(surface_of, p: np.ndarray, q: np.nd
 
 @settings(max_examples=30, deadline=None)
 @given(arrays(np.float32, (2, 4, 6), elements=st.floats(-1.375, 1.375, width=32)))
-def test_slopes_within_the_bound_are_not_touched(surface_of, slopes: np.ndarray) -> None:
+def test_slopes_within_the_bound_stay(surface_of, slopes: np.ndarray) -> None:
     fields = texture_fields(surface_of(*slopes, np.ones((4, 6))))
     np.testing.assert_array_equal(fields.p, slopes[0])
     np.testing.assert_array_equal(fields.q, slopes[1])
 
 
 def patchy(surface_of, damage: float) -> SurfaceEstimate:
-    """A third of the pixels is not valid and holds `damage`."""
+    """A surface of which a third of the pixels is not valid and contains `damage`."""
     rng = np.random.default_rng(3)
     p, q = rng.normal(0.1, 0.5, (2, 30, 20))
     albedo = rng.uniform(0.2, 0.8, (30, 20))
@@ -80,7 +80,7 @@ def test_albedo_is_in_units_of_its_mean_and_bounded(surface_of) -> None:
     np.testing.assert_allclose(brighter.albedo, fields.albedo, rtol=1e-5)
 
 
-def test_the_surface_is_left_as_it_was(surface_of) -> None:
+def test_the_surface_is_not_changed(surface_of) -> None:
     surface = patchy(surface_of, 7.0)
     before = [field.copy() for field in (surface.p, surface.q, surface.albedo)]
     texture_fields(surface)
@@ -111,10 +111,9 @@ def test_a_surface_that_reflects_nothing_is_refused(surface_of) -> None:
 
 @pytest.mark.parametrize("damage", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["p", "q", "albedo"])
-def test_what_is_no_number_at_a_valid_pixel_is_refused(surface_of, field: str, damage) -> None:
-    """The surface is at fault, not the library that it would be compared with."""
+def test_nan_at_a_valid_pixel_is_refused(surface_of, field: str, damage) -> None:
     ones = np.ones((4, 4))
     surface = surface_of(ones, ones, ones)
     getattr(surface, field)[2, 3] = damage
-    with pytest.raises(InputError, match="slope or albedo that is no number"):
+    with pytest.raises(InputError, match="slope or albedo of NaN"):
         texture_fields(surface)

@@ -1,3 +1,5 @@
+"""The MR8 filters and responses, against plain convolution."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,9 +37,9 @@ def test_38_filters_of_mean_zero_and_of_l1_norm_one() -> None:
 
 def test_edges_are_odd_and_all_others_even() -> None:
     filters = mr8_filters()
-    turned = filters[:, ::-1, ::-1]
-    np.testing.assert_allclose(turned[EDGES], -filters[EDGES], atol=1e-7)
-    np.testing.assert_allclose(turned[18:], filters[18:], atol=1e-7)
+    rotated = filters[:, ::-1, ::-1]
+    np.testing.assert_allclose(rotated[EDGES], -filters[EDGES], atol=1e-7)
+    np.testing.assert_allclose(rotated[18:], filters[18:], atol=1e-7)
 
 
 def test_the_isotropic_filters_have_every_symmetry_of_the_grid() -> None:
@@ -49,7 +51,7 @@ def test_the_isotropic_filters_have_every_symmetry_of_the_grid() -> None:
 
 
 @pytest.mark.parametrize("first", range(0, 36, 6))
-def test_90_degrees_on_the_filter_is_the_first_turned_anticlockwise(first: int) -> None:
+def test_filters_90_degrees_apart_are_rotated_copies(first: int) -> None:
     for step in range(3):
         filters = mr8_filters()
         # float32 rounds the two differently by the last bit
@@ -60,9 +62,9 @@ def test_90_degrees_on_the_filter_is_the_first_turned_anticlockwise(first: int) 
 
 @pytest.mark.parametrize(("first", "sigma"), [(18, 1.0), (24, 2.0), (30, 4.0)])
 def test_a_bar_is_three_times_as_long_as_wide(first: int, sigma: float) -> None:
-    """Its profile along is a Gaussian of 3 sigma, that across is zero at +-sigma."""
+    """Its profile is a Gaussian of 3 sigma along, and zero at +-sigma across."""
     bar, centre = mr8_filters()[first].astype(float), FILTER_PX // 2
-    bar = bar - bar[0, 0]  # the mean that was taken off
+    bar = bar - bar[0, 0]  # the mean that was subtracted
     along = bar[:, centre] / bar[centre, centre]
     expected = np.exp(-0.5 * (np.arange(FILTER_PX) - centre) ** 2 / (3 * sigma) ** 2)
     np.testing.assert_allclose(along, expected, atol=0.03)
@@ -81,25 +83,25 @@ def test_responses_are_the_convolution_of_the_definition(shape: tuple[int, int])
 
 
 @pytest.mark.parametrize("quarter", [1, 2, 3])
-def test_responses_turn_with_the_image(quarter: int) -> None:
+def test_responses_rotate_with_the_image(quarter: int) -> None:
     image = noise(80, 90)
-    turned = mr8_responses(np.rot90(image, quarter))
+    rotated = mr8_responses(np.rot90(image, quarter))
     np.testing.assert_allclose(
-        turned, np.rot90(mr8_responses(image), quarter, axes=(1, 2)), atol=2e-5
+        rotated, np.rot90(mr8_responses(image), quarter, axes=(1, 2)), atol=2e-5
     )
 
 
 @pytest.mark.parametrize("angle_deg", [30.0, 60.0, 90.0, 150.0])
-def test_stripes_answer_alike_at_each_of_the_six_orientations(angle_deg: float) -> None:
-    """But for the coarseness of pixels: sigma is one of them for the smallest filters."""
+def test_responses_to_stripes_are_alike_at_six_orientations(angle_deg: float) -> None:
+    """Except for sampling: sigma is one pixel for the smallest filters."""
     rows, columns = np.mgrid[:128, :128] - 63.5
 
-    def strength(turn_deg: float) -> np.ndarray:
-        turn = np.radians(turn_deg)
-        phase = 2 * np.pi / 12 * (np.cos(turn) * columns - np.sin(turn) * rows)
+    def response(stripes_deg: float) -> np.ndarray:
+        angle = np.radians(stripes_deg)
+        phase = 2 * np.pi / 12 * (np.cos(angle) * columns - np.sin(angle) * rows)
         return mr8_responses(np.cos(phase) * 100)[:6].max(axis=(1, 2))
 
-    np.testing.assert_allclose(strength(angle_deg), strength(0.0), rtol=0.15)
+    np.testing.assert_allclose(response(angle_deg), response(0.0), rtol=0.15)
 
 
 @settings(deadline=None, max_examples=20)

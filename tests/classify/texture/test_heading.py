@@ -1,4 +1,4 @@
-"""Which of two ways a texture lies."""
+"""Headings: the orientation of a texture over 360 degrees."""
 
 from dataclasses import replace
 
@@ -23,20 +23,20 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def sawtooth(
-    surface_of, turn_deg: float, seed: int, skew: float = 0.35, side: int = SIDE
+    surface_of, orientation_deg: float, seed: int, skew: float = 0.35, side: int = SIDE
 ) -> SurfaceEstimate:
-    """Ripples that are steeper on one side by `skew`, wavy and rough, turned anticlockwise."""
+    """Ripples that are steeper on one side by `skew`, wavy and rough, rotated anticlockwise."""
     rng = np.random.default_rng(seed)
     column, row = np.meshgrid(np.arange(side), -np.arange(side))
-    turn = np.radians(turn_deg)
-    x = column * np.cos(turn) + row * np.sin(turn)
-    y = row * np.cos(turn) - column * np.sin(turn)
+    angle = np.radians(orientation_deg)
+    x = column * np.cos(angle) + row * np.sin(angle)
+    y = row * np.cos(angle) - column * np.sin(angle)
     phase = 2 * np.pi * (x + 3.0 * np.sin(2 * np.pi * y / 70.0 + rng.uniform(0, 9))) / 12.0
     phase += rng.uniform(0, 2 * np.pi)
     slope = 0.3 * (np.cos(phase) + skew * np.cos(2 * phase))
     p, q, albedo = 0.05 * rng.standard_normal((3, side, side))
     return surface_of(
-        p + slope * np.cos(turn), q + slope * np.sin(turn), 0.6 + 0.1 * albedo + 0 * slope
+        p + slope * np.cos(angle), q + slope * np.sin(angle), 0.6 + 0.1 * albedo + 0 * slope
     )
 
 
@@ -52,33 +52,31 @@ def library(stationary, surface_of) -> TextureLibrary:
     )
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 33.0, 90.0, 150.0, 180.0, 213.0, 270.0, 341.0])
-def test_a_steeper_side_tells_the_turn_over_the_full_circle(
-    library, surface_of, turn_deg: float
-) -> None:
-    match = library.classify(sawtooth(surface_of, turn_deg, seed=int(turn_deg) + 7))
+@pytest.mark.parametrize("orientation_deg", [0.0, 33.0, 90.0, 150.0, 180.0, 213.0, 270.0, 341.0])
+def test_a_steeper_side_gives_the_heading(library, surface_of, orientation_deg: float) -> None:
+    match = library.classify(sawtooth(surface_of, orientation_deg, seed=int(orientation_deg) + 7))
     assert match.nearest == "sawtooth"
-    assert abs((match.heading_deg - turn_deg + 180.0) % 360.0 - 180.0) < 2.0
+    assert abs((match.heading_deg - orientation_deg + 180.0) % 360.0 - 180.0) < 2.0
     assert match.heading_deg % 180.0 == pytest.approx(match.orientation_deg, abs=1e-5)
 
 
-@pytest.mark.parametrize("turn_deg", [20.0, 111.0, 200.0, 291.0])
-def test_where_both_sides_are_alike_no_way_is_told(
-    library, stationary, surface_of, turn_deg: float
+@pytest.mark.parametrize("orientation_deg", [20.0, 111.0, 200.0, 291.0])
+def test_a_texture_with_equal_sides_has_no_heading(
+    library, stationary, surface_of, orientation_deg: float
 ) -> None:
-    even = library.classify(sawtooth(surface_of, turn_deg, seed=3, skew=0.0))
+    even = library.classify(sawtooth(surface_of, orientation_deg, seed=3, skew=0.0))
     assert even.nearest == "even"
     assert even.heading_deg is None
     assert even.orientation_deg is not None
     for kind in ("malv", "brushed"):
-        found = library.classify(stationary(kind, turn_deg, seed=5, side=SIDE))
+        found = library.classify(stationary(kind, orientation_deg, seed=5, side=SIDE))
         assert found.label == kind
         assert found.heading_deg is None
 
 
 def test_sets_of_a_class_are_aligned_over_the_full_circle(surface_of) -> None:
-    """The second set is learned upside down: its angle is 200, and not 20."""
-    first, second = (sawtooth(surface_of, turn, seed) for turn, seed in ((0.0, 0), (200.0, 1)))
+    """The second set was learned upside down: its orientation is 200, not 20."""
+    first, second = (sawtooth(surface_of, angle, seed) for angle, seed in ((0.0, 0), (200.0, 1)))
     library = TextureLibrary.train([("sawtooth", first), ("sawtooth", second)])
     assert library.orientations_deg[-1] == pytest.approx(200.0, abs=2.0)
     only_second = replace(
@@ -92,8 +90,8 @@ def test_sets_of_a_class_are_aligned_over_the_full_circle(surface_of) -> None:
         assert match.heading_deg == pytest.approx(75.0, abs=2.0)
 
 
-def test_a_set_that_may_lie_either_way_tells_none(surface_of) -> None:
-    """Aligned to an even one, a skewed set has an angle modulo 180 only."""
+def test_a_set_aligned_modulo_180_gives_no_heading(surface_of) -> None:
+    """A skewed set that is aligned to an even one has an orientation modulo 180 only."""
     library = TextureLibrary.train(
         [
             ("ripples", sawtooth(surface_of, 0.0, 0, skew=0.0)),
@@ -116,17 +114,17 @@ def measured(surface: SurfaceEstimate) -> np.ndarray:
     return local_statistics(texture_fields(surface), 3).headings
 
 
-def test_moments_turn_like_vectors(surface_of) -> None:
-    """A quarter turn of an odd frame moves every pixel, of every level, to another pixel."""
+def test_moments_rotate_like_vectors(surface_of) -> None:
+    """A rotation of an odd frame by 90 degrees moves each pixel of each level to another."""
     surface = sawtooth(surface_of, 25.0, 4, side=193)
-    turned = replace(
+    rotated = replace(
         surface,
         p=-np.rot90(surface.q),
         q=np.rot90(surface.p),
         albedo=np.rot90(surface.albedo),
         valid=np.rot90(surface.valid),
     )
-    before, after = measured(surface), measured(turned)
+    before, after = measured(surface), measured(rotated)
     assert before.shape == (5, 2, 6)
     factors = np.array([1j] * 5 + [-1j])
     np.testing.assert_allclose(after[0], factors * before[0], atol=1e-5)
@@ -148,8 +146,8 @@ def test_moments_are_those_of_their_definition() -> None:
 
 @settings(max_examples=50, deadline=None)
 @given(SEEDS, st.floats(0.0, 360.0), st.integers(1, 4))
-def test_a_reference_scores_as_much_turned_as_not_and_less_the_other_way(
-    seed: int, turn_deg: float, levels: int
+def test_the_opposite_orientation_has_the_opposite_score(
+    seed: int, orientation_deg: float, levels: int
 ) -> None:
     rng = np.random.default_rng(seed)
     way = rng.standard_normal((levels, 6)) + 1j * rng.standard_normal((levels, 6))
@@ -159,14 +157,14 @@ def test_a_reference_scores_as_much_turned_as_not_and_less_the_other_way(
     reference = heading_numbers(moments, typical)
     assert reference.shape == (HEADING_FLOATS,)
     spins = np.array([1, 1, 1, 1, 1, 3])
-    turned = heading_numbers(moments * np.exp(1j * np.radians(turn_deg) * spins), typical)
-    (score,) = heading_scores(turned, reference[None], np.array([turn_deg]))
-    (other,) = heading_scores(turned, reference[None], np.array([turn_deg + 180.0]))
+    rotated = heading_numbers(moments * np.exp(1j * np.radians(orientation_deg) * spins), typical)
+    (score,) = heading_scores(rotated, reference[None], np.array([orientation_deg]))
+    (other,) = heading_scores(rotated, reference[None], np.array([orientation_deg + 180.0]))
     assert score > 4.0
     assert other == pytest.approx(-score, rel=1e-4)
 
 
-def test_moments_within_their_scatter_are_no_way_to_lie() -> None:
+def test_moments_within_their_scatter_give_no_heading() -> None:
     rng = np.random.default_rng(1)
     moments = rng.standard_normal((5, 3, 6)) + 1j * rng.standard_normal((5, 3, 6))
     moments[0] = moments[1:].mean(axis=0)

@@ -1,4 +1,4 @@
-"""The turn between polar spectra, against brute force."""
+"""The circular shift between polar spectra, against brute force."""
 
 import numpy as np
 import pytest
@@ -16,14 +16,14 @@ from classify.texture.spectra import ANGLES
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def bumps(turn: float, count: int = ANGLES) -> np.ndarray:
-    """A band-limited polar spectrum, turned by `turn` steps."""
-    angle = 2 * np.pi * (np.arange(count) - turn) / count
+def bumps(shift: float, count: int = ANGLES) -> np.ndarray:
+    """A band-limited polar spectrum, shifted by `shift` steps."""
+    angle = 2 * np.pi * (np.arange(count) - shift) / count
     return 3 + np.cos(angle) + 0.6 * np.cos(2 * angle + 1) + 0.3 * np.sin(5 * angle)
 
 
 @given(SEEDS, st.integers(1, 4), st.sampled_from([(), (1,), (3,), (2, 4)]), st.integers(2, 24))
-def test_errors_by_turn_are_those_of_brute_force(
+def test_errors_by_shift_are_those_of_brute_force(
     seed: int, references: int, between: tuple[int, ...], count: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -46,36 +46,34 @@ def test_a_spectrum_rolled_by_whole_steps_is_found_exactly(steps: int, seed: int
 
 
 @given(st.floats(0, ANGLES, exclude_max=True))
-def test_a_turn_between_steps_is_found_to_a_fiftieth_of_a_step(turn: float) -> None:
-    errors = squared_errors_by_shift(bumps(turn), bumps(0.0)[None])
+def test_a_shift_between_steps_is_found_to_a_fiftieth_of_a_step(shift: float) -> None:
+    errors = squared_errors_by_shift(bumps(shift), bumps(0.0)[None])
     found = best_shift(errors)[0]
-    assert abs((found - turn + ANGLES / 2) % ANGLES - ANGLES / 2) < 0.02
+    assert abs((found - shift + ANGLES / 2) % ANGLES - ANGLES / 2) < 0.02
 
 
-def test_without_any_direction_the_turn_is_some_finite_one() -> None:
+def test_the_shift_is_finite_without_a_direction() -> None:
     flat = np.ones(ANGLES)
-    turns = best_shift(squared_errors_by_shift(flat, np.stack([flat, 2 * flat])))
-    assert np.isfinite(turns).all()
-    assert ((turns >= 0) & (turns < ANGLES)).all()
+    shifts = best_shift(squared_errors_by_shift(flat, np.stack([flat, 2 * flat])))
+    assert np.isfinite(shifts).all()
+    assert ((shifts >= 0) & (shifts < ANGLES)).all()
 
 
 @given(st.floats(-200, 200), st.sampled_from([(), (4,), (2, 3)]))
-def test_rolling_turns_a_band_limited_spectrum_exactly(
-    turn: float, before: tuple[int, ...]
-) -> None:
-    stack = np.broadcast_to(bumps(turn), (*before, ANGLES))
-    back = roll_angles(stack, np.array([turn, 0.0]))
+def test_a_band_limited_spectrum_is_shifted_exactly(shift: float, before: tuple[int, ...]) -> None:
+    stack = np.broadcast_to(bumps(shift), (*before, ANGLES))
+    back = roll_angles(stack, np.array([shift, 0.0]))
     assert back.shape == (2, *before, ANGLES)
     np.testing.assert_allclose(back[0], np.broadcast_to(bumps(0.0), stack.shape), atol=1e-9)
     np.testing.assert_allclose(back[1], stack, atol=1e-9)
 
 
 @given(SEEDS, st.integers(-200, 200))
-def test_rolling_by_whole_steps_is_a_roll_of_the_array(seed: int, steps: int) -> None:
+def test_a_shift_by_whole_steps_rolls_the_array(seed: int, steps: int) -> None:
     polar = np.random.default_rng(seed).random((3, ANGLES))
     expected = np.roll(polar, -steps, axis=-1)
     np.testing.assert_allclose(roll_angles(polar, np.array([float(steps)]))[0], expected, atol=1e-9)
 
 
-def test_the_grid_covers_half_a_turn() -> None:
+def test_the_grid_covers_180_degrees() -> None:
     assert STEP_DEG * ANGLES == 180.0

@@ -1,4 +1,4 @@
-"""A surface as it would have been solved under turned lights."""
+"""Surfaces solved again under rotated lights."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def solved(truth, lighting: Lighting, method="ps4") -> SurfaceEstimate:
     return photometric_stereo(images, lighting, method)
 
 
-def test_a_surface_in_shadow_is_seen_three_more_times(truth) -> None:
+def test_a_surface_in_shadow_gives_three_estimates(truth) -> None:
     surface = solved(truth, Lighting.ring(65.0))
     assert surface.shadow_mask.mean() > 0.1
     others = list(under_rotated_lights(surface))
@@ -41,8 +41,8 @@ def test_a_surface_in_shadow_is_seen_three_more_times(truth) -> None:
         assert other.lighting.within(1e-4, expected)
 
 
-def test_what_is_seen_is_what_rotated_lights_show_of_the_true_surface(truth) -> None:
-    """Nearer to it than the estimate it was made from, where shadows fall another way."""
+def test_estimates_are_those_of_the_true_surface_under_rotated_lights(truth) -> None:
+    """They are nearer to these than the estimate they come from."""
     surface = solved(truth, Lighting.ring(65.0))
     for step, other in enumerate(under_rotated_lights(surface), start=1):
         tilts = tuple(tilt - 22.5 * step for tilt in (0.0, 90.0, 180.0, 270.0))
@@ -56,7 +56,6 @@ def test_what_is_seen_is_what_rotated_lights_show_of_the_true_surface(truth) -> 
 
 
 def test_no_pixel_is_moved(truth) -> None:
-    """The waves of the estimates stand where those of the surface stand."""
     surface = solved(truth, Lighting.ring(65.0))
     for other in under_rotated_lights(surface):
         both = surface.valid & other.valid
@@ -64,9 +63,7 @@ def test_no_pixel_is_moved(truth) -> None:
 
 
 @pytest.mark.parametrize("change", ["no lights", "ps3", "no shadow", "another method"])
-def test_where_there_is_nothing_to_learn_from_rotated_lights_there_is_nothing(
-    truth, change: str
-) -> None:
+def test_surfaces_that_rotated_lights_would_not_change_give_none(truth, change: str) -> None:
     surface = solved(truth, Lighting.ring(65.0), "ps3a" if change == "ps3" else "ps4")
     if change == "no lights":
         surface = replace(surface, lighting=None)

@@ -1,4 +1,4 @@
-"""Powers of segments: what plain transforms give, whatever the threads."""
+"""Powers of segments, against plain transforms."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def noise_fields(shape: tuple[int, int]) -> TextureFields:
 
 
 def plain_powers(fields: TextureFields, side: int) -> np.ndarray:
-    """(6, side, side // 2 + 1) by the definition, one segment after the other."""
+    """(6, side, side // 2 + 1) by the definition, segment by segment."""
     window = _circular_hann(side).astype(float)
     segments = []
     for row in _starts(fields.shape[0], side):
@@ -56,7 +56,7 @@ def test_threads_change_no_digit() -> None:
     np.testing.assert_array_equal(*powers)
 
 
-def test_a_cut_of_a_larger_plane_gives_what_its_copy_gives() -> None:
+def test_a_view_of_a_plane_gives_the_powers_of_its_copy() -> None:
     whole = noise_fields((150, 160))
     cut = np.s_[20:120, 30:150]
     view = TextureFields(whole.p[cut], whole.q[cut], whole.albedo[cut])

@@ -1,4 +1,4 @@
-"""Polar spectra: they stand where the waves stand and turn as the surface turns."""
+"""Polar spectra: angles, frequencies, power, curl and co-spectrum."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from classify.texture.spectra import (
 
 
 def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amplitude=0.2):
-    """A height wave whose wave vector stands at `angle_deg`, slope amplitude `amplitude`."""
+    """A wave of height: the angle of its wave vector, the amplitude of its slope."""
     rows, columns = shape
     x, y = np.arange(columns)[None, :], -np.arange(rows)[:, None]
     u, v = frequency * np.cos(np.radians(angle_deg)), frequency * np.sin(np.radians(angle_deg))
@@ -26,10 +26,10 @@ def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amp
     return surface_of(wave * u / frequency, wave * v / frequency, 0.5 + 0.5 * wave)
 
 
-def turn_between(test: np.ndarray, reference: np.ndarray) -> float:
-    """Anticlockwise turn in degrees from one polar spectrum to another, in (-90, 90]."""
-    turn = best_shift(squared_errors_by_shift(test, reference[None]))[0]
-    return float((turn * 180.0 / ANGLES + 90.0) % 180.0 - 90.0)
+def shift_between(test: np.ndarray, reference: np.ndarray) -> float:
+    """Shift from one polar spectrum to another, degrees in (-90, 90]."""
+    angle = best_shift(squared_errors_by_shift(test, reference[None]))[0]
+    return float((angle * 180.0 / ANGLES + 90.0) % 180.0 - 90.0)
 
 
 @settings(max_examples=30, deadline=None)
@@ -47,7 +47,7 @@ def test_a_wave_peaks_at_its_angle_and_frequency(surface_of, frequency, angle_de
 
 
 def test_angles_are_anticlockwise_with_y_up(surface_of) -> None:
-    """Wave fronts that fall to the right stand across a wave vector at 45 degrees."""
+    """Fronts that fall to the right have a wave vector at 45 degrees."""
     rows, columns = np.mgrid[:256, :256]
     wave = 0.2 * np.cos(2 * np.pi * 0.1 * (columns - rows))
     spectra = surface_spectra(surface_of(wave, wave, 1 + 0 * wave))
@@ -57,24 +57,24 @@ def test_angles_are_anticlockwise_with_y_up(surface_of) -> None:
     assert spectra.angles_deg[:2].tolist() == [0.0, 2.0]
 
 
-@pytest.mark.parametrize("turn_deg", [7.0, 30.0, 45.0, 76.0, 90.0, 121.0, 165.0])
+@pytest.mark.parametrize("orientation_deg", [7.0, 30.0, 45.0, 76.0, 90.0, 121.0, 165.0])
 @pytest.mark.parametrize("kind", ["ripple", "grain"])
-def test_turning_a_patch_shifts_its_polar_spectrum_by_that_angle(texture, kind, turn_deg) -> None:
-    """One segment, turned about its middle: the circular window turns into itself."""
+def test_rotating_a_patch_shifts_its_polar_spectrum(texture, kind, orientation_deg) -> None:
+    """One segment, rotated about its middle, which the circular window does not notice."""
     still = surface_spectra(texture(kind, 0.0, seed=1), segment_px=128)
-    turned = surface_spectra(texture(kind, turn_deg, seed=1), segment_px=128)
-    for before, after in zip(still.polar, turned.polar, strict=True):
-        found = turn_between(after, before)
-        assert (found - turn_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=1.0)
-    back = roll_angles(turned.gradient, np.array([turn_deg * ANGLES / 180.0]))[0]
+    rotated = surface_spectra(texture(kind, orientation_deg, seed=1), segment_px=128)
+    for before, after in zip(still.polar, rotated.polar, strict=True):
+        found = shift_between(after, before)
+        assert (found - orientation_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=1.0)
+    back = roll_angles(rotated.gradient, np.array([orientation_deg * ANGLES / 180.0]))[0]
     likeness = np.corrcoef(np.sqrt(np.abs(back)).ravel(), np.sqrt(still.gradient).ravel())[0, 1]
     assert likeness > 0.98
-    for before, after in zip(still.radial, turned.radial, strict=True):
+    for before, after in zip(still.radial, rotated.radial, strict=True):
         assert np.abs(after - before).sum() < 0.1 * before.sum()
 
 
-def test_the_spectrum_of_slopes_keeps_no_direction_of_its_own(texture) -> None:
-    """An even texture has an even M, although p alone carries cos^2."""
+def test_the_gradient_spectrum_of_an_even_texture_is_even(texture) -> None:
+    """Although that of p alone contains cos^2."""
     polar = np.mean(
         [surface_spectra(texture("even", seed=s, side=256)).polar[0] for s in range(6)], axis=0
     )
@@ -85,7 +85,7 @@ def test_the_spectrum_of_slopes_keeps_no_direction_of_its_own(texture) -> None:
 
 @pytest.mark.parametrize("segment_px", [32, 64, 65])
 def test_a_mirrored_surface_has_the_mirrored_spectrum(surface_of, segment_px: int) -> None:
-    """Turning x round turns p and every angle. White noise shows the rim of the spectrum."""
+    """White noise tests the edge of the spectrum too."""
     p, q, albedo = np.random.default_rng(0).standard_normal((3, 80, 80)) * 0.1
     spectra = surface_spectra(surface_of(p, q, 1 + albedo), segment_px)
     flipped = surface_of(-p[:, ::-1], q[:, ::-1], 1 + albedo[:, ::-1])
@@ -160,7 +160,7 @@ def test_a_smooth_plane_has_no_spectrum(surface_of) -> None:
     np.testing.assert_allclose(spectra.albedo, 0.0, atol=1e-10)
 
 
-def test_pixels_that_are_not_valid_change_next_to_nothing(texture) -> None:
+def test_pixels_that_are_not_valid_change_little(texture) -> None:
     surface, damaged = texture("grain"), texture("grain")
     spot = np.s_[40:44, 70:74]
     damaged.p[spot] = 300.0
@@ -186,7 +186,7 @@ def test_a_surface_without_a_valid_pixel_is_refused(texture) -> None:
 
 
 def coherence(spectra) -> np.ndarray:
-    """Co-spectrum over the root of both powers, where there is any power."""
+    """Co-spectrum over the root of both powers, where these are large."""
     powers = spectra.relief * spectra.albedo
     strong = powers > 1e-3 * powers.max()
     return spectra.co_spectrum[strong] / np.sqrt(powers[strong])
@@ -195,13 +195,13 @@ def coherence(spectra) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["ripple", "grain", "even"])
 def test_slopes_of_a_relief_lie_along_their_waves(texture, kind: str) -> None:
     spectra = surface_spectra(texture(kind, 25.0, seed=1))
-    # Some: a window spreads a wave over bins that lie in directions of their own.
+    # A window spreads a wave over bins in other directions.
     assert np.abs(spectra.gradient - spectra.relief).sum() < 0.05 * spectra.gradient.sum()
     assert 0.0 <= spectra.curl_density < 1e-3 * spectra.gradient.max()
 
 
-def test_slopes_across_their_waves_are_no_relief(texture, surface_of) -> None:
-    """A quarter turn of every slope, where it is: all curl."""
+def test_slopes_across_their_waves_are_curl(texture, surface_of) -> None:
+    """Every slope rotated by 90 degrees in its place."""
     surface = texture("grain", 25.0, seed=1)
     spectra = surface_spectra(surface_of(-surface.q, surface.p, surface.albedo))
     assert spectra.relief.sum() < 0.05 * spectra.gradient.sum()
@@ -211,7 +211,7 @@ def test_half_of_white_noise_is_curl_and_its_density_is_the_variance(surface_of)
     p, q, albedo = 0.05 * np.random.default_rng(0).standard_normal((3, 512, 512))
     spectra = surface_spectra(surface_of(p, q, 1 + albedo), 64)
     assert spectra.curl_density == pytest.approx(0.05**2, rel=0.05)
-    # Interpolated amplitudes of few averages fall short by some per cent.
+    # Interpolated amplitudes of few averages are some per cent too small.
     assert spectra.relief.mean() == pytest.approx(0.05**2, rel=0.1)
     assert spectra.albedo.mean() == pytest.approx(0.05**2, rel=0.1)
 
@@ -238,36 +238,38 @@ def test_relief_is_a_part_of_the_gradient(surface_of, seed: int) -> None:
 
 
 @pytest.mark.parametrize(("contrast", "sign"), [(0.3, 1.0), (-0.3, -1.0)])
-@pytest.mark.parametrize("turn_deg", [0.0, 40.0, 115.0])
-def test_the_co_spectrum_is_positive_where_what_is_high_is_bright(
-    surface_of, turn_deg: float, contrast: float, sign: float
+@pytest.mark.parametrize("orientation_deg", [0.0, 40.0, 115.0])
+def test_the_co_spectrum_is_positive_where_high_places_are_bright(
+    surface_of, orientation_deg: float, contrast: float, sign: float
 ) -> None:
     rows, columns = np.mgrid[:128, :128]
-    u, v = 0.1 * np.cos(np.radians(turn_deg)), 0.1 * np.sin(np.radians(turn_deg))
+    u, v = 0.1 * np.cos(np.radians(orientation_deg)), 0.1 * np.sin(np.radians(orientation_deg))
     phase = 2 * np.pi * (u * columns - v * rows) + 0.4
     height, along = np.cos(phase), -np.sin(phase)
     spectra = surface_spectra(surface_of(2 * u * along, 2 * v * along, 1 + contrast * height))
     np.testing.assert_allclose(coherence(spectra), sign, atol=0.05)
-    # On the slopes, that is a quarter of a wave off, it is neither.
+    # Bright slopes, a quarter of a wave from bright heights, give 0.
     sideways = surface_spectra(surface_of(2 * u * along, 2 * v * along, 1 + contrast * along))
     np.testing.assert_allclose(coherence(sideways), 0.0, atol=0.05)
 
 
-def test_relief_and_paint_that_know_nothing_of_each_other_have_little_in_common(texture) -> None:
+def test_the_co_spectrum_of_independent_relief_and_paint_is_small(texture) -> None:
     spectra = surface_spectra(texture("even", seed=1, side=256))
     assert abs(coherence(spectra).mean()) < 0.1
 
 
-@pytest.mark.parametrize("turn_deg", [30.0, 90.0, 146.0])
-def test_the_co_spectrum_turns_with_the_surface(texture, surface_of, turn_deg: float) -> None:
-    def tinted(turn: float):
-        # What stands out is bright, so far as three pixels tell.
-        surface = texture("grain", turn, seed=1)
+@pytest.mark.parametrize("orientation_deg", [30.0, 90.0, 146.0])
+def test_the_co_spectrum_rotates_with_the_surface(
+    texture, surface_of, orientation_deg: float
+) -> None:
+    def tinted(angle: float):
+        # High places, as differences of neighbours show them, are bright.
+        surface = texture("grain", angle, seed=1)
         out = -(np.gradient(surface.p, axis=1) - np.gradient(surface.q, axis=0))
         return surface_spectra(surface_of(surface.p, surface.q, 1 + 0.3 * out), segment_px=128)
 
-    still, turned = tinted(0.0), tinted(turn_deg)
-    back = roll_angles(turned.co_spectrum, np.array([turn_deg * ANGLES / 180.0]))[0]
+    still, rotated = tinted(0.0), tinted(orientation_deg)
+    back = roll_angles(rotated.co_spectrum, np.array([orientation_deg * ANGLES / 180.0]))[0]
     assert np.corrcoef(back.ravel(), still.co_spectrum.ravel())[0, 1] > 0.95
     assert still.co_spectrum.sum() > 0.0
 
@@ -281,7 +283,7 @@ def test_the_spectrum_of_an_image_is_that_of_paint(texture) -> None:
     np.testing.assert_allclose(darker, image_spectrum(image, 64), rtol=1e-3, atol=1e-8)
 
 
-def test_the_spectrum_of_an_image_carries_the_direction_of_its_light(
+def test_the_spectrum_of_an_image_contains_the_direction_of_its_light(
     stationary, photographed
 ) -> None:
     """cos^2(theta - tilt), although the texture is the same in every direction."""
@@ -301,12 +303,12 @@ def test_images_without_a_spectrum_are_refused() -> None:
         image_spectrum(np.ones((64, 63), np.uint8), 64)
 
 
-def test_an_even_image_has_a_spectrum_of_nothing() -> None:
+def test_the_spectrum_of_a_constant_image_is_zero() -> None:
     np.testing.assert_allclose(image_spectrum(np.full((64, 80), 200, np.uint8), 32), 0.0, atol=1e-9)
 
 
 def test_fields_have_the_spectra_of_their_surface(texture) -> None:
-    """In segments of any size: quarters of a frame are taken with smaller ones."""
+    """In segments of any size: quarters of a frame use smaller ones."""
     surface = texture("grain", seed=1)
     ours, theirs = surface_spectra(surface, 32), field_spectra(texture_fields(surface), 32)
     np.testing.assert_array_equal(ours.gradient, theirs.gradient)

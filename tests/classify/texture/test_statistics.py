@@ -1,4 +1,4 @@
-"""Skewness, kurtosis and how fine detail keeps to coarse: what they know and what they ignore."""
+"""Local statistics: symmetries, quarters, scales and floors."""
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from classify.texture.statistics import (
 
 # Columns of the moments.
 RELIEF, ALBEDO, RELIEF_3, ALBEDO_3, RELIEF_4, ALBEDO_4, BOTH, CURL = range(8)
-# Each level of this side has a pixel in the middle, so that halving keeps to no corner.
+# Each level of this side has a pixel in its middle, so that halving is symmetric.
 ODD_SIDE = 129
 QUARTERS = {"upper left": 1, "upper right": 2, "lower left": 3, "lower right": 4}
 
@@ -29,8 +29,8 @@ def fields_of(p: np.ndarray, q: np.ndarray, albedo: np.ndarray) -> TextureFields
     return TextureFields(*(np.ascontiguousarray(each, np.float32) for each in (p, q, albedo)))
 
 
-def quarter_turn(fields: TextureFields) -> TextureFields:
-    """Turned anticlockwise by 90 degrees, slopes and all."""
+def rotated_by_90(fields: TextureFields) -> TextureFields:
+    """Turned anticlockwise by 90 degrees, with its slopes."""
     p, q, albedo = (np.rot90(each) for each in (fields.p, fields.q, fields.albedo))
     return fields_of(-q, p, albedo)
 
@@ -40,34 +40,34 @@ def mirrored(fields: TextureFields) -> TextureFields:
 
 
 def inverted(fields: TextureFields) -> TextureFields:
-    """Pits for domes."""
+    """Pits instead of domes."""
     return fields_of(-fields.p, -fields.q, fields.albedo)
 
 
 @pytest.fixture(scope="module")
 def tinted(stationary) -> TextureFields:
-    """Domes, the higher the brighter."""
+    """Domes that are brighter where they are higher."""
     fields = texture_fields(stationary("domes", seed=3, side=ODD_SIDE))
     relief = -(np.gradient(fields.p, axis=1) - np.gradient(fields.q, axis=0))
     return fields_of(fields.p, fields.q, fields.albedo + 0.5 * relief)
 
 
 def whole_close(one: LocalStatistics, other: LocalStatistics, rtol: float) -> None:
-    """Of the whole frame, relative to the scale that each moment has."""
+    """Compare whole frames, relative to the scale of each moment."""
     for ours, theirs in ((one.moments, other.moments), (one.energies, other.energies)):
         np.testing.assert_allclose(ours[0], theirs[0], rtol=rtol, atol=rtol * np.abs(ours).max())
 
 
-@pytest.mark.parametrize("change", [quarter_turn, mirrored], ids=lambda f: f.__name__)
-def test_turning_and_mirroring_change_nothing(tinted, change) -> None:
+@pytest.mark.parametrize("change", [rotated_by_90, mirrored], ids=lambda f: f.__name__)
+def test_rotations_and_mirroring_change_nothing(tinted, change) -> None:
     before, after = (local_statistics(each, 3) for each in (tinted, change(tinted)))
     assert np.abs(before.moments[0, :, [RELIEF_3, BOTH]]).min() > 1e-7
     np.testing.assert_allclose(after.moments[0], before.moments[0], rtol=2e-3, atol=1e-9)
     np.testing.assert_allclose(after.energies[0], before.energies[0], rtol=2e-3, atol=1e-4)
 
 
-def test_a_turn_takes_each_quarter_to_the_next(tinted) -> None:
-    before, after = (local_statistics(each, 1) for each in (tinted, quarter_turn(tinted)))
+def test_a_rotation_moves_each_quarter_to_the_next(tinted) -> None:
+    before, after = (local_statistics(each, 1) for each in (tinted, rotated_by_90(tinted)))
     for was, is_ in (
         ("upper right", "upper left"),
         ("upper left", "lower left"),
@@ -75,21 +75,21 @@ def test_a_turn_takes_each_quarter_to_the_next(tinted) -> None:
         ("lower right", "upper right"),
     ):
         ours, theirs = before.moments[QUARTERS[was], 0], after.moments[QUARTERS[is_], 0]
-        # Of an odd side, one half has a line more than the other.
+        # One half of an odd side has one line more.
         assert theirs[RELIEF] == pytest.approx(ours[RELIEF], rel=0.05)
 
 
 @pytest.mark.parametrize("side", [128, 150])
-def test_an_even_side_turns_nearly_as_well(stationary, side: int) -> None:
-    """Less than two realisations of one texture differ."""
+def test_a_rotation_changes_frames_of_even_side_little(stationary, side: int) -> None:
+    """Less than two realisations of one texture differ from each other."""
     fields = texture_fields(stationary("domes", seed=4, side=side))
     other = texture_fields(stationary("domes", seed=5, side=side))
     floors = np.full(3, 1e-4)
-    still, turned, another = (
+    still, rotated, another = (
         statistics_vector(local_statistics(each, 3), floors, floors)[0]
-        for each in (fields, quarter_turn(fields), other)
+        for each in (fields, rotated_by_90(fields), other)
     )
-    assert np.linalg.norm(turned - still) < 0.5 * np.linalg.norm(another - still)
+    assert np.linalg.norm(rotated - still) < 0.5 * np.linalg.norm(another - still)
 
 
 def test_pits_and_domes_differ_in_the_sign_of_skewness(stationary) -> None:
@@ -99,21 +99,21 @@ def test_pits_and_domes_differ_in_the_sign_of_skewness(stationary) -> None:
     skewness = [
         each.moments[:, :, RELIEF_3] / each.moments[:, :, RELIEF] ** 1.5 for each in (domes, pits)
     ]
-    # The coarsest levels, where the bumps are; the finest is all noise.
+    # The bumps are on the coarser levels; the finest is noise.
     assert (skewness[0][:, 1:] > 0.1).all()
     assert (skewness[1][:, 1:] < -0.1).all()
 
 
-def test_turned_inside_out_odd_moments_change_sign_and_nothing_else(tinted) -> None:
+def test_inversion_changes_the_sign_of_odd_moments_only(tinted) -> None:
     out, inside = (local_statistics(each, 3) for each in (tinted, inverted(tinted)))
     signs = np.ones(8)
     signs[[RELIEF_3, BOTH]] = -1.0
     np.testing.assert_allclose(inside.moments, signs * out.moments, rtol=1e-5, atol=1e-12)
     np.testing.assert_array_equal(inside.energies, out.energies)
-    assert (out.moments[0, 0, BOTH] > 0).all()  # what stands out is bright
+    assert (out.moments[0, 0, BOTH] > 0).all()  # high places are bright
 
 
-def test_dark_for_bright_changes_the_odd_moments_of_albedo(tinted) -> None:
+def test_inverted_albedo_changes_the_sign_of_its_odd_moments(tinted) -> None:
     before = local_statistics(tinted, 3)
     after = local_statistics(fields_of(tinted.p, tinted.q, 2.0 - tinted.albedo), 3)
     signs = np.ones(8)
@@ -164,8 +164,8 @@ def test_each_quarter_is_measured_on_its_own(quarter: str) -> None:
             np.testing.assert_allclose(found[row, 0], 0.0, atol=1e-9)
 
 
-def test_a_quarter_is_as_if_cut_out(stationary) -> None:
-    """But for the borders."""
+def test_a_quarter_is_measured_like_a_frame(stationary) -> None:
+    """Except for the borders."""
     fields = texture_fields(stationary("rough", seed=2, side=192))
     corner = fields_of(*(each[:96, :96] for each in (fields.p, fields.q, fields.albedo)))
     of_corner = local_statistics(corner, 2).moments[0]
@@ -174,7 +174,7 @@ def test_a_quarter_is_as_if_cut_out(stationary) -> None:
     np.testing.assert_allclose(of_quarter[:, CURL], of_corner[:, CURL], rtol=0.1)
 
 
-def test_the_gains_of_white_noise_are_those_the_joint_classifier_counts_with() -> None:
+def test_white_noise_has_the_albedo_gains_of_the_joint_classifier() -> None:
     draws = 0.1 * np.random.default_rng(0).standard_normal((4, 3, 512, 512))
     found = np.mean(
         [local_statistics(fields_of(p, q, 1.0 + a), 5).moments[0] for p, q, a in draws], axis=0
@@ -199,8 +199,8 @@ def test_energies_are_covariances_of_all_levels(tinted) -> None:
         assert np.linalg.eigvalsh(covariance).min() > -1e-6
 
 
-def test_where_relief_and_paint_are_busy_together_their_energies_say_so(stationary) -> None:
-    """The same flat patches in both, against flat patches elsewhere."""
+def test_energies_correlate_where_relief_and_paint_share_their_places(stationary) -> None:
+    """Flat patches in the same places of both, against flat patches in others."""
     fields = texture_fields(stationary("rough", seed=7))
     paint = np.random.default_rng(8).standard_normal((128, 128))
     y, x = np.mgrid[:128, :128] // 16
@@ -215,7 +215,7 @@ def test_where_relief_and_paint_are_busy_together_their_energies_say_so(stationa
 
 
 @given(st.integers(64, 4000), st.integers(64, 4000))
-def test_every_frame_has_room_for_the_levels_of_its_library(rows: int, columns: int) -> None:
+def test_every_frame_is_large_enough_for_the_levels_of_its_library(rows: int, columns: int) -> None:
     levels = levels_for(segment_for((rows, columns)))
     assert min(rows, columns) >= 16 * 2**levels
     assert 2 <= levels <= 5
@@ -237,20 +237,20 @@ def test_a_smooth_surface_has_finite_statistics() -> None:
     floors = np.full(2, 1e-6)
     vector = statistics_vector(found, floors, floors)
     assert np.isfinite(vector).all()
-    assert np.ptp(vector, axis=0).max() < 0.05  # its quarters are like the whole
+    assert np.ptp(vector, axis=0).max() < 0.05  # the quarters are like the frame
 
 
 def test_twice_the_relief_adds_to_one_number_a_level(tinted) -> None:
-    """Its scale is told by the logarithm of the variance and by nothing else.
+    """Only the logarithm of the variance depends on the scale of a faint relief.
 
-    Where relief is faint: of strong relief a small share counts as paint, as of a weak light.
+    Of a strong relief a small share counts as paint.
     """
-    nothing = np.zeros(3)
+    no_floors = np.zeros(3)
     one, two = (
         statistics_vector(
             local_statistics(fields_of(scale * tinted.p, scale * tinted.q, tinted.albedo), 3),
-            nothing,
-            nothing,
+            no_floors,
+            no_floors,
         )
         for scale in (0.02, 0.04)
     )
@@ -258,7 +258,7 @@ def test_twice_the_relief_adds_to_one_number_a_level(tinted) -> None:
     np.testing.assert_allclose(two[:, 3:], one[:, 3:], rtol=1e-3, atol=1e-3)
 
 
-def test_what_is_fainter_than_its_floor_differs_by_little() -> None:
+def test_textures_fainter_than_their_floors_differ_little() -> None:
     rng = np.random.default_rng(0)
     floors = np.full(2, 1.0)
     faint = [

@@ -19,7 +19,7 @@ HISTOGRAMS = arrays(np.float32, (3, 12), elements=st.integers(0, 20)).map(
 
 
 def clustered(seed: int, centres: np.ndarray, spread: float = 0.05) -> np.ndarray:
-    """Responses of (8, 40, 60) about some centres, all equally many."""
+    """(8, 40, 60) responses about some centres, equally many about each."""
     rng = np.random.default_rng(seed)
     which = rng.permutation(np.arange(2400) % len(centres))
     points = centres[which] + spread * rng.standard_normal((2400, 8))
@@ -27,7 +27,7 @@ def clustered(seed: int, centres: np.ndarray, spread: float = 0.05) -> np.ndarra
 
 
 def texture(kind: str, seed: int, side: int = 128) -> np.ndarray:
-    """An image of grain, of stripes in a direction by `seed`, or of blotches."""
+    """An image of grain, of stripes whose direction depends on `seed`, or of blotches."""
     rng = np.random.default_rng(seed)
     u, v = np.fft.rfftfreq(side)[None, :], np.fft.fftfreq(side)[:, None]
     angle = np.pi * rng.random()
@@ -52,7 +52,7 @@ def test_textons_are_the_centres_of_clusters() -> None:
     assert (apart.min(axis=0) < 0.05).sum() >= TEXTONS_PER_CLASS - 2
 
 
-def test_textons_are_the_same_every_time_and_whatever_numpy_drew_before() -> None:
+def test_textons_do_not_depend_on_the_global_random_state() -> None:
     responses = [mr8_responses(texture("grain", seed)) for seed in range(5)]
     first = learn_textons(responses)
     np.random.default_rng().random(10)
@@ -86,7 +86,9 @@ def test_a_histogram_counts_each_pixel_at_its_nearest_texton(
 
 @settings(deadline=None)
 @given(HISTOGRAMS)
-def test_chi_squared_is_symmetric_zero_for_equals_and_one_at_most(histograms: np.ndarray) -> None:
+def test_chi_squared_is_symmetric_and_between_zero_and_one(
+    histograms: np.ndarray,
+) -> None:
     table = np.array([chi_squared(each, histograms) for each in histograms])
     np.testing.assert_allclose(table, table.T, atol=1e-6)
     np.testing.assert_array_equal(np.diag(table), 0.0)
@@ -112,7 +114,7 @@ def test_the_order_of_textons_does_not_matter(histograms: np.ndarray, order: lis
     )
 
 
-def test_three_textures_are_told_apart_whichever_way_they_lie() -> None:
+def test_three_textures_are_recognised_in_any_orientation() -> None:
     kinds = ("grain", "stripes", "blotches")
     trained = [[mr8_responses(texture(kind, seed)) for seed in range(3)] for kind in kinds]
     textons = np.concatenate([learn_textons(responses) for responses in trained])
