@@ -34,16 +34,19 @@ from .search import search_section
 from .settings import FULL, Settings
 from .solvers import drop_darkest, normal_least_squares, solver_sections
 
-__all__ = ["print_benchmark"]
+__all__ = ["Free", "fits", "print_benchmark"]
+
+Free = tuple[int, int]
+"""Free disk and memory in bytes."""
 
 
-def print_benchmark(settings: Settings, json: bool, free_memory: int | None = None) -> None:
+def print_benchmark(settings: Settings, json: bool, free: Free | None = None) -> None:
     """Measure, and print tables as they are ready or all as JSON.
 
-    `free_memory` in bytes decides on the largest library; it is measured if not given.
+    `free` decides on the largest library; it is measured if not given.
     """
     about = _machine()
-    measured = _sections(settings, free_memory)
+    measured = _sections(settings, free)
     if json:
         quick = settings.largest_library is None
         print_json({"machine": about, "quick": quick, "chapters": [*map(as_json, measured)]})
@@ -57,7 +60,7 @@ def print_benchmark(settings: Settings, json: bool, free_memory: int | None = No
         print_section(section)
 
 
-def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
+def _sections(settings: Settings, free: Free | None) -> Iterator[Section]:
     yield from solver_sections(settings)
     textures = observed_textures(settings.textures, settings.texture_frame_px)
     for size_px in settings.frames_px:
@@ -67,7 +70,7 @@ def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
         largest, references = None, settings.library_sizes[-1]
         if settings.largest_library is None:
             _say(f"left out by --quick: {FULL.largest_library:,} references")
-        elif _fits(settings.largest_library, textures, folder, free_memory):
+        elif fits(settings.largest_library, textures, folder, free):
             largest, references = folder / "largest.ps4lib", settings.largest_library
         mixtures = Mixtures(textures, references // SETS_OF_A_CLASS)
         if largest is not None:
@@ -76,20 +79,19 @@ def _sections(settings: Settings, free_memory: int | None) -> Iterator[Section]:
         yield memory_section(_memory_steps(textures, mixtures, folder, largest, settings))
 
 
-def _fits(references: int, textures: Textures, folder: Path, free_memory: int | None) -> bool:
-    """Whether disk and memory are large enough for a library, and say so."""
+def fits(references: int, textures: Textures, folder: Path, free: Free | None = None) -> bool:
+    """Whether disk and memory are large enough for a library; prints both."""
     size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
     # Invariants add a tenth to the file. Writing needs the signatures twice in memory.
     disk, memory = int(1.15 * size), int(2.5 * size)
-    free_disk = shutil.disk_usage(folder).free
-    free = available_memory() if free_memory is None else free_memory
-    fits = disk < free_disk and memory < free
+    free_disk, free_memory = free or (shutil.disk_usage(folder).free, available_memory())
+    enough = disk < free_disk and memory < free_memory
     _say(
-        f"{'' if fits else 'left out: '}{references:,} references need {disk / 1e9:.1f} GB of disk "
-        f"({free_disk / 1e9:.1f} GB free) and {memory / 1e9:.1f} GB of memory "
-        f"({free / 1e9:.1f} GB free), in {folder}"
+        f"{'' if enough else 'left out: '}{references:,} references need {disk / 1e9:.1f} GB of "
+        f"disk ({free_disk / 1e9:.1f} GB free in {folder}) and {memory / 1e9:.1f} GB of memory "
+        f"({free_memory / 1e9:.1f} GB free)"
     )
-    return fits
+    return enough
 
 
 def _memory_steps(

@@ -14,7 +14,7 @@ from capture.studies.benchmark.measurements import Measurement, Section, as_json
 from capture.studies.benchmark.memory import memory_section, solve_step
 from capture.studies.benchmark.mixtures import Mixtures, Textures, observed_textures
 from capture.studies.benchmark.pipeline import pipeline_section
-from capture.studies.benchmark.run import print_benchmark
+from capture.studies.benchmark.run import fits, print_benchmark
 from capture.studies.benchmark.scenes import mosaic, rotated_patch, texture_tile
 from capture.studies.benchmark.search import search_section
 from capture.studies.benchmark.settings import Settings
@@ -214,6 +214,14 @@ def test_search_is_measured_at_every_size(textures: Textures, tmp_path: Path) ->
     assert not any("1,600" in step or "opening" in step for step in without)
 
 
+def test_a_library_needs_disk_and_memory(textures: Textures, tmp_path: Path) -> None:
+    much, size = 10**12, 1000 * textures.signatures.shape[-1] * 4
+    assert fits(1000, textures, tmp_path, free=(much, much))
+    assert not fits(1000, textures, tmp_path, free=(size, much))
+    assert not fits(1000, textures, tmp_path, free=(much, 2 * size))
+    assert fits(1, textures, tmp_path)
+
+
 def test_peak_memory_counts_what_a_step_allocates() -> None:
     filled = partial(partial, np.ones, 10_000_000)
     image_set = texture_tile("sand", 0, 512)
@@ -251,7 +259,7 @@ def test_a_benchmark_has_five_sections_and_removes_its_files(
 def test_without_enough_memory_the_largest_library_is_left_out(
     temporary_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    print_benchmark(SMALL, json=False, free_memory=1)
+    print_benchmark(SMALL, json=False, free=(10**12, 1))
     shown = capsys.readouterr()
     assert "left out: 1,600 references" in shown.err
     assert "1,200 references" in shown.out
