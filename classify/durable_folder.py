@@ -83,10 +83,8 @@ def _swapped(new: Path, folder: Path, names: Collection[str]) -> bool:
         return False
     try:
         _exchange(new, folder)
-    except OSError as error:
-        if error.errno not in (errno.ENOSYS, errno.EINVAL):
-            raise
-        # Not every file system exchanges: between these two steps there is no folder.
+    except OSError:
+        # Not every file system can exchange. Between these two steps there is no folder.
         old = new.with_name(f"{new.name}-old")
         folder.rename(old)
         new.rename(folder)

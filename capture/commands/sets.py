@@ -195,8 +195,10 @@ def import_(
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
         light_list = load_light_list(lights)
-        inputs += [lights, *light_list.named_paths]
+        inputs += [lights, *light_list.image_paths()]
         images = images or light_list.image_paths()
+        if not images:
+            raise InputError(f"{lights}: gives no image names; name the images themselves")
         lighting = light_list.lighting_for(images)
     else:
         if slant is None:

@@ -25,7 +25,6 @@ __all__ = [
     "normal_map",
     "png_bytes",
     "reduced",
-    "relief",
     "shaded",
     "shadow_colours",
     "shadow_map",
@@ -33,7 +32,7 @@ __all__ = [
 ]
 
 Picture = npt.NDArray[np.uint8]
-_PICTURE_PX = 512
+_PICTURE_PX = 512  # twice the width of a map on the page
 # Percentile of the values at the end of a colour scale: a few outliers do not pale the others.
 _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
@@ -102,11 +101,6 @@ def normal_map(normals: FloatMap) -> Picture:
     """Return (H, W, 3) unit normals as colours: (n + 1) / 2, y up."""
     colours: Picture = np.rint((normals + 1.0) * 127.5).astype(np.uint8)
     return colours
-
-
-def relief(surface: SurfaceEstimate) -> Picture:
-    """Return the relief of a surface without its albedo, lit from the upper left."""
-    return shaded(surface.normals)
 
 
 def shaded(normals: FloatMap) -> Picture:

@@ -16,6 +16,7 @@ from .preview_image import PreviewImage, preview_image
 
 __all__ = ["Preview", "run_preview"]
 
+# Long enough for a cable to be plugged in again, short enough to wait for.
 RETRY_S = 2.0
 # Leaves processor time to the server and the browser.
 _PAUSE_S = 0.05
@@ -126,12 +127,5 @@ def _show_each_light(rig: Rig, preview: Preview, stopping: threading.Event) -> N
 def _figures(name: str, image: PreviewImage | None, now_s: float) -> dict[str, Any]:
     if image is None:
         return {"name": name, "sequence": None}
-    return {
-        "name": name,
-        "sequence": image.sequence,
-        "age_s": round(now_s - image.exposed_s, 3),
-        "mean_share": image.mean_share,
-        "saturated_share": image.saturated_share,
-        "focus": image.focus,
-        "histogram": image.histogram,
-    }
+    figures = {key: value for key, value in vars(image).items() if key not in ("png", "exposed_s")}
+    return {"name": name, "age_s": round(now_s - image.exposed_s, 3), **figures}

@@ -14,7 +14,7 @@ __all__ = ["PreviewImage", "preview_image"]
 
 # Enough to judge focus and framing on a page with four images.
 _LONGEST_SIDE_PX = 800
-_BINS = 64
+_BINS = 64  # 2^6, see the shift by bit_depth - 6
 # BGR; every other pixel is grey.
 _SATURATED_COLOUR = (40, 40, 255)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -15,7 +17,7 @@ from classify.regular_file import read_regular_file
 
 __all__ = ["LightList", "load_light_list"]
 
-_MAX_BYTES = 4 * 2**20
+_MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # of a captured set with an ambient image
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -37,56 +39,44 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] =
 )
 
 
+@dataclass(frozen=True)
 class LightList:
     """Light directions of a file, by image name or in order.
 
-    Parameters
+    Attributes
     ----------
     source
-        The file, for messages and to find the images it names.
+        The file. The images that it names are in the same folder.
     names
-        Image names without folder, one per vector, or None if the vectors are in order.
+        Image names without folder, one per vector, or empty if the vectors are in order.
     vectors
         (x, y, z) towards each light; x right, y up, z to the camera.
     intensities
-        Relative intensity of each light; all 1 if None.
+        Relative intensity of each light.
+
+    Raises
+    ------
+    InputError
+        For no light, more than 255, or a name that occurs twice.
     """
 
-    def __init__(
-        self,
-        source: Path,
-        names: Sequence[str] | None,
-        vectors: Sequence[Vector],
-        intensities: Sequence[float] | None = None,
-    ) -> None:
-        if not 1 <= len(vectors) <= _MAX_LIGHTS:
-            raise InputError(
-                f"{source}: lists {len(vectors)} lights; 1 to {_MAX_LIGHTS} are handled"
-            )
-        if names is not None and len(set(names)) != len(names):
-            twice = next(name for name in names if list(names).count(name) > 1)
-            raise InputError(f"{source}: names image {twice} twice")
-        self.source = source
-        self._names = names
-        self._vectors = vectors
-        self._intensities = intensities or [1.0] * len(vectors)
+    source: Path
+    names: Sequence[str]
+    vectors: Sequence[Vector]
+    intensities: Sequence[float]
 
-    @property
-    def named_paths(self) -> list[Path]:
-        """The images that the file names, in its own folder; empty if it gives no names."""
-        return [self.source.parent / name for name in self._names or ()]
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.vectors) <= _MAX_LIGHTS:
+            raise InputError(
+                f"{self.source}: lists {len(self.vectors)} lights; 1 to {_MAX_LIGHTS} are handled"
+            )
+        twice = [name for name, count in Counter(self.names).items() if count > 1]
+        if twice:
+            raise InputError(f"{self.source}: names image {twice[0]} twice")
 
     def image_paths(self) -> list[Path]:
-        """Return `named_paths`.
-
-        Raises
-        ------
-        InputError
-            If the file gives no names.
-        """
-        if self._names is None:
-            raise InputError(f"{self.source}: gives no image names; name the images themselves")
-        return self.named_paths
+        """Return the paths of the named images; empty if the file gives no names."""
+        return [self.source.parent / name for name in self.names]
 
     def lighting_for(self, images: Sequence[Path]) -> Lighting:
         """Return the lights of these images, by name, or in order if the file has no names.
@@ -94,26 +84,23 @@ class LightList:
         Raises
         ------
         InputError
-            If an image is not listed, or the counts differ.
+            If an image is not listed, the counts differ, or a light is impossible.
         """
-        if self._names is None:
-            if len(images) != len(self._vectors):
-                raise InputError(
-                    f"{self.source}: {len(self._vectors)} lights for {len(images)} images; "
-                    "give one each, in the same order"
-                )
-            return self._lighting(range(len(images)))
-        index_of = {name: index for index, name in enumerate(self._names)}
-        missing = [image.name for image in images if image.name not in index_of]
+        if not self.names and len(images) != len(self.vectors):
+            raise InputError(
+                f"{self.source}: {len(self.vectors)} lights for {len(images)} images; "
+                "give one each, in the same order"
+            )
+        missing = [image.name for image in images if self.names and image.name not in self.names]
         if missing:
             raise InputError(f"{self.source}: lists no light for {missing[0]}")
-        return self._lighting([index_of[image.name] for image in images])
-
-    def _lighting(self, chosen: Sequence[int]) -> Lighting:
+        rows = [
+            self.names.index(image.name) if self.names else row for row, image in enumerate(images)
+        ]
         try:
             return Lighting(
-                np.array([self._vectors[index] for index in chosen]),
-                np.array([self._intensities[index] for index in chosen]),
+                np.array([self.vectors[row] for row in rows]),
+                np.array([self.intensities[row] for row in rows]),
             )
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from error
@@ -161,7 +148,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
     announced = int(numbered[0][1][:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
-    return LightList(path, names, vectors)
+    return LightList(path, names, vectors, [1.0] * len(vectors))
 
 
 def _parsed_json(path: Path, text: str) -> LightList:
@@ -179,4 +166,4 @@ def _parsed_json(path: Path, text: str) -> LightList:
     names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
     intensities = [e.intensity if isinstance(e, _NamedLight) else 1.0 for e in entries]
-    return LightList(path, names or None, vectors, intensities)
+    return LightList(path, names, vectors, intensities)

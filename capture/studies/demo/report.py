@@ -91,7 +91,7 @@ def _detail(number: int, entry: ReportEntry) -> str:
         **pictures.light_images(entry.captured, 4),
         "lights in shadow": pictures.shadow_map(surface),
         "albedo": pictures.grey(surface.albedo),
-        "relief": pictures.relief(surface),
+        "relief": pictures.shaded(surface.normals),
         "normals": pictures.normal_map(surface.normals),
     }
     figures = [
