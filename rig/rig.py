@@ -13,7 +13,7 @@ from firmware_sim import Clock, RealClock
 from .camera import Camera
 from .config.camera import OpencvCameraConfig, V4l2CameraConfig
 from .config.lights import AUTO
-from .config.rig import RigConfig, load_config
+from .config.rig import RigConfig, config_of
 from .errors import ConfigError
 from .lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from .lights.driver import LightController
@@ -104,10 +104,7 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
     >>> switch.led, frame.bit_depth
     (2, 12)
     """
-    if isinstance(rig, RigConfig):
-        config = rig
-    else:
-        config = RigConfig() if rig == "sim" else load_config(Path(rig))
+    config = rig if isinstance(rig, RigConfig) else config_of(rig)
     simulation = Simulation(config) if config.is_simulated else None
     try:
         lights = open_lights(config, simulation, timeouts)

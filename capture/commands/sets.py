@@ -33,7 +33,6 @@ from .simulated_options import (
     SizeOption,
     SlantOption,
     SurfaceOption,
-    chosen_config,
     with_part,
 )
 
@@ -78,8 +77,9 @@ def capture(
     """Capture one set or several: the ambient image, then one image under each LED."""
     from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
+    from rig.config.rig import config_of
 
-    config = chosen_config(rig)
+    config = config_of(rig)
     replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
     paths = _numbered(output, len(rotate or [None]) * count)
     for path in paths:

@@ -18,7 +18,6 @@ __all__ = [
     "SizeOption",
     "SlantOption",
     "SurfaceOption",
-    "chosen_config",
     "with_part",
 ]
 
@@ -55,15 +54,6 @@ SizeOption = Annotated[
     int | None,
     typer.Option(help="Side of the frame in pixels.", rich_help_panel=SIMULATION),
 ]
-
-
-def chosen_config(rig: str) -> RigConfig:
-    """Load the configuration that ``--rig`` names."""
-    from pathlib import Path
-
-    from rig import RigConfig, load_config
-
-    return RigConfig() if rig == "sim" else load_config(Path(rig))
 
 
 def with_part(

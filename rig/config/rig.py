@@ -25,7 +25,7 @@ from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
 from .validation_message import validation_message
 
-__all__ = ["RigConfig", "load_config"]
+__all__ = ["RigConfig", "config_of", "load_config"]
 
 # A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
 # constants for that, and ln 9 from 10 to 90 %.
@@ -163,6 +163,17 @@ class RigConfig(Section):
             fields = {*CAMERA_KINDS[new].model_fields, *sections["camera"]}
             values["camera"] = {key: values["camera"][key] for key in fields & {*values["camera"]}}
         return _validated(values, "rig configuration")
+
+
+def config_of(rig: str | Path) -> RigConfig:
+    """The configuration of the rig ``"sim"``, or of a ``rig.toml`` at a path.
+
+    Raises
+    ------
+    ConfigError
+        As `load_config`.
+    """
+    return RigConfig() if rig == "sim" else load_config(Path(rig))
 
 
 def load_config(path: Path) -> RigConfig:

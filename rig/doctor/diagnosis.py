@@ -9,7 +9,7 @@ from pathlib import Path
 from classify.compiling import kernel_cache_folder
 from classify.errors import Ps4rigError
 from rig.camera import Camera
-from rig.config.rig import RigConfig, load_config
+from rig.config.rig import RigConfig, config_of
 from rig.errors import ConfigError, ControlError, HardwareError
 from rig.lights.discovery import list_serial_ports
 from rig.lights.driver import LightController
@@ -44,7 +44,7 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
     """
     config: RigConfig | None = None
     try:
-        config = RigConfig() if str(rig) == "sim" else load_config(Path(rig))
+        config = config_of(rig)
     except ConfigError as error:
         yield Check(
             "configuration", "fault", str(error), "ps4rig rig init writes one with all keys"

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import Annotated
 
 import typer
 
+from capture.commands.simulated_options import RigOption
 from capture.console import JsonOption, new_table, out, print_json, print_table, reported
 
 __all__ = ["doctor"]
@@ -18,9 +17,7 @@ _STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "
 
 @reported
 def doctor(
-    rig: Annotated[
-        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
-    ] = Path("rig.toml"),
+    rig: RigOption = "rig.toml",
     as_json: JsonOption = False,
 ) -> None:
     """Check the whole rig; report what is found, what is wrong and what to do.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.commands.simulated_options import RigOption
 from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
 
 if TYPE_CHECKING:
@@ -21,9 +22,7 @@ _MOST_STEPS = 1000
 
 @reported
 def latency(
-    rig: Annotated[
-        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
-    ] = Path("rig.toml"),
+    rig: RigOption = "rig.toml",
     led: Annotated[int, typer.Option(min=0, help="The LED that is switched.")] = 0,
     steps: Annotated[
         int, typer.Option(min=5, max=_MOST_STEPS, help="Number of times it is switched on and off.")
@@ -40,11 +39,12 @@ def latency(
     The camera must see something bright under the LED, and no other light that changes. Run it
     again after a change of exposure, frame rate, size or format.
     """
-    from rig import ConfigError, RigConfig, load_config, open_rig
+    from rig import ConfigError, open_rig
+    from rig.config.rig import config_of
     from rig.config.toml_edit import store_values
     from rig.latency.camera import measure_latency, without_timing
 
-    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    config = config_of(rig)
     if led >= len(config.lights.tilts_deg):
         raise ConfigError(
             f"--led {led}: lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs"
@@ -56,11 +56,11 @@ def latency(
     changes: dict[str, Mapping[str, str | float]] = {"camera": found.camera}
     if found.settle_ms > config.lights.settle_ms:
         changes["lights"] = {"settle_ms": found.settle_ms}
-    stored = not dry_run and str(rig) != "sim"
+    stored = not dry_run and rig != "sim"
     if stored:
-        store_values(rig, changes)
+        store_values(Path(rig), changes)
     if as_json:
-        print_json({**asdict(found), "changes": changes, "stored": str(rig) if stored else None})
+        print_json({**asdict(found), "changes": changes, "stored": rig if stored else None})
         return
     _print_page(found, changes)
     out.print(f"stored in {rig}" if stored else "nothing was stored", soft_wrap=True)

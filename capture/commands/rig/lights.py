@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from capture.commands.simulated_options import RigOption
 from capture.console import out, reported
 
 if TYPE_CHECKING:
@@ -27,21 +27,20 @@ def lights(
     level: Annotated[
         int, typer.Option(min=0, max=100, help="Brightness in percent.", metavar="PERCENT")
     ] = 100,
-    rig: Annotated[
-        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
-    ] = Path("rig.toml"),
+    rig: RigOption = "rig.toml",
 ) -> None:
     """Switch an LED by hand until Ctrl-C, or all LEDs in turn with cycle.
 
     The camera is not opened. The LEDs are out at the end, whatever ends the command.
     """
-    from rig import ConfigError, RigConfig, load_config
+    from rig import ConfigError
+    from rig.config.rig import config_of
     from rig.rig import open_lights
     from rig.simulation.rig import Simulation
 
     if led not in ("cycle", "off") and not led.isdecimal():
         raise ConfigError(f"LED {led!r} is unknown; give a number, cycle or off")
-    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    config = config_of(rig)
     if config.is_simulated:
         # Somebody watches the LEDs, so real time must pass.
         config = config.with_changes(simulation={"clock": "real"})

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from capture.commands.simulated_options import RigOption
 from capture.console import out, reported
 
 __all__ = ["preview"]
@@ -16,9 +16,7 @@ _PORT = 8765
 
 @reported
 def preview(
-    rig: Annotated[
-        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
-    ] = Path("rig.toml"),
+    rig: RigOption = "rig.toml",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the page; 0 chooses a free one.")
     ] = _PORT,
@@ -33,9 +31,9 @@ def preview(
 
     from capture.preview.loop import Preview, run_preview
     from capture.preview.server import serving
-    from rig import RigConfig, load_config
+    from rig.config.rig import config_of
 
-    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    config = config_of(rig)
     shown = Preview()
     with serving(shown, port) as server:
         out.print(f"{server.url} shows the rig; Ctrl-C ends it", soft_wrap=True)

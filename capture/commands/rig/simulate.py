@@ -17,7 +17,6 @@ from capture.commands.simulated_options import (
     SizeOption,
     SlantOption,
     SurfaceOption,
-    chosen_config,
     with_part,
 )
 from capture.console import out, reported
@@ -71,8 +70,10 @@ def simulate(
             "give --serial DEV, where the firmware answers, --video DEV, a v4l2loopback device "
             "for the frames (modprobe v4l2loopback makes one), or both"
         )
+    from rig.config.rig import config_of
+
     config = with_part(
-        chosen_config(rig),
+        config_of(rig),
         surface=surface,
         rotate_deg=rotate,
         shift_px=shift_px,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from capture.commands.simulated_options import RigOption
 from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
 
 __all__ = ["timing"]
@@ -15,9 +15,7 @@ __all__ = ["timing"]
 
 @reported
 def timing(
-    rig: Annotated[
-        Path, typer.Option(help="The rig's configuration, or sim.", metavar="RIG")
-    ] = Path("rig.toml"),
+    rig: RigOption = "rig.toml",
     sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,
     as_json: JsonOption = False,
 ) -> None:
@@ -28,9 +26,9 @@ def timing(
     the real clock. No set can take less than one frame period per image.
     """
     from capture.acquisition.timing import compared_configs, measure_set_timing
-    from rig import RigConfig, load_config
+    from rig.config.rig import config_of
 
-    config = RigConfig() if str(rig) == "sim" else load_config(rig)
+    config = config_of(rig)
     configs = list(compared_configs(config))
     timings = [
         measure_set_timing(one, sets) for one in progress(configs, len(configs), "capturing sets")
