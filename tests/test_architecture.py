@@ -204,6 +204,23 @@ def test_a_file_can_be_read_in_one_sitting() -> None:
     )
 
 
+def private_patches(source: str) -> Iterator[str]:
+    """Names with an underscore that a test replaces by ``setattr``."""
+    for node in ast.walk(parsed(source)):
+        if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in {"setattr", "delattr"}:
+            names = [str(word.value) for word in node.args[:2] if isinstance(word, ast.Constant)]
+            yield from (name for name in names if name.split(".")[-1].startswith("_"))
+
+
+def test_no_test_patches_a_private_name() -> None:
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    assert_none(
+        f"{name_of(path)} patches {name}"
+        for path in files
+        for name in private_patches(text_of(path))
+    )
+
+
 def test_every_room_is_there_and_every_arrow_is_used() -> None:
     for room in ROOMS:
         files = [path for path in FILES if path.relative_to(ROOT).parts[0] == room]
@@ -243,3 +260,15 @@ def test_the_walk_sees_every_kind_of_import(source: str, expected: set[str]) -> 
 )
 def test_the_walk_sees_what_is_unsafe(source: str, count: int) -> None:
     assert len(list(faults(source))) == count
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ("monkeypatch.setattr(module, '_X', 1)", ["_X"]),
+        ("patch.setattr('rig.module._X', 1)", ["rig.module._X"]),
+        ("patch.setattr(module, 'x_y', _z)", []),
+    ],
+)
+def test_the_walk_sees_private_patches(source: str, names: list[str]) -> None:
+    assert list(private_patches(source)) == names
