@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntFlag
 from typing import Any, Protocol
 
@@ -46,6 +46,11 @@ class Frame:
     exposure_end_s: float
     sequence: int
     flags: FrameFlag = FrameFlag.GOOD
+
+    def shifted(self, by_s: float) -> Frame:
+        """The same frame with its exposure stamped later."""
+        start_s, end_s = self.exposure_start_s + by_s, self.exposure_end_s + by_s
+        return replace(self, exposure_start_s=start_s, exposure_end_s=end_s)
 
 
 @dataclass(frozen=True)

@@ -113,12 +113,7 @@ class FaultyCamera:
         return replace(frame, pixels=_digital(noise + (info.black_level_dn or 0.0), frame))
 
     def _stamped_late(self, fault: FrameFault, frame: Frame) -> Frame:
-        late_s = fault.delay_ms / 1000.0
-        return replace(
-            frame,
-            exposure_start_s=frame.exposure_start_s + late_s,
-            exposure_end_s=frame.exposure_end_s + late_s,
-        )
+        return frame.shifted(fault.delay_ms / 1e3)
 
     def _drift(self, fault: FrameFault, frame: Frame) -> Frame:
         since_s = frame.exposure_start_s - self._started_s - fault.when.from_s

@@ -179,18 +179,15 @@ class V4l2Device(VideoNode):
                 self.fail(f"cannot set {asked}", error)
             refused = "refuses it"
         given_fourcc = abi.fourcc_text(pix.pixelformat)
-        if refused is None and (given_fourcc, pix.width, pix.height) != (
-            fourcc,
-            width_px,
-            height_px,
-        ):
+        given = (given_fourcc, pix.width, pix.height)
+        if refused is None and given != (fourcc, width_px, height_px):
             refused = f"gave {given_fourcc.strip()} {pix.width}x{pix.height}"
         if refused is None and pix.field != abi.FIELD_NONE:
             refused = "gives interlaced frames only"
         if refused is not None:
             raise CameraError(
                 f"{self.path}: {asked} was asked for, the driver {refused}; set "
-                f"camera.pixel_format, width_px and height_px to what it offers: {self._offer()}"
+                f"camera.pixel_format, width_px and height_px to one of {self._offer()}"
             )
         quantization = abi.QUANTIZATION_NAMES.get(pix.quantization, str(pix.quantization))
         return VideoFormat(fourcc, width_px, height_px, pix.bytesperline, quantization)
@@ -205,7 +202,7 @@ class V4l2Device(VideoNode):
     def set_frame_rate(self, rate_hz: float) -> float:
         """Set the frame rate, and return the frame period in s as read back from the driver."""
         parm = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
-        self.call("does not say its frame rate", abi.VIDIOC_G_PARM, parm)
+        self.call("does not report its frame rate", abi.VIDIOC_G_PARM, parm)
         capture = parm.parm.capture
         if capture.capability & abi.CAP_TIMEPERFRAME:
             capture.timeperframe.numerator = 10_000
@@ -216,7 +213,7 @@ class V4l2Device(VideoNode):
         if abs(given_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self.path}: camera.frame_rate_hz = {rate_hz:g} was asked for, the driver gives "
-                f"{given_hz:g}; set that, or a size at which it is faster"
+                f"{given_hz:g}; set that rate, or a size that has the other one"
             )
         return 1.0 / given_hz
 
@@ -276,7 +273,7 @@ class V4l2Device(VideoNode):
         except BlockingIOError:
             return None
         except OSError as error:
-            self.fail("gives no frame", error)
+            self.fail("delivers no frame", error)
         return buffer
 
     def _copied(self, buffer: abi.Buffer) -> Capture:

@@ -244,14 +244,6 @@ def test_too_much_or_too_little_light_is_rejected(
         assert led_outputs(rig) == [0.0] * 4
 
 
-def shifted(frame: Frame, start_s: float, end_s: float) -> Frame:
-    return replace(
-        frame,
-        exposure_start_s=frame.exposure_start_s + start_s,
-        exposure_end_s=frame.exposure_end_s + end_s,
-    )
-
-
 NO_FRAME = r"no good frame under (ambient light|LED \d .*) \(.*"
 OFF_CLOCK = "time stamps are not on the rig's clock"
 
@@ -284,9 +276,13 @@ OFF_CLOCK = "time stamps are not on the rig's clock"
             CameraError,
             "the camera sent 64 x 63 px of 12 bit instead",
         ),
-        (lambda frame: shifted(frame, 0.05, 0.05), CameraError, OFF_CLOCK),
-        (lambda frame: shifted(frame, 0.03, 0.0), CameraError, OFF_CLOCK),
-        (lambda frame: shifted(frame, math.nan, 0.0), CameraError, OFF_CLOCK),
+        (lambda frame: frame.shifted(0.05), CameraError, OFF_CLOCK),
+        (
+            lambda frame: replace(frame, exposure_start_s=frame.exposure_end_s + 0.01),
+            CameraError,
+            OFF_CLOCK,
+        ),
+        (lambda frame: frame.shifted(math.nan), CameraError, OFF_CLOCK),
     ],
     ids=[
         *["corrupt", "corrupt later", "stale", "repeated", "size"],

@@ -219,16 +219,8 @@ def spoil(frame: Frame, _number: int) -> Frame:
     return replace(frame, flags=FrameFlag.CORRUPT)
 
 
-def shifted(frame: Frame, by_s: float) -> Frame:
-    return replace(
-        frame,
-        exposure_start_s=frame.exposure_start_s + by_s,
-        exposure_end_s=frame.exposure_end_s + by_s,
-    )
-
-
 def stamp_early(frame: Frame, _number: int) -> Frame:
-    return shifted(frame, -0.012)
+    return frame.shifted(-0.012)
 
 
 @pytest.mark.parametrize(
@@ -257,11 +249,8 @@ def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
     # Stamps that are off by a period fit the strobe, but the images do not.
     period_s = rig.camera.info.frame_period_s
 
-    def early(frame: Frame) -> Frame:
-        return shifted(frame, -period_s)
-
     with pytest.raises((SetRejected, CameraError)):
-        capture_set(with_frames(rig, early))
+        capture_set(with_frames(rig, lambda frame: frame.shifted(-period_s)))
 
 
 def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
