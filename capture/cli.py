@@ -69,7 +69,7 @@ def run() -> int:
     KeyboardInterrupt
         If a signal interrupted the command.
     """
-    # tifffile logs what is wrong with a damaged file; the error line says it.
+    # Silences tifffile's log of damaged files, which the error line repeats.
     logging.getLogger("tifffile").setLevel(logging.CRITICAL)
     try:
         _check_arguments(sys.argv[1:])

@@ -1,1 +1,1 @@
-"""Many captured sets: what is done with each, in this process, on all cores or on a cluster."""
+"""Work on many captured sets: in this process, on all cores or on a cluster."""

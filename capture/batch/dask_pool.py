@@ -53,7 +53,7 @@ class DaskPool:
             raise InputError(
                 f"--scheduler {address}: Dask is not installed; pip install 'ps4rig[dask]'"
             ) from error
-        # Dask logs lost connections; the error line of the command says it.
+        # Silences Dask's log of lost connections, which the error line of the command repeats.
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:

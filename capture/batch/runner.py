@@ -61,7 +61,7 @@ class Batch:
     """Call functions for many items. Use it as a context, which ends the workers.
 
     The work begins in this process. After `starting_s` the remaining items go to worker processes.
-    This takes at most twice the time of the better choice, whatever an item costs.
+    This takes at most twice the time of the better choice, however long an item takes.
 
     Functions and items are pickled: use functions of a module, `functools.partial` of them, and
     paths.

@@ -66,8 +66,8 @@ def read_header(path: Path) -> SetHeader:
         texture.
     """
     metadata, shape = ome_tiff.read_header(path)
-    with _naming(path):
-        label = _required(metadata.label)
+    with _named(path):
+        label = _usable_label(metadata.label)
         _check_lights(metadata)
         segment_px = segment_for(shape)
     return SetHeader(
@@ -104,7 +104,7 @@ def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIE
         If the set cannot be read or solved.
     """
     captured = CapturedSet.load(path)
-    with _naming(path):
+    with _named(path):
         return observe(captured.solve(), segment_px, classifier)
 
 
@@ -131,9 +131,9 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
     captured = CapturedSet.load(path)
     metadata = captured.metadata
     trained = _library(library)
-    with _naming(path):
+    with _named(path):
         if label_required:
-            _required(metadata.label)
+            _usable_label(metadata.label)
         _check_lights(metadata)
         match = trained.classify(captured.solve())
     return ClassifiedSet(
@@ -180,7 +180,7 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
         If no pixel is valid; nothing is written.
     """
     captured = CapturedSet.load(task.path)
-    with _naming(task.path):
+    with _named(task.path):
         surface = captured.solve(method)
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
@@ -201,7 +201,7 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
     )
 
 
-def _required(label: str | None) -> str:
+def _usable_label(label: str | None) -> str:
     if not label:
         raise InputError("has no label; capture or import it with --label")
     return checked_label(label)
@@ -224,8 +224,8 @@ def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Put the name of the file in front of the message of an InputError."""
+def _named(path: Path) -> Iterator[None]:
+    """Put the name of the file in front of the message of an `InputError`."""
     try:
         yield
     except InputError as error:

@@ -37,7 +37,7 @@ def report_crash(error: BaseException) -> int:
 
 
 def log_threads() -> None:
-    """Report unforeseen errors of other threads in the same way."""
+    """Write log files for the unforeseen errors of all other threads."""
 
     def report(args: threading.ExceptHookArgs) -> None:
         if args.exc_value is not None and not isinstance(args.exc_value, SystemExit):

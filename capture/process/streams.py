@@ -45,7 +45,7 @@ class StandardStreams:
         _, sys.stderr = _tolerant(2, sys.stderr)
 
     def final_status(self, status: int) -> int:
-        """Write out what is buffered; return the exit status of the process.
+        """Flush both streams; return the exit status of the process.
 
         Parameters
         ----------
