@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -58,28 +58,6 @@ class Comparison(NamedTuple):
     headings: npt.NDArray[np.float64] | None = None
 
 
-def _no_parameters(_observations: Sequence[Any], _labels: Sequence[str]) -> Parameters:
-    return {}
-
-
-def _no_shapes(_segment_px: int) -> Mapping[str, Shape]:
-    return {}
-
-
-def _no_limits(
-    _labels: Sequence[str], _sets: Sequence[int], _references: FloatMap, _parameters: Parameters
-) -> dict[str, float]:
-    return {}
-
-
-def _no_invariants(signatures: FloatMap) -> FloatMap:
-    return np.ones((len(signatures), 1), np.float32)
-
-
-def _unchanged(references: FloatMap) -> FloatMap:
-    return references
-
-
 @dataclass(frozen=True)
 class Classifier(Generic[Tested, Trained]):
     """A way to tell textures apart, as functions on arrays.
@@ -122,14 +100,14 @@ class Classifier(Generic[Tested, Trained]):
     signature: Callable[[Tested, Parameters], FloatMap]
     references: Callable[[Trained, Parameters], FloatMap]
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
-    learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = _no_parameters
-    parameter_shapes: Callable[[int], Mapping[str, Shape]] = _no_shapes
+    learn: Callable[[Sequence[Trained], Sequence[str]], Parameters] = lambda _trained, _labels: {}
+    parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
     limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
-        _no_limits
+        lambda _labels, _sets, _references, _parameters: {}
     )
     has_invariants: bool = False
-    invariants: Callable[[FloatMap], FloatMap] = _no_invariants
-    without_heading: Callable[[FloatMap], FloatMap] = _unchanged
+    invariants: Callable[[FloatMap], FloatMap] = lambda each: np.ones((len(each), 1), np.float32)
+    without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     from_images: bool = False
 
 
@@ -142,16 +120,12 @@ def simple_classifier(
     from_images: bool = False,
 ) -> Classifier[Tested, Tested]:
     """Make a classifier that observes training sets like tests and learns nothing from them."""
-
-    def references(observation: Tested, parameters: Parameters) -> FloatMap:
-        return signature(observation, parameters)[None]
-
     return Classifier(
         name=name,
         observe=observe,
         observe_training=observe,
         signature=signature,
-        references=references,
+        references=lambda observation, parameters: signature(observation, parameters)[None],
         compare=compare,
         from_images=from_images,
     )

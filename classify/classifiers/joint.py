@@ -32,7 +32,7 @@ from .joint_features import (
 from .joint_learning import class_limits, learn, parameter_shapes, scatter_factor
 from .joint_observation import JointObservation, JointTraining, observe, observe_training
 
-__all__ = ["JOINT", "STATISTICS"]
+__all__ = ["JOINT"]
 
 # A less sharp orientation can be off by 90 degrees, and its heading is not told.
 _LEAST_SHARPNESS = 0.5
@@ -42,8 +42,7 @@ _LEAST_NEW = 0.1
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
 _HEADING = slice(-1 - HEADING_FLOATS, -1)
-STATISTICS = slice(_SERIES_FLOATS, _HEADING.start)
-"""Where the whitened statistics stand in a signature."""
+_STATISTICS = slice(_SERIES_FLOATS, _HEADING.start)
 
 
 def _signature(observation: JointObservation, parameters: Parameters) -> FloatMap:
@@ -85,7 +84,7 @@ def _vector(observation: JointObservation, parameters: Parameters, last: float) 
 
 def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     found = least_error(_series_of(test[None])[0], _series_of(references))
-    local = np.square(references[:, STATISTICS] - test[STATISTICS])
+    local = np.square(references[:, _STATISTICS] - test[_STATISTICS])
     total = found.errors + local.sum(axis=1, dtype=np.float64)
     total /= test[-1]
     headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
@@ -108,7 +107,7 @@ def _series_of(signatures: FloatMap) -> Complex:
 
 def _invariants(signatures: FloatMap) -> FloatMap:
     norms = shift_invariant_norms(_series_of(signatures))
-    return np.concatenate([norms, signatures[:, STATISTICS], signatures[:, -1:]], axis=1)
+    return np.concatenate([norms, signatures[:, _STATISTICS], signatures[:, -1:]], axis=1)
 
 
 def _without_heading(references: FloatMap) -> FloatMap:

@@ -16,11 +16,9 @@ __all__ = [
     "Evaluation",
     "OrientationError",
     "Trial",
-    "accuracy",
     "evaluate",
     "nearest_accuracy",
     "nearest_orientation_errors_deg",
-    "orientation_errors_deg",
     "unknown_share",
 ]
 
@@ -68,11 +66,6 @@ class Trial:
         return abs((found_deg - self.orientation_deg + 180.0) % 360.0 - 180.0) > 90.0
 
 
-def accuracy(trials: Iterable[Trial]) -> float | None:
-    """Share of trials whose match names the true class; None without trials."""
-    return _share(trial.is_correct for trial in trials)
-
-
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
     """Share of trials whose nearest class is the true one; None without trials."""
     return _share(trial.nearest_is_correct for trial in trials)
@@ -83,13 +76,8 @@ def unknown_share(trials: Iterable[Trial]) -> float | None:
     return _share(trial.match.label is None for trial in trials)
 
 
-def orientation_errors_deg(trials: Iterable[Trial]) -> list[float]:
-    """Errors of the correct trials whose orientation is known."""
-    return [error for trial in trials if (error := trial.orientation_error_deg) is not None]
-
-
 def nearest_orientation_errors_deg(trials: Iterable[Trial]) -> list[float]:
-    """The same for all trials whose nearest class is the true one."""
+    """Orientation errors of the trials whose nearest class is the true one."""
     return [error for trial in trials if (error := trial.nearest_orientation_error_deg) is not None]
 
 
@@ -107,8 +95,8 @@ class OrientationError:
 
     @classmethod
     def of(cls, trials: Iterable[Trial]) -> OrientationError:
-        """Summarise `orientation_errors_deg`."""
-        errors = orientation_errors_deg(trials)
+        """Summarise the errors of the correct trials whose orientation is known."""
+        errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
         if not errors:
             return cls(None, None)
         return cls(float(np.median(errors)), float(np.percentile(errors, 95)))

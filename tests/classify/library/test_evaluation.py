@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 
 from classify import InputError, Match, Trial, evaluate
 from classify.library.evaluation import (
-    accuracy,
     nearest_accuracy,
     nearest_orientation_errors_deg,
-    orientation_errors_deg,
     unknown_share,
 )
 
@@ -45,11 +43,11 @@ def test_a_rejected_trial_counts_by_its_nearest_class_too() -> None:
         Trial("b", 10.0, answer(None, 10.0)),
         Trial("b", 10.0, answer("a", 10.0)),
     ]
-    assert accuracy(trials) == 0.25
+    assert evaluate(trials).accuracy == 0.25
     assert nearest_accuracy(trials) == unknown_share(trials) == 0.5
-    assert orientation_errors_deg(trials) == [2.0]
+    assert evaluate(trials).orientation_error_deg.median == 2.0
     assert nearest_orientation_errors_deg(trials) == [2.0, 4.0]
-    assert accuracy([]) is nearest_accuracy([]) is unknown_share([]) is None
+    assert nearest_accuracy([]) is unknown_share([]) is None
 
 
 def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:

@@ -171,20 +171,6 @@ def test_pixels_that_are_not_valid_change_little(texture) -> None:
         assert np.abs(after - before).sum() < 0.03 * before.sum()
 
 
-def test_one_wild_slope_is_bounded(texture) -> None:
-    surface, wild = texture("grain"), texture("grain")
-    wild.p[64, 64] = 300.0
-    before, after = surface_spectra(surface).polar[0], surface_spectra(wild).polar[0]
-    assert after.sum() < 1.1 * before.sum()
-
-
-def test_a_surface_without_a_valid_pixel_is_refused(texture) -> None:
-    surface = texture("grain")
-    surface.valid[:] = False
-    with pytest.raises(InputError, match="no pixel of this surface is valid"):
-        surface_spectra(surface)
-
-
 def coherence(spectra) -> np.ndarray:
     """Co-spectrum over the root of both powers, where these are large."""
     powers = spectra.relief * spectra.albedo
