@@ -75,6 +75,8 @@ class Simulation:
     ports
         The same, for a program that looks for the controller; empty while it is unplugged,
         because the system gives the name to another program's pty.
+    controller
+        The firmware, with the configured faults of its line.
     board
         The controller's board, with the true output of the LEDs.
     camera
@@ -114,7 +116,7 @@ class Simulation:
         controller = SimulatedController(
             self.board, device_clock, turn_us=config.simulation.controller_turn_us
         )
-        self._controller = (
+        self.controller = (
             FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
         )
         self.camera = SimulatedCamera(
@@ -131,7 +133,7 @@ class Simulation:
         if faults.frames:
             self.frames = FaultyCamera(self.camera, self.clock, faults.frames, faults.seed)
         # Last, so that an error above leaves nothing running.
-        self._server = self._serve(self._controller)
+        self._server = self._serve(self.controller)
         self.port = self._server.address
         self.ports = [self.port]
 
@@ -159,7 +161,7 @@ class Simulation:
     def replug_lights(self) -> None:
         """Plug the controller in again: it boots, and answers on another port."""
         self._server.stop()
-        self._server = self._serve(self._controller)
+        self._server = self._serve(self.controller)
         self.port = self._server.address
         self.ports[:] = [self.port]
 

@@ -344,7 +344,7 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
 
 def test_a_second_attempt_follows_a_restart_of_the_controller(rig: Rig) -> None:
     assert rig.simulation is not None
-    controller: Any = rig.simulation._server._controller
+    controller: Any = rig.simulation.controller
     (cause,) = capture_set(under(rig, 1, controller.reset)).metadata.failed_attempts
     assert str(rig.lights.port) in cause
 

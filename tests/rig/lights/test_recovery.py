@@ -71,7 +71,7 @@ def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
         rig.lights.select(1)
-        controller: Any = rig.simulation._controller
+        controller: Any = rig.simulation.controller
         controller.reset()
         with pytest.raises(LightControllerError, match=r"restarted|no answer"):
             rig.lights.confirm(1)
