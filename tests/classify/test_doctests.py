@@ -1,4 +1,4 @@
-"""The examples in the docstrings of `classify` hold."""
+"""Examples in the docstrings of `classify`."""
 
 import doctest
 import importlib
@@ -15,7 +15,7 @@ MODULES = [
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_hold(name: str) -> None:
+def test_examples_give_their_output(name: str) -> None:
     assert doctest.testmod(importlib.import_module(name)).failed == 0
 
 

@@ -1,4 +1,4 @@
-"""A file is written whole or not at all."""
+"""Files are written whole or not at all."""
 
 import os
 import stat
@@ -29,7 +29,7 @@ def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
     assert names(tmp_path) == [path.name]
 
 
-def test_data_are_on_disk_before_the_name_and_the_name_before_the_end(
+def test_data_are_synced_before_the_rename_and_the_folder_after_it(
     tmp_path: Path, monkeypatch
 ) -> None:
     path = tmp_path / "a.txt"
@@ -57,7 +57,7 @@ def test_an_older_file_is_replaced_in_one_step(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt, SystemExit])
-def test_a_failure_in_the_block_passes_and_leaves_the_old_file(
+def test_an_exception_in_the_block_is_raised_and_the_old_file_stays(
     tmp_path: Path, failure: type[BaseException]
 ) -> None:
     path = tmp_path / "a.txt"
@@ -69,7 +69,7 @@ def test_a_failure_in_the_block_passes_and_leaves_the_old_file(
     assert names(tmp_path) == ["a.txt"]
 
 
-def test_a_disk_error_in_the_block_names_the_file_that_was_wanted(tmp_path: Path) -> None:
+def test_a_disk_error_in_the_block_names_the_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     with pytest.raises(InputError, match="No space left on device") as caught:  # noqa: SIM117
         with durable_file(path), Path("/dev/full").open("wb", buffering=0) as full:
@@ -78,7 +78,7 @@ def test_a_disk_error_in_the_block_names_the_file_that_was_wanted(tmp_path: Path
     assert names(tmp_path) == []
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     path = tmp_path / "none" / "a.txt"
     with pytest.raises(InputError, match="No such file or directory") as caught:  # noqa: SIM117
         with durable_file(path):
@@ -115,7 +115,7 @@ def test_a_file_in_the_place_of_the_folder_is_named(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_permission_is_named() -> None:
-    """The kernel's own folder refuses new files even to the administrator."""
+    """/proc refuses new files even for root."""
     assert sys.platform == "linux"
     with pytest.raises(InputError, match="cannot be written"), durable_file(Path("/proc/x.txt")):
         pytest.fail("the block must not begin")
@@ -133,7 +133,7 @@ def test_the_new_file_has_the_permissions_of_any_new_file(tmp_path: Path, mask: 
 
 
 def test_the_permission_mask_of_the_process_is_never_touched(tmp_path, monkeypatch) -> None:
-    """It belongs to all threads: zero for an instant opens a file that another one makes then."""
+    """A umask of zero for an instant would affect files that other threads create."""
     masks: list[int] = []
     monkeypatch.setattr(os, "umask", lambda mask: masks.append(mask) or 0o022)
     with durable_file(tmp_path / "a.txt") as temporary:

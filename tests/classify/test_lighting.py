@@ -1,4 +1,4 @@
-"""Axes, tilt, slant and their signs, in the only place that defines them."""
+"""Axes, tilt, slant and their signs."""
 
 import numpy as np
 import pytest
@@ -138,24 +138,24 @@ def test_a_tilt_that_is_not_a_number_is_refused(tilt: object) -> None:
 
 
 @given(degrees, st.floats(-29.0, 29.0))
-def test_nearest_light_is_found_across_the_turn(tilt: float, off: float) -> None:
+def test_the_nearest_light_is_found_across_tilt_0(tilt: float, off: float) -> None:
     lighting = Lighting.from_angles([(tilt + off) % 360.0, (tilt + 180.0) % 360.0], 40.0)
     assert lighting.light_nearest_tilt(tilt) == 0
     assert lighting.light_nearest_tilt(tilt - 360.0) == 0
     assert lighting.light_nearest_tilt(tilt + 180.0) == 1
 
 
-def test_no_light_near_a_tilt_names_the_tilts_there_are() -> None:
+def test_the_error_without_a_near_light_names_all_tilts() -> None:
     with pytest.raises(InputError, match=r"near tilt 45; the tilts are 0, 90, 180, 270"):
         Lighting.ring().light_nearest_tilt(45.0)
     assert Lighting.ring().light_nearest_tilt(44.0, within_deg=45.0) == 0
 
 
 @given(degrees, st.floats(1.0, 80.0), st.floats(0.05, 5.0), st.floats(0.0, 20.0))
-def test_lights_within_some_degrees_of_each_other(
+def test_lights_are_within_the_largest_angle_between_them(
     tilt: float, slant: float, apart: float, tolerance: float
 ) -> None:
-    """The angle between directions: of two slants at one tilt it is their difference."""
+    """At one tilt the angle between directions is the difference of their slants."""
     one = Lighting.from_angles([tilt, tilt + 90.0], [slant, 40.0])
     other = Lighting.from_angles([tilt, tilt + 90.0], [slant + apart, 40.0])
     if abs(apart - tolerance) > 1e-6:
@@ -163,7 +163,7 @@ def test_lights_within_some_degrees_of_each_other(
     assert one.within(1e-5, one)
 
 
-def test_other_lights_are_not_within_any_reasonable_angle() -> None:
+def test_lights_of_another_number_or_order_are_not_within_an_angle() -> None:
     ring = Lighting.ring(45.0)
     assert not ring.within(10.0, Lighting.ring(45.0, (90, 180, 270, 0)))  # in another order
     assert not ring.within(180.0, Lighting.ring(45.0, (0, 90, 180)))

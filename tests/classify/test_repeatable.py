@@ -1,4 +1,4 @@
-"""A machine's first run, which compiles the kernels, gives the numbers of all later ones."""
+"""The first run, which compiles the kernels, gives the numbers of all later runs."""
 
 import os
 import subprocess
@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-# What a program prints of a surface: digests of each map, spectrum and statistic, and distances.
+# Prints digests of each map, spectrum and statistic, and distances.
 PROGRAM = """
 import hashlib
 import numpy as np
 from classify import Lighting, TextureLibrary, photometric_stereo
-from rig.scene import render_frame, synthetic_surface
+from rig.scene.render import render_frame
+from rig.scene.synthetic import synthetic_surface
 
 lighting = Lighting.ring(60.0)
 scene = render_frame(synthetic_surface("sand", 0, 256), lighting, 192)
@@ -33,7 +34,7 @@ print(match.distance, match.runner_up_distance, match.orientation_deg)
 
 
 @pytest.mark.slow
-def test_the_run_that_compiles_gives_the_numbers_of_all_others(tmp_path: Path) -> None:
+def test_the_run_that_compiles_gives_the_numbers_of_later_runs(tmp_path: Path) -> None:
     environment = os.environ | {
         "NUMBA_CACHE_DIR": str(tmp_path),
         "PYTHONPATH": os.pathsep.join(sys.path),

@@ -1,4 +1,4 @@
-"""The noise of a set of images, found without knowing the surface."""
+"""Noise of a set of images of an unknown surface."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_shadow_on_a_fifth_of_the_pixels_hardly_raises_it() -> None:
     assert noise_of_images(images, None, ONES, Lighting.ring()) == pytest.approx(2.0, rel=0.4)
 
 
-def test_a_light_of_unknown_strength_is_not_noise_of_dark_pixels() -> None:
+def test_an_unknown_led_level_does_not_raise_the_noise_of_dark_pixels() -> None:
     images = images_of_bumps(Lighting.ring(), 0.0)
     images[:, : SIDE // 3] *= 0.02
     images += np.random.default_rng(1).normal(0.0, 0.5, images.shape).astype(np.float32)
@@ -58,13 +58,13 @@ def test_ambient_light_is_not_noise() -> None:
     assert found == pytest.approx(2.0, rel=0.05)
 
 
-def test_whole_numbers_are_never_better_than_their_rounding() -> None:
+def test_integer_images_have_at_least_rounding_noise() -> None:
     flat = np.full((4, SIDE, SIDE), 90, np.uint8)
     assert noise_of_images(flat, None, ONES, Lighting.ring()) == pytest.approx(np.sqrt(1 / 12))
     assert noise_of_images(flat.astype(np.float32), None, ONES, Lighting.ring()) < 1e-4
 
 
-def test_three_lights_tell_only_the_rounding() -> None:
+def test_three_lights_determine_the_rounding_only() -> None:
     lighting = Lighting.ring(40.0, tilts_deg=[0, 120, 240])
     images = images_of_bumps(lighting, 3.0)
     gains = np.array([1, 2, 1], np.float32)

@@ -1,4 +1,4 @@
-"""Which light lit which image, told from the images."""
+"""The order of lights, tested by their images."""
 
 import itertools
 import json
@@ -22,7 +22,7 @@ Texture = Callable[..., SurfaceEstimate]
 
 
 def images_of(p: np.ndarray, q: np.ndarray, albedo: np.ndarray, lighting: Lighting) -> np.ndarray:
-    """Images with noise of some per mille, without cast shadows."""
+    """Images with noise of a few per mille, without cast shadows."""
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
     shading = np.maximum(np.einsum("nk,hwk->nhw", lighting.directions, normals), 0.0)
     shading *= lighting.intensities[:, None, None]
@@ -45,7 +45,7 @@ def test_the_right_order_is_confirmed(images: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("order", [o for o in ORDERS if o not in ((0, 1, 2, 3), OPPOSITE)])
-def test_every_other_order_is_refuted_and_found_but_for_a_half_turn(
+def test_every_other_order_is_refuted_and_found_up_to_180_degrees(
     images: np.ndarray, order: tuple[int, ...]
 ) -> None:
     told = light_order(images[list(order)], RING)
@@ -55,14 +55,14 @@ def test_every_other_order_is_refuted_and_found_but_for_a_half_turn(
     assert {*told.plausible} == {order, tuple(OPPOSITE[light] for light in order)}
 
 
-def test_all_turned_by_180_degrees_cannot_be_told_and_is_said_to_be_so(images: np.ndarray) -> None:
+def test_an_order_rotated_by_180_degrees_stays_plausible(images: np.ndarray) -> None:
     told = light_order(images[list(OPPOSITE)], RING)
     assert told.is_confirmed
     assert told.opposite == OPPOSITE
     assert OPPOSITE in told.plausible
 
 
-def test_a_level_surface_tells_nothing() -> None:
+def test_a_level_surface_decides_nothing() -> None:
     rng = np.random.default_rng(2)
     flat = np.zeros((128, 128))
     albedo = np.kron(rng.uniform(0.2, 0.9, (16, 16)), np.ones((8, 8)))
@@ -72,14 +72,14 @@ def test_a_level_surface_tells_nothing() -> None:
     assert len(told.plausible) > 12
 
 
-def test_dark_images_tell_nothing() -> None:
+def test_dark_images_decide_nothing() -> None:
     told = light_order(np.zeros((4, 96, 96), np.uint16), RING)
     assert {*told.plausible} == {*ORDERS}
     assert not told.is_refuted
     assert not told.is_confirmed
 
 
-def test_ridges_along_one_axis_do_not_tell_which_side_is_which() -> None:
+def test_ridges_along_one_axis_do_not_decide_their_sides() -> None:
     x = np.arange(160)
     p = np.broadcast_to(0.4 * np.sin(0.3 * x + np.sin(0.05 * x)), (160, 160))
     images = images_of(p, np.zeros_like(p), np.full_like(p, 0.6), RING)
@@ -108,7 +108,7 @@ def test_weak_and_near_lights_ambient_light_and_gloss_do_not_mislead(images: np.
     assert light_order(damaged[[1, 0, 2, 3]], RING).is_refuted
 
 
-def test_known_intensities_and_ambient_light_are_taken_out(stationary: Texture) -> None:
+def test_known_intensities_and_ambient_light_are_removed(stationary: Texture) -> None:
     surface = stationary("malv", seed=1, side=128)
     lights = Lighting(RING.directions, np.array([1.0, 0.3, 1.0, 0.6]))
     images = images_of(surface.p, surface.q, surface.albedo, lights)
@@ -117,7 +117,7 @@ def test_known_intensities_and_ambient_light_are_taken_out(stationary: Texture) 
     assert told.is_confirmed
 
 
-def test_saturated_pixels_do_not_count(stationary: Texture) -> None:
+def test_saturated_pixels_are_left_out(stationary: Texture) -> None:
     surface = stationary("malv", seed=1, side=128)
     images = images_of(surface.p, surface.q, surface.albedo, RING)
     images[:, :40] = 65_535
@@ -126,7 +126,7 @@ def test_saturated_pixels_do_not_count(stationary: Texture) -> None:
     assert len(light_order(images, RING, full_scale=65_535).plausible) == 24
 
 
-def test_a_ring_that_is_not_where_it_is_said_to_be(stationary: Texture) -> None:
+def test_errors_of_the_light_positions_are_tolerated(stationary: Texture) -> None:
     surface = stationary("malv", seed=2, side=160)
     lights = Lighting.from_angles([3.0, 86.0, 184.0, 265.0], [47.0, 41.0, 44.0, 50.0])
     images = images_of(surface.p, surface.q, surface.albedo, lights)
@@ -134,7 +134,7 @@ def test_a_ring_that_is_not_where_it_is_said_to_be(stationary: Texture) -> None:
     assert light_order(images[[2, 1, 0, 3]], RING).is_refuted
 
 
-def test_of_lights_that_are_no_two_pairs_nothing_is_told(stationary: Texture) -> None:
+def test_lights_that_are_not_two_opposite_pairs_decide_nothing(stationary: Texture) -> None:
     surface = stationary("malv", seed=2, side=64)
     for tilts in ((0.0, 60.0, 120.0, 180.0), (0.0, 20.0, 190.0, 10.0)):
         lights = Lighting.from_angles(tilts, [45.0, 45.0, 45.0, 30.0])
@@ -171,10 +171,10 @@ def photographs() -> np.ndarray:
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(-15.0, 15.0), st.floats(25.0, 65.0), st.permutations(range(4)))
-def test_the_labels_move_with_the_images(
+def test_the_result_does_not_depend_on_the_numbering_of_lights(
     turn_deg: float, slant_deg: float, order: list[int]
 ) -> None:
-    """A ring that is turned, its images and lights named in any order: always as labelled."""
+    """For a rotated ring with its images and lights in any order."""
     rng = np.random.default_rng(7)
     waves = rng.normal(size=(40, 2)) * 0.12
     y, x = np.mgrid[48:-48:-1, -48:48]

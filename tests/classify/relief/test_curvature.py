@@ -39,7 +39,9 @@ def of(surface_of: SurfaceOf) -> Callable[[Gradients], SurfaceEstimate]:
 
 
 @pytest.mark.parametrize("scale_px", [0.5, 1.0, 3.0])
-def test_a_ball_is_a_ball_up_to_the_border_at_any_scale(of: SurfaceOf, scale_px: float) -> None:
+def test_a_ball_has_its_curvature_up_to_the_border_at_any_scale(
+    of: SurfaceOf, scale_px: float
+) -> None:
     radius = 100.0
     found = surface_curvature(of(ball(radius)), scale_px)
     np.testing.assert_allclose(found.mean * radius, 1.0, rtol=1e-3)
@@ -47,7 +49,7 @@ def test_a_ball_is_a_ball_up_to_the_border_at_any_scale(of: SurfaceOf, scale_px:
     assert found.mean.dtype == found.gaussian.dtype == np.float32
 
 
-def test_a_bowl_is_a_ball_with_the_other_mean_curvature(of: SurfaceOf) -> None:
+def test_a_bowl_has_the_negative_mean_curvature_of_a_ball(of: SurfaceOf) -> None:
     p, q = ball(100.0)
     ball_, bowl = surface_curvature(of((p, q))), surface_curvature(of((-p, -q)))
     np.testing.assert_allclose(bowl.mean, -ball_.mean, atol=1e-7)
@@ -55,7 +57,7 @@ def test_a_bowl_is_a_ball_with_the_other_mean_curvature(of: SurfaceOf) -> None:
 
 
 @pytest.mark.parametrize("axis_deg", [0.0, 30.0, 45.0, 90.0, 135.0])
-def test_a_rod_is_curved_across_and_can_be_unrolled(of: SurfaceOf, axis_deg: float) -> None:
+def test_a_rod_has_mean_but_no_gaussian_curvature(of: SurfaceOf, axis_deg: float) -> None:
     radius = 120.0
     found = surface_curvature(of(rod(radius, axis_deg)))
     np.testing.assert_allclose(found.mean * 2 * radius, 1.0, rtol=1e-3)
@@ -63,9 +65,7 @@ def test_a_rod_is_curved_across_and_can_be_unrolled(of: SurfaceOf, axis_deg: flo
 
 
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.5, 0.0), (-0.3, 1.7)])
-def test_a_plane_is_not_curved_however_it_is_tilted(
-    of: SurfaceOf, slopes: tuple[float, float]
-) -> None:
+def test_a_tilted_plane_has_no_curvature(of: SurfaceOf, slopes: tuple[float, float]) -> None:
     found = surface_curvature(of(tuple(np.full((40, 50), slope) for slope in slopes)))
     np.testing.assert_allclose(found.mean, 0.0, atol=1e-6)
     np.testing.assert_allclose(found.gaussian, 0.0, atol=1e-7)
@@ -93,7 +93,7 @@ def test_a_twisted_saddle_needs_the_mixed_derivative(of: SurfaceOf) -> None:
     np.testing.assert_allclose(found.mean * radius, p * q / w2**1.5, atol=3e-3)
 
 
-def test_curl_is_no_curvature(of: SurfaceOf) -> None:
+def test_curl_adds_no_curvature(of: SurfaceOf) -> None:
     """P = -c y, q = c x belongs to no surface: p_y + q_x = 0. Where it is flat, H = K = 0."""
     x, y = grid(41, 41)
     found = surface_curvature(of((-0.02 * y, 0.02 * x)))
@@ -130,7 +130,7 @@ def test_an_egg_box_has_the_curvature_of_its_formula(
     assert rms(finer.gaussian - K) < 0.02 * rms(K)
 
 
-def test_a_few_wild_slopes_spoil_their_neighbours_only(
+def test_wrong_slopes_affect_their_neighbours_only(
     of: SurfaceOf, egg_box: tuple[Gradients, np.ndarray, np.ndarray]
 ) -> None:
     (p, q), H, _ = egg_box
@@ -140,7 +140,7 @@ def test_a_few_wild_slopes_spoil_their_neighbours_only(
     assert rms(surface_curvature(of((p, q))).mean - H) < 0.25 * rms(H)
 
 
-def test_noise_is_left_as_the_docstring_says(of: SurfaceOf) -> None:
+def test_noise_is_reduced_as_the_docstring_states(of: SurfaceOf) -> None:
     rng = np.random.default_rng(2)
     p, q = 0.01 * rng.standard_normal((2, 300, 300))
     for scale_px in (1.0, 2.0):
@@ -149,8 +149,8 @@ def test_noise_is_left_as_the_docstring_says(of: SurfaceOf) -> None:
         assert found.mean[10:-10, 10:-10].std() == pytest.approx(expected, rel=0.05)
 
 
-def test_invalid_pixels_take_no_part(of: SurfaceOf) -> None:
-    """Holes, a lone pixel and a stripe of nonsense in a ball: the rest is still that ball."""
+def test_invalid_pixels_have_no_effect(of: SurfaceOf) -> None:
+    """A ball with holes, a single pixel and an invalid stripe keeps its curvature."""
     radius = 100.0
     surface = of(ball(radius))
     valid = np.random.default_rng(3).random(surface.shape) > 0.2
@@ -182,8 +182,8 @@ slopes = hnp.arrays(
 
 @settings(deadline=None)
 @given(slopes)
-def test_turning_the_surface_turns_the_maps(surface_of: SurfaceOf, gradients: np.ndarray) -> None:
-    """A quarter turn anticlockwise takes (p, q) to (-q, p)."""
+def test_a_rotated_surface_has_rotated_maps(surface_of: SurfaceOf, gradients: np.ndarray) -> None:
+    """Rotation by 90 degrees anticlockwise takes (p, q) to (-q, p)."""
     p, q = gradients
     still = surface_curvature(surface_of(p, q, np.ones(p.shape)))
     turned = surface_curvature(surface_of(*np.rot90([-q, p], axes=(1, 2)), np.ones(p.T.shape)))
@@ -193,7 +193,7 @@ def test_turning_the_surface_turns_the_maps(surface_of: SurfaceOf, gradients: np
 
 @settings(deadline=None)
 @given(slopes)
-def test_mirroring_changes_nothing_and_inverting_the_sign_of_the_mean(
+def test_mirroring_keeps_curvature_and_inverting_negates_the_mean(
     surface_of: SurfaceOf, gradients: np.ndarray
 ) -> None:
     p, q = gradients
@@ -207,7 +207,7 @@ def test_mirroring_changes_nothing_and_inverting_the_sign_of_the_mean(
     np.testing.assert_allclose(inverted.gaussian, still.gaussian, atol=1e-6)
 
 
-def test_one_pixel_and_one_row_have_what_can_be_known(surface_of: SurfaceOf) -> None:
+def test_one_pixel_and_one_row_have_curvature_along_their_extent(surface_of: SurfaceOf) -> None:
     one = np.ones((1, 1))
     found = surface_curvature(surface_of(one, one, one))
     assert found.mean.tolist() == found.gaussian.tolist() == [[0.0]]
@@ -218,7 +218,7 @@ def test_one_pixel_and_one_row_have_what_can_be_known(surface_of: SurfaceOf) -> 
     np.testing.assert_allclose(row.gaussian, 0.0, atol=1e-8)
 
 
-def test_no_valid_pixel_has_no_curvature(of: SurfaceOf) -> None:
+def test_a_surface_without_valid_pixels_has_zero_curvature(of: SurfaceOf) -> None:
     surface = of(ball(100.0))
     found = surface_curvature(replace(surface, valid=np.zeros(surface.shape, bool)))
     assert not found.mean.any()
@@ -231,7 +231,7 @@ def test_an_unusable_scale_is_named(of: SurfaceOf, scale_px: float) -> None:
         surface_curvature(of(ball(100.0)), scale_px)
 
 
-def test_a_slope_that_is_no_number_is_refused(of: SurfaceOf) -> None:
+def test_a_slope_of_nan_is_refused(of: SurfaceOf) -> None:
     for bad in (np.nan, np.inf):
         p, q = ball(100.0)
         q[3, 4] = bad

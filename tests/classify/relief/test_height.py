@@ -1,4 +1,4 @@
-"""Height from gradients without the assumption that the frame repeats."""
+"""Height from gradients without the assumption of a periodic frame."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,9 @@ def half_pixel_gradients(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.integers(1, 24), st.integers(1, 24), st.integers(0, 2**32 - 1))
-def test_random_height_comes_back_from_its_differences(rows: int, columns: int, seed: int) -> None:
+def test_random_height_is_recovered_from_its_differences(
+    rows: int, columns: int, seed: int
+) -> None:
     height = np.random.default_rng(seed).standard_normal((rows, columns))
     p, q = half_pixel_gradients(height)
     found = integrate_gradients(p.astype(np.float32), q.astype(np.float32))
@@ -38,7 +40,7 @@ def test_random_height_comes_back_from_its_differences(rows: int, columns: int, 
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (40, 96), (1, 50), (50, 1), (1024, 700), (2, 6000)])
-def test_plane_comes_back_at_any_size_of_frame(shape: tuple[int, int]) -> None:
+def test_a_plane_is_recovered_at_any_frame_size(shape: tuple[int, int]) -> None:
     rows, columns = shape
     slope_x, slope_y = 0.3, -0.2
     ones = np.ones(shape, np.float32)
@@ -62,8 +64,8 @@ def test_a_single_pixel_has_height_zero() -> None:
     assert integrate_gradients(one, one).tolist() == [[0.0]]
 
 
-def test_curl_is_left_out_and_the_rest_kept() -> None:
-    """A rotation field has no height; added to a plane it changes nothing in the middle."""
+def test_curl_does_not_change_the_height() -> None:
+    """A rotation field added to a plane changes nothing in the middle."""
     x = np.arange(65, dtype=np.float32) - 32
     p = np.tile(0.01 * x[:, None], (1, 65)) + 0.2  # rows: x[:, None] is -y
     q = np.tile(0.01 * x, (65, 1))
@@ -72,7 +74,7 @@ def test_curl_is_left_out_and_the_rest_kept() -> None:
 
 
 def periodic_height(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """After Frankot and Chellappa: least squares on a frame taken to repeat."""
+    """After Frankot and Chellappa: least squares on a periodic frame."""
     u = 2j * np.pi * np.fft.fftfreq(p.shape[1])
     v = -2j * np.pi * np.fft.fftfreq(p.shape[0])[:, None]
     energy = np.abs(u) ** 2 + np.abs(v) ** 2
@@ -81,7 +83,7 @@ def periodic_height(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.fft.ifft2(spectrum).real
 
 
-def test_a_crop_that_does_not_repeat_is_integrated_well() -> None:
+def test_a_crop_that_is_not_periodic_is_integrated_well() -> None:
     """The relative error is 1 % or less, and a tenth of that of periodic integration or less."""
     rows, columns = 120, 150
     x = np.arange(columns)[None, :] / columns

@@ -1,4 +1,4 @@
-"""The signed relief: bumps are positive, dents negative, form and tilt are gone."""
+"""Local relief: bumps are positive, dents negative, form and tilt are removed."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def hump(rows: int, columns: int, at: tuple[float, float], width_px: float) -> n
 
 
 def test_a_bump_is_raised_and_a_dent_indented_on_a_tilted_bent_part() -> None:
-    """From gradients alone, as the whole chain has them."""
+    """From gradients alone, as in the whole chain."""
     shape = (120, 160)
     x, y = np.meshgrid(np.arange(160) - 80.0, 60.0 - np.arange(120))
     bump, dent = hump(*shape, (40, 50), 5.0), hump(*shape, (80, 110), 5.0)
@@ -34,7 +34,7 @@ def test_a_bump_is_raised_and_a_dent_indented_on_a_tilted_bent_part() -> None:
     assert [(r + 20, c + 20) for r, c in zip(*where, strict=True)] == [(40, 50), (80, 110)]
 
 
-def test_a_wave_of_the_cutoff_is_halved_and_shorter_ones_stay() -> None:
+def test_a_wave_of_the_cutoff_is_halved_and_shorter_ones_are_kept() -> None:
     """Cosines that end with the frame, so that mirroring continues them."""
     x = np.arange(400) + 0.5
     for wavelength_px, share in ((50.0, 0.5), (100.0, 1 - 0.5**0.25), (10.0, 1.0)):
@@ -58,7 +58,7 @@ def test_the_default_cutoff_is_a_fifth_of_the_longer_side() -> None:
     ),
     st.floats(-50, 50, width=32),
 )
-def test_it_turns_with_the_surface_and_knows_no_zero_height(
+def test_relief_rotates_with_the_surface_and_ignores_an_offset(
     height: np.ndarray, raised_by: float
 ) -> None:
     relief = local_relief(height)
@@ -69,7 +69,7 @@ def test_it_turns_with_the_surface_and_knows_no_zero_height(
     assert abs(float(relief.mean())) < tolerance
 
 
-def test_what_is_not_valid_has_no_relief() -> None:
+def test_invalid_pixels_have_no_relief() -> None:
     height = np.random.default_rng(1).standard_normal((20, 30)).astype(np.float32)
     valid = height > 0
     relief = local_relief(height, valid)

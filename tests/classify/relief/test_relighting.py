@@ -1,4 +1,4 @@
-"""Relighting: what `photometric_stereo` inverts, forwards."""
+"""Relighting, the inverse of `photometric_stereo`."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ from classify import Lighting, SurfaceEstimate, photometric_stereo, relight
 SurfaceOf = Callable[..., SurfaceEstimate]
 
 
-def test_a_relit_surface_solved_again_is_that_surface(surface_of: SurfaceOf) -> None:
+def test_a_relit_surface_is_recovered_by_solving(surface_of: SurfaceOf) -> None:
     rng = np.random.default_rng(0)
     p, q = rng.uniform(-0.4, 0.4, (2, 40, 30))
     surface = surface_of(p, q, rng.uniform(0.2, 0.9, (40, 30)))
@@ -41,7 +41,7 @@ def test_a_facet_follows_lambert(
     assert image[0, 0, 0] == pytest.approx(0.7 * max(0.0, float(normal @ light)), abs=1e-6)
 
 
-def test_the_side_towards_the_light_is_bright_and_the_far_side_black_but_nothing_else_is(
+def test_only_pixels_that_face_away_from_the_light_are_black(
     surface_of: SurfaceOf,
 ) -> None:
     """A steep ridge at x = 0 under a grazing light from the right: no shadow falls to its left."""
@@ -53,7 +53,7 @@ def test_the_side_towards_the_light_is_bright_and_the_far_side_black_but_nothing
     np.testing.assert_allclose(image[:, :10], np.cos(np.radians(70.0)), rtol=1e-6)
 
 
-def test_light_from_above_lightens_what_faces_up(surface_of: SurfaceOf) -> None:
+def test_light_at_tilt_90_brightens_slopes_that_face_up(surface_of: SurfaceOf) -> None:
     """Q < 0: the surface falls upwards in the image, so it faces the light at tilt 90."""
     one = np.ones((2, 3))
     lighting = Lighting.from_angles([90.0, 270.0], 45.0)

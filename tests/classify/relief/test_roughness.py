@@ -39,7 +39,7 @@ def test_a_sinusoid_has_the_parameters_of_its_formula(surface_of: SurfaceOf) -> 
 
 
 def test_a_ball_has_the_area_of_its_zone(surface_of: SurfaceOf) -> None:
-    """Over a disc of radius a in the projection: a cap of height h has area 2 pi R h."""
+    """A cap of height h has area 2 pi R h."""
     radius, a = 300.0, 180.0
     x, y = np.meshgrid(np.arange(400) - 199.5, 199.5 - np.arange(400))
     disc = x * x + y * y < a * a
@@ -78,7 +78,7 @@ def test_a_given_height_is_levelled_and_used(surface_of: SurfaceOf) -> None:
         elements=st.floats(-3, 3, width=32),
     )
 )
-def test_turning_or_mirroring_the_surface_changes_nothing(
+def test_rotating_or_mirroring_the_surface_changes_nothing(
     surface_of: SurfaceOf, values: np.ndarray
 ) -> None:
     p, q, mask = values

@@ -1,4 +1,4 @@
-"""Cast shadows against a ray march, against geometry, and turned."""
+"""Cast shadows against a ray march and geometry, and rotated."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from rig.scene.synthetic import synthetic_surface
 
 
 def marched(height: np.ndarray, light: np.ndarray, step_px: float = 0.25) -> np.ndarray:
-    """Every pixel's own ray towards the light, in small steps, bilinear heights."""
+    """March along the ray of every pixel in small steps, on bilinear heights."""
     rows, cols = np.mgrid[: height.shape[0], : height.shape[1]].astype(float)
     across = np.hypot(light[0], light[1])
     shadow = np.zeros(height.shape, bool)
@@ -79,7 +79,7 @@ def test_oblique_wall_shadow_points_away_from_the_light() -> None:
     st.integers(0, 2**32 - 1), st.floats(0, 360), st.floats(5, 80),
     st.integers(2, 40), st.integers(2, 40),
 )  # fmt: skip
-def test_turning_grid_and_light_turns_the_shadow(
+def test_rotating_grid_and_light_rotates_the_shadow(
     seed: int, tilt_deg: float, slant_deg: float, rows: int, cols: int
 ) -> None:
     height = np.random.default_rng(seed).uniform(0, 3, (rows, cols)).astype(np.float32)
@@ -102,13 +102,13 @@ def test_a_lit_plane_has_no_cast_shadow(
     assert not cast_shadow(height.astype(np.float32), light_vectors(tilt_deg, slant_deg)).any()
 
 
-def test_light_overhead_and_flat_surface_cast_nothing() -> None:
+def test_overhead_light_and_flat_surfaces_cast_no_shadow() -> None:
     rough = np.random.default_rng(0).uniform(0, 9, (20, 30)).astype(np.float32)
     assert not cast_shadow(rough, [0.0, 0.0, 1.0]).any()
     assert not cast_shadow(np.full((20, 30), 1e4, np.float32), light_vectors(33.0, 89.0)).any()
 
 
-def test_bad_input_is_named() -> None:
+def test_unusable_input_is_named() -> None:
     flat = np.zeros((4, 4), np.float32)
     for light in ([1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [np.nan, 0.0, 1.0]):
         with pytest.raises(InputError, match="above"):

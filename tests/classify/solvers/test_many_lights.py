@@ -38,7 +38,7 @@ def without(lighting: Lighting, values: np.ndarray, left_out: set[int]) -> np.nd
 def test_rushmeier_is_least_squares_without_the_lowest_and_the_highest(
     count: int, seed: int
 ) -> None:
-    """For any values; "after dividing by intensities" decides which these are."""
+    """For any values; lowest and highest are those after division by the intensities."""
     rng = np.random.default_rng(seed)
     tilts = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * 360.0 / count
     directions = Lighting.from_angles(list(tilts), list(rng.uniform(25, 55, count))).directions
@@ -64,7 +64,7 @@ def test_rushmeier_is_least_squares_without_the_lowest_and_the_highest(
 
 
 @pytest.mark.parametrize("count", [5, 6, 9])
-def test_rushmeier_bears_one_shadow_and_one_highlight(count: int) -> None:
+def test_rushmeier_ignores_one_shadow_and_one_highlight(count: int) -> None:
     lighting = ring_of(count)
     p, q, images = bumps(lighting)
     rng = np.random.default_rng(0)
@@ -97,7 +97,7 @@ def test_equally_dark_or_bright_lights_favour_no_direction() -> None:
     assert (surface.dropped == 0).all()
 
 
-def test_where_all_values_are_equal_rushmeier_drops_nothing() -> None:
+def test_rushmeier_drops_no_light_of_equal_ones() -> None:
     surface = photometric_stereo(np.full((5, 4, 4), 90, np.uint8), ring_of(5), "rushmeier")
     np.testing.assert_allclose(surface.p, 0.0, atol=1e-5)
     np.testing.assert_allclose(surface.albedo, 90 / np.cos(np.radians(40)), rtol=1e-5)
@@ -105,8 +105,8 @@ def test_where_all_values_are_equal_rushmeier_drops_nothing() -> None:
     assert surface.valid.all()
 
 
-def test_rushmeier_marks_pixels_whose_other_lights_lie_in_one_plane() -> None:
-    """A ring of four and a light above: without 0 and 180 the rest say nothing of p."""
+def test_rushmeier_marks_pixels_whose_other_lights_are_in_one_plane() -> None:
+    """A ring of four and a light above: without lights 0 and 180, p is undetermined."""
     lighting = Lighting.from_angles([0, 90, 180, 270, 0], [45, 45, 45, 45, 0])
     images = np.zeros((5, 1, 2), np.float32)
     images[:, 0, 0] = [20, 60, 100, 61, 80]
@@ -115,7 +115,7 @@ def test_rushmeier_marks_pixels_whose_other_lights_lie_in_one_plane() -> None:
     np.testing.assert_array_equal(surface.valid, [[False, True]])
 
 
-def test_lights_no_three_of_which_can_be_kept_are_refused() -> None:
+def test_lights_of_which_no_three_determine_a_normal_are_refused() -> None:
     three_and_two = Lighting.from_angles([0, 120, 240, 0, 0], [40, 40, 40, 40, 40])
     assert photometric_stereo(np.ones((5, 4, 4), np.float32), three_and_two, "rushmeier")
     flat = Lighting.from_angles([0, 180, 0, 180, 90], [20, 20, 60, 60, 40])
@@ -126,7 +126,7 @@ def test_lights_no_three_of_which_can_be_kept_are_refused() -> None:
 
 
 @pytest.mark.parametrize("method", ["rushmeier", "drbohlav"])
-def test_too_few_lights_are_refused_with_the_way_out(method: str) -> None:
+def test_the_error_for_too_few_lights_names_another_method(method: str) -> None:
     few = {"rushmeier": 4, "drbohlav": 3}[method]
     with pytest.raises(InputError, match=rf"method {method} .* this set has {few}; use "):
         photometric_stereo(np.ones((few, 4, 4), np.float32), ring_of(few), method)
@@ -190,7 +190,7 @@ def test_five_lights_and_more_show_which_one_is_wrong(count: int, fault: str) ->
     assert (surface.shadow_count == (fault == "shadow")).all()
 
 
-def test_drbohlav_replaces_several_of_many() -> None:
+def test_drbohlav_replaces_several_values_of_many() -> None:
     lighting = ring_of(9)
     p, q, images = bumps(lighting)
     for light, factor in ((1, 0.0), (4, 0.3), (6, 1.8)):
@@ -202,7 +202,7 @@ def test_drbohlav_replaces_several_of_many() -> None:
     assert (surface.shadow_count == 2).all()
 
 
-def test_the_prediction_that_replaces_a_value_is_that_of_the_linear_dependence() -> None:
+def test_a_value_is_replaced_by_its_linear_prediction() -> None:
     """i_k = sum c_j i_j with l_k = sum c_j l_j, and then least squares from all four."""
     lighting = Lighting.from_angles([0, 85, 190, 265], [40, 45, 50, 35])
     _, _, images = bumps(lighting)
@@ -220,7 +220,7 @@ def test_the_prediction_that_replaces_a_value_is_that_of_the_linear_dependence()
 @pytest.mark.parametrize("light", range(4))
 @pytest.mark.parametrize("method", ["drbohlav", "ps4_robust"])
 def test_with_four_lights_the_flatter_explanation_decides(light: int, method: str) -> None:
-    """On a level surface: a light three times too bright, or one at 0.4 of its due."""
+    """On a level surface: a light three times too bright, or at 0.4 of its value."""
     images = np.full((4, 32, 32), 100.0, np.float32)
     images[light, :8] = 300.0
     images[light, 8:16] = 40.0
@@ -235,7 +235,7 @@ def test_with_four_lights_the_flatter_explanation_decides(light: int, method: st
     assert (surface.dropped[16:] == 255).all()
 
 
-def test_gates_are_three_standard_deviations_out() -> None:
+def test_gates_are_quantiles_of_chi_squared() -> None:
     rng = np.random.default_rng(4)
     limits = gates(8)
     assert np.isinf(limits[:4]).all()
@@ -246,8 +246,8 @@ def test_gates_are_three_standard_deviations_out() -> None:
 
 
 @pytest.mark.parametrize("pair", list(combinations(range(5), 2)))
-def test_two_shadows_of_five_are_found_by_being_dark(pair: tuple[int, int]) -> None:
-    """The residuals alone cannot tell: any three of five lights agree."""
+def test_two_shadows_of_five_lights_are_found_as_dark(pair: tuple[int, int]) -> None:
+    """The residuals do not decide: any three of five lights agree."""
     p, q, images = bumps(ring_of(5))
     images[list(pair)] = 0.0
     surface = photometric_stereo(images.astype(np.float32), ring_of(5), "drbohlav", noise=QUIET)

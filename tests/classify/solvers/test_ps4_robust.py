@@ -41,14 +41,14 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(error))))
 
 
-def test_it_is_the_default_for_four_lights_and_for_no_other_number() -> None:
+def test_ps4_robust_is_the_default_for_four_lights_only() -> None:
     images = np.full((4, 8, 8), 90, np.uint8)
     assert photometric_stereo(images, Lighting.ring()).method == "ps4_robust"
     six = Lighting.ring(45, [0, 60, 120, 180, 240, 300])
     assert photometric_stereo(np.full((6, 8, 8), 90, np.uint8), six).method == "least_squares"
 
 
-def test_without_shadow_it_is_least_squares_but_for_three_in_a_thousand() -> None:
+def test_without_shadow_nearly_all_pixels_are_least_squares() -> None:
     sigma = 2.0
     p, q = waves(0.2, 200)
     values = WHITE * shading(p, q) + np.random.default_rng(0).normal(0, sigma, (4, 200, 200))
@@ -64,7 +64,7 @@ def test_without_shadow_it_is_least_squares_but_for_three_in_a_thousand() -> Non
 
 
 @pytest.mark.parametrize("lights", [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)])
-def test_where_two_lights_are_dark_the_slope_comes_from_around(lights: tuple[int, int]) -> None:
+def test_pixels_with_two_dark_lights_are_completed_from_neighbours(lights: tuple[int, int]) -> None:
     p, q = waves()
     values = WHITE * shading(p, q)
     hole = np.zeros((SIDE, SIDE), bool)
@@ -87,7 +87,7 @@ def test_where_two_lights_are_dark_the_slope_comes_from_around(lights: tuple[int
 
 
 @pytest.mark.parametrize("lit", [None, 2])
-def test_one_light_or_none_is_filled_in_but_not_valid(lit: int | None) -> None:
+def test_pixels_with_one_light_or_none_are_filled_in_but_not_valid(lit: int | None) -> None:
     p, q = waves()
     values = WHITE * shading(p, q)
     for light in {0, 1, 2, 3} - {lit}:
@@ -103,7 +103,7 @@ def test_one_light_or_none_is_filled_in_but_not_valid(lit: int | None) -> None:
     assert (surface.shadow_count[hole] == (4 if lit is None else 3)).all()
 
 
-def test_deep_inside_a_black_area_nothing_is_made_up() -> None:
+def test_the_inside_of_a_large_black_area_is_not_filled_in() -> None:
     values = WHITE * shading(*waves())
     values[:, 20:80, 20:80] = 0.0
     surface = solved(values)
@@ -129,8 +129,8 @@ def test_the_result_does_not_depend_on_threads_or_strips() -> None:
         np.testing.assert_array_equal(getattr(whole, name), getattr(strips, name))
 
 
-def test_turning_the_scene_by_a_quarter_turns_the_answer() -> None:
-    """Nothing prefers an axis or a light, in the repair as elsewhere; sweeps have a direction."""
+def test_a_scene_rotated_by_90_degrees_gives_rotated_maps() -> None:
+    """No axis or light is preferred; the sweeps of the repair have a direction."""
     p, q = waves(0.7)
     values = np.round(WHITE * shading(p, q))
     values[:, 50:53, :] *= np.array([1, 1, 0, 0])[:, None, None]
@@ -143,8 +143,8 @@ def test_turning_the_scene_by_a_quarter_turns_the_answer() -> None:
     np.testing.assert_array_equal(turned.repaired, np.rot90(surface.repaired))
 
 
-def test_a_light_of_wrong_strength_is_not_mistaken_for_shadow() -> None:
-    """5 % weaker than known, at low noise: every pixel contradicts itself, by a little."""
+def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
+    """5 % too weak at low noise: every pixel has a small residual."""
     p, q = waves(0.2)
     values = 3000.0 * shading(p, q, Lighting.ring())
     values[1] *= 0.95
@@ -169,8 +169,8 @@ def test_dark_material_is_not_shadow() -> None:
     assert rms(surface.p) < 0.12
 
 
-def test_noise_of_the_sensor_decides_what_is_contradiction() -> None:
-    """A value 20 too low of 100 is five standard deviations of the contradiction at 2, not at 8."""
+def test_the_noise_of_the_sensor_decides_which_residual_counts() -> None:
+    """A value of 80 instead of 100 is a residual of five sigma at noise 2, but not at 8."""
     images = np.full((4, 32, 32), 100.0, np.float32)
     images[2, :8] = 80.0
     for read_noise, dropped in ((2.0, True), (8.0, False)):
@@ -184,7 +184,7 @@ def test_noise_of_the_sensor_decides_what_is_contradiction() -> None:
 
 
 def test_noise_is_estimated_where_the_sensor_is_unknown() -> None:
-    """From the images alone, even where most of them is in shadow of some light."""
+    """From the images alone, even if most pixels are in shadow under some light."""
     sigma = 2.0
     rng = np.random.default_rng(3)
     values = WHITE * shading(*waves(0.2, 160)) + rng.normal(0, sigma, (4, 160, 160))
@@ -197,8 +197,8 @@ def test_noise_is_estimated_where_the_sensor_is_unknown() -> None:
     assert (unknown.dropped[shadowed] < 3).mean() > 0.99
 
 
-def test_ambient_light_raises_what_counts_as_dark() -> None:
-    """A pixel without light is the difference of two, each with the noise of the ambient level."""
+def test_ambient_light_raises_the_limit_of_dark_pixels() -> None:
+    """A pixel without light is the difference of two values with ambient noise."""
     values = np.full((4, 32, 32), 1000.0)
     ambient = np.full((32, 32), 400.0, np.float32)
     values[2:, 10] = 400.0 + 50.0
@@ -212,7 +212,7 @@ def test_ambient_light_raises_what_counts_as_dark() -> None:
 
 
 @pytest.mark.parametrize("saturated", [1, 2, 3, 4])
-def test_saturated_lights_do_not_count(saturated: int) -> None:
+def test_saturated_lights_are_left_out(saturated: int) -> None:
     p, q = waves(0.2)
     values = np.round(3000.0 * shading(p, q))
     spot = np.zeros((SIDE, SIDE), bool)
@@ -226,8 +226,8 @@ def test_saturated_lights_do_not_count(saturated: int) -> None:
     assert rms((surface.p - p)[spot]) < (0.005 if saturated == 1 else 0.05)
 
 
-def test_a_part_of_the_images_gives_that_part_of_the_answer() -> None:
-    """Far from its edge: what is filled in comes from near."""
+def test_a_crop_of_the_images_gives_the_crop_of_the_maps() -> None:
+    """Except at its edge, where pixels are filled in from their surroundings."""
     p, q = waves(0.5, 160)
     values = WHITE * shading(p, q)
     values[:2, 60:64, 40:120] = 0.0

@@ -128,7 +128,7 @@ def test_least_squares_is_that_of_numpy_for_any_number_of_lights(
 @pytest.mark.parametrize(
     ("dtype", "white", "worst"), [(np.uint8, 250, 0.02), (np.uint16, 64000, 8e-5)]
 )
-def test_whole_numbers_cost_no_more_than_their_rounding(
+def test_integer_images_differ_by_their_rounding_only(
     method: str, dtype: type, white: float, worst: float
 ) -> None:
     p, q = random_slopes(3, (40, 50))
@@ -144,8 +144,8 @@ def test_whole_numbers_cost_no_more_than_their_rounding(
 
 
 @pytest.mark.parametrize("method", ["ps4", "least_squares"])
-def test_ambient_image_is_taken_off_every_image(method: str) -> None:
-    """Also where a shadowed pixel is darker than it, which must not wrap around."""
+def test_the_ambient_image_is_subtracted_from_every_image(method: str) -> None:
+    """Also at a shadowed pixel that is darker, which must not wrap around."""
     rng = np.random.default_rng(0)
     p, q = random_slopes(0, (20, 20))
     images = np.round(render(p, q, 20000.0, Lighting.ring()))
@@ -162,7 +162,7 @@ def test_ambient_image_is_taken_off_every_image(method: str) -> None:
 
 
 @pytest.mark.parametrize("slant_deg", [20.0, 45.0, 70.0])
-def test_ps3_is_its_closed_form(slant_deg: float) -> None:
+def test_ps3_equals_its_closed_form(slant_deg: float) -> None:
     """The three values may be any; the fourth is chosen so that the noise found is zero."""
     a, b, c = np.random.default_rng(1).uniform(20, 100, (3, 30, 40))
     images = np.stack([a, b, c, a + c - b]).astype(np.float32)
@@ -177,9 +177,7 @@ def test_ps3_is_its_closed_form(slant_deg: float) -> None:
 
 
 @pytest.mark.parametrize(("method", "tilts"), PS3_TILTS.items())
-def test_versions_of_ps3_do_not_see_their_fourth_light(
-    method: str, tilts: tuple[int, int, int]
-) -> None:
+def test_ps3_does_not_depend_on_its_fourth_light(method: str, tilts: tuple[int, int, int]) -> None:
     p, q = random_slopes(5, (24, 24))
     images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
     unused = ({0, 90, 180, 270} - set(tilts)).pop() // 90
@@ -207,7 +205,7 @@ def numpy_ps4(values: np.ndarray, lighting: Lighting) -> np.ndarray:
 
 @settings(max_examples=25, deadline=None)
 @given(rings() | general_lights(), SEEDS, st.booleans())
-def test_ps4_is_a_plain_drop_of_the_darkest_ties_included(
+def test_ps4_equals_a_plain_drop_of_the_darkest_light(
     lighting: Lighting, seed: int, equal_intensities: bool
 ) -> None:
     if equal_intensities:
@@ -246,7 +244,7 @@ def test_ps4_is_a_plain_drop_of_the_darkest_ties_included(
 
 
 def test_tied_lights_favour_neither_axis() -> None:
-    """Reflecting the scene in the diagonal swaps p and q, at tied pixels as everywhere."""
+    """A reflection in the diagonal swaps p and q, at tied pixels too."""
     lighting = Lighting.ring(60.0)
     p, q = random_slopes(8, (200, 200), steepest=1.5)
     images = np.round(np.maximum(render(p, q, 220.0, lighting), 0.0)).astype(np.uint8)
@@ -281,7 +279,7 @@ def test_null_vector_of_the_ring_is_the_alternating_sum() -> None:
 
 
 @pytest.mark.parametrize("method", ["ps4", "least_squares"])
-def test_residual_is_that_of_the_four_light_fit_in_units_of_albedo(method: str) -> None:
+def test_the_residual_is_that_of_all_lights_in_units_of_albedo(method: str) -> None:
     images = np.random.default_rng(2).uniform(20, 200, (4, 10, 10)).astype(np.float32)
     lighting = Lighting.from_angles([5, 95, 170, 280], [40, 45, 50, 35])
     flat = images.reshape(4, -1) / 255
@@ -291,14 +289,14 @@ def test_residual_is_that_of_the_four_light_fit_in_units_of_albedo(method: str) 
     np.testing.assert_allclose(surface.residual, rms, atol=1e-5)
 
 
-def test_lights_in_wrong_order_raise_the_residual() -> None:
+def test_a_wrong_light_order_raises_the_residual() -> None:
     p, q = random_slopes(4, (30, 30))
     images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
     swapped = photometric_stereo(images[[1, 0, 2, 3]], Lighting.ring())
     assert np.median(swapped.residual) > 5.0
 
 
-def test_dropped_light_is_the_shadowed_one_and_the_first_of_several() -> None:
+def test_the_dropped_light_is_the_first_in_shadow() -> None:
     p, q = random_slopes(6, (8, 4))
     images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
     for light in range(4):
@@ -310,7 +308,7 @@ def test_dropped_light_is_the_shadowed_one_and_the_first_of_several() -> None:
 
 @pytest.mark.parametrize("method", ["ps4", "drbohlav", "ps4_robust"])
 @pytest.mark.parametrize("light", range(4))
-def test_a_cast_shadow_is_counted_and_costs_nothing(light: int, method: str) -> None:
+def test_a_cast_shadow_is_counted_and_does_not_change_the_slopes(light: int, method: str) -> None:
     p, q = random_slopes(7, (20, 20))
     images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
     images[light, 10:] = 1.0
@@ -323,7 +321,7 @@ def test_a_cast_shadow_is_counted_and_costs_nothing(light: int, method: str) -> 
 
 
 @pytest.mark.parametrize("method", ["ps4", "drbohlav", "ps4_robust"])
-def test_an_attached_shadow_is_counted_and_costs_nothing(method: str) -> None:
+def test_an_attached_shadow_is_counted_and_does_not_change_the_slopes(method: str) -> None:
     """A slope of 0.8 towards light 180 at slant 60 faces away from light 0.
 
     Its value, 0 and not below, contradicts the others the other way round than a cast shadow.
@@ -341,7 +339,7 @@ def test_an_attached_shadow_is_counted_and_costs_nothing(method: str) -> None:
     assert surface.valid.all()
 
 
-def test_a_pixel_without_light_counts_as_shadowed_by_every_light() -> None:
+def test_a_black_pixel_is_in_shadow_under_every_light() -> None:
     images = tile([100, 100, 100, 100], np.uint8)
     images[:, 0, 0] = 0
     for method in FOR_FOUR:
@@ -369,7 +367,7 @@ def test_saturation_in_any_image_is_marked(method: str) -> None:
 
 @pytest.mark.parametrize("method", FOR_FOUR)
 def test_a_saturated_light_is_left_out_where_three_others_are_left(method: str) -> None:
-    """PS4 keeps its three brightest, PS3 its three of the ring: there a pixel with it is lost."""
+    """PS4 and PS3 have no light to spare: there the pixel is invalid."""
     p, q = random_slopes(11, (12, 12))
     images = np.round(render(p, q, 40_000.0, Lighting.ring()))
     for light in range(4):
@@ -388,14 +386,14 @@ def test_a_saturated_light_is_left_out_where_three_others_are_left(method: str) 
     np.testing.assert_allclose(surface.q[known], q[known], atol=1e-3)
 
 
-def test_saturation_is_judged_before_ambient_light_is_taken_off() -> None:
+def test_saturation_is_judged_before_ambient_light_is_subtracted() -> None:
     images, ambient = tile([255, 200, 200, 200], np.uint8), np.full((4, 4), 30, np.uint8)
     surface = photometric_stereo(images, Lighting.ring(), ambient=ambient, full_scale=255)
     assert surface.saturated.all()
 
 
 def test_a_solution_that_faces_away_is_not_valid() -> None:
-    """20 times brighter under the lower of two lights on one side: no surface is that."""
+    """20 times brighter under the lower of two lights on one side: not a visible surface."""
     lighting = Lighting.from_angles([0, 0, 90], [10, 50, 30])
     facing = photometric_stereo(tile([90, 80, 85]), lighting, "least_squares")
     away = photometric_stereo(tile([10, 200, 100]), lighting, "least_squares")
@@ -406,8 +404,8 @@ def test_a_solution_that_faces_away_is_not_valid() -> None:
 
 
 @pytest.mark.parametrize("method", ["least_squares", "ps4"])
-def test_slopes_lost_in_the_noise_are_not_valid(method: str) -> None:
-    """On a flat surface growing darker the error of a slope reaches 0.5 where validity ends."""
+def test_slopes_that_drown_in_noise_are_not_valid(method: str) -> None:
+    """On a flat surface that grows darker, validity ends where the slope error reaches 0.5."""
     sigma = 2.0
     lighting = Lighting.ring()
     albedo = np.geomspace(200.0, 0.2, 400)[None, :] * np.ones((400, 1))
@@ -428,7 +426,7 @@ def test_slopes_lost_in_the_noise_are_not_valid(method: str) -> None:
     assert wildest < 3.0
 
 
-def test_exposure_does_not_matter_but_for_albedo() -> None:
+def test_exposure_changes_the_albedo_only() -> None:
     p, q = random_slopes(9, (16, 16))
     images = render(p, q, 100.0, Lighting.ring()).astype(np.float32)
     once, thrice = (photometric_stereo(f * images, Lighting.ring()) for f in (1, np.float32(3)))
@@ -436,7 +434,7 @@ def test_exposure_does_not_matter_but_for_albedo() -> None:
     np.testing.assert_allclose(thrice.albedo, 3 * once.albedo, rtol=1e-5)
 
 
-def test_images_in_a_list_or_a_strided_view_are_as_good_as_a_stack() -> None:
+def test_lists_and_strided_views_give_the_result_of_a_stack() -> None:
     images = np.random.default_rng(0).integers(50, 200, (8, 24, 20)).astype(np.float32)
     view = images[::2, ::3, ::-2]
     expected = photometric_stereo(view.copy(), Lighting.ring())

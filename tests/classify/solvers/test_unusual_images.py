@@ -1,4 +1,4 @@
-"""Every solver on images that are no photographs of a surface: no crash, and nothing made up."""
+"""Every solver on images that do not show a surface: no crash, and no invented slopes."""
 
 import warnings
 
@@ -43,7 +43,7 @@ def test_constant_images_are_a_level_surface(method: Method) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_all_black_is_nothing(method: Method, dtype: type) -> None:
+def test_black_images_have_no_valid_pixel(method: Method, dtype: type) -> None:
     surface = solved(method, five(0, dtype))
     assert not surface.valid.any()
     assert not surface.repaired.any()
@@ -53,21 +53,21 @@ def test_all_black_is_nothing(method: Method, dtype: type) -> None:
     assert (surface.shadow_count == len(lights_for(method))).all()
 
 
-def test_darker_than_the_ambient_image_everywhere_is_nothing(method: Method) -> None:
+def test_images_darker_than_the_ambient_image_have_no_valid_pixel(method: Method) -> None:
     surface = solved(method, five(50), ambient=np.full((24, 31), 90, np.uint16))
     assert not surface.valid.any()
     assert (surface.p == 0).all()
 
 
-def test_all_saturated_is_nothing_to_rely_on(method: Method) -> None:
+def test_saturated_images_have_no_valid_pixel(method: Method) -> None:
     surface = solved(method, five(255, np.uint8), full_scale=255)
     assert surface.saturated.all()
     assert not surface.valid.any()
     assert not surface.repaired.any()
 
 
-def test_one_black_image_is_a_shadow_everywhere(method: Method) -> None:
-    """As when an LED has failed; three lights are enough for those who leave one out."""
+def test_a_black_image_is_a_shadow_everywhere(method: Method) -> None:
+    """As of a failed LED; methods that leave out one light still solve."""
     images = five(800)
     images[1] = 0
     surface = solved(method, images, full_scale=4095)
@@ -85,7 +85,7 @@ def test_one_black_image_is_a_shadow_everywhere(method: Method) -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (3, 500), (33, 17)])
-def test_any_shape_will_do(method: Method, shape: tuple[int, int]) -> None:
+def test_frames_of_any_shape_are_solved(method: Method, shape: tuple[int, int]) -> None:
     images = five(800, shape=shape)
     images[:4] += np.array([100, 50, 0, 50], np.uint16)[:, None, None]
     images[0, 0, 0] = images[1, 0, 0] = 0
@@ -101,8 +101,8 @@ def test_a_single_pixel_is_solved(method: Method) -> None:
 
 
 @pytest.mark.parametrize("slope", [0.9, 0.99, 1.0, 1.01, 3.0, 20.0])
-def test_at_the_edge_of_visibility(method: Method, slope: float) -> None:
-    """Beyond slope 1 the surface turns away from one light, and soon from three of them."""
+def test_slopes_near_the_limit_of_visibility(method: Method, slope: float) -> None:
+    """Beyond slope 1 the surface faces away from one light, soon from three."""
     lighting = lights_for(method)
     normal = np.array([-slope, -0.05, 1.0]) / np.hypot(slope, 1.00125)
     lit = np.maximum(60_000.0 * lighting.directions @ normal, 0.0)
@@ -124,7 +124,7 @@ def test_at_the_edge_of_visibility(method: Method, slope: float) -> None:
         np.testing.assert_allclose(surface.p, slope, rtol=0.01)
 
 
-def test_random_numbers_are_borne(method: Method) -> None:
+def test_random_images_give_finite_maps(method: Method) -> None:
     rng = np.random.default_rng(5)
     images = rng.integers(0, 65_536, (5, 64, 64)).astype(np.uint16)
     surface = solved(method, images, full_scale=65_535, ambient=images[0] // 3)

@@ -1,4 +1,4 @@
-"""What the images say of a solution, against plain numpy."""
+"""Residual, shadows and highlights against plain numpy."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def light_values(surface: SurfaceEstimate) -> np.ndarray:
     return less_ambient / (FULL_SCALE * surface.lighting.intensities[:, None, None])
 
 
-def test_the_residual_is_what_least_squares_of_all_lights_leaves(surface: SurfaceEstimate) -> None:
+def test_the_residual_is_that_of_least_squares_of_all_lights(surface: SurfaceEstimate) -> None:
     L = surface.lighting.directions
     values = light_values(surface).reshape(len(L), -1)
     left_over = values - L @ np.linalg.lstsq(L, values)[0]
@@ -51,7 +51,7 @@ def test_the_residual_is_what_least_squares_of_all_lights_leaves(surface: Surfac
     np.testing.assert_allclose(surface.residual, expected, atol=2e-6)
 
 
-def test_shadows_and_highlights_are_told_from_the_prediction(surface: SurfaceEstimate) -> None:
+def test_shadows_and_highlights_are_relative_to_the_prediction(surface: SurfaceEstimate) -> None:
     L = surface.lighting.directions
     normals = np.moveaxis(surface.normals.astype(float), -1, 0)
     predicted = surface.albedo * np.tensordot(L, normals, 1)
@@ -74,7 +74,7 @@ def test_shadows_and_highlights_are_told_from_the_prediction(surface: SurfaceEst
         np.testing.assert_array_equal(surface.specular, surface.highlights)
 
 
-def test_saturated_is_what_reached_full_scale(surface: SurfaceEstimate) -> None:
+def test_pixels_at_full_scale_are_saturated(surface: SurfaceEstimate) -> None:
     expected = (surface.images >= FULL_SCALE).any(axis=0)
     assert expected.any()
     np.testing.assert_array_equal(surface.saturated, expected)
@@ -85,7 +85,7 @@ def test_maps_are_computed_once(surface: SurfaceEstimate) -> None:
         assert getattr(surface, name) is getattr(surface, name)
 
 
-def test_of_a_part_they_are_those_of_the_part(surface: SurfaceEstimate) -> None:
+def test_the_maps_of_a_crop_are_crops_of_the_maps(surface: SurfaceEstimate) -> None:
     part = np.s_[..., 5:20, 7:30]
     arrays = ("p", "q", "albedo", "valid", "images", "ambient", "left_out", "highlights")
     cut = {
@@ -99,7 +99,7 @@ def test_of_a_part_they_are_those_of_the_part(surface: SurfaceEstimate) -> None:
 
 
 @pytest.mark.parametrize("name", ["dropped", "residual", "shadow_count", "saturated", "specular"])
-def test_an_estimate_without_images_says_that_it_cannot_know(surface_of, name: str) -> None:
+def test_an_estimate_without_images_refuses_derived_maps(surface_of, name: str) -> None:
     ones = np.ones((4, 4))
     with pytest.raises(InputError, match="no images with their lights"):
         getattr(surface_of(ones, ones, ones), name)
