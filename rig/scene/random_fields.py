@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from classify.threads import thread_count
+
 from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit
 
@@ -97,8 +99,8 @@ def phase_randomised(field: Field) -> Field:
     """Gaussian field with the amplitudes of a realisation of `field` and random phases."""
 
     def twin(rng: np.random.Generator, side: int) -> Image:
-        amplitude = np.abs(fft.rfft2(field(rng, side), workers=-1))
-        phases = fft.rfft2(rng.standard_normal((side, side)), workers=-1)
+        amplitude = np.abs(fft.rfft2(field(rng, side), workers=thread_count()))
+        phases = fft.rfft2(rng.standard_normal((side, side)), workers=thread_count())
         phases *= amplitude / np.maximum(np.abs(phases), 1e-300)
         return _inverse(phases, side)
 
@@ -122,8 +124,8 @@ def _filtered(values: Image, power: PowerSpectrum | None = None) -> Image:
         with np.errstate(divide="ignore"):
             gain *= np.sqrt(power(fft.rfftfreq(side)[None, :], fft.fftfreq(side)[:, None]))
     gain[0, 0] = 0.0
-    return _inverse(fft.rfft2(values, workers=-1) * gain, side)
+    return _inverse(fft.rfft2(values, workers=thread_count()) * gain, side)
 
 
 def _inverse(spectrum: npt.NDArray[np.complex128], side: int) -> Image:
-    return np.asarray(fft.irfft2(spectrum, s=(side, side), workers=-1))
+    return np.asarray(fft.irfft2(spectrum, s=(side, side), workers=thread_count()))

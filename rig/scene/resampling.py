@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from classify.compiling import kernel
-from classify.threads import run_on_rows
+from classify.threads import run_on_rows, thread_count
 
 __all__ = ["sample_rotated", "spline_coefficients"]
 
@@ -46,11 +46,11 @@ def spline_coefficients(channels: FloatArray) -> FloatArray:
     gain_cols = 2.0 * 6.0 / (4.0 + 2.0 * np.cos(2.0 * np.pi * fft.rfftfreq(2 * cols)))
     coefficients = np.empty((2 * rows, 2 * cols, count), np.float32)
     for index, channel in enumerate(channels):
-        padded = _zero_padded(fft.rfft2(channel, workers=-1), rows, cols)
+        padded = _zero_padded(fft.rfft2(channel, workers=thread_count()), rows, cols)
         padded *= gain_rows[:, None].astype(np.float32)
         padded *= gain_cols[None, :].astype(np.float32)
         coefficients[:, :, index] = fft.irfft2(
-            padded, s=(2 * rows, 2 * cols), workers=-1, overwrite_x=True
+            padded, s=(2 * rows, 2 * cols), workers=thread_count(), overwrite_x=True
         )
     return coefficients
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from classify.errors import InputError
+from classify.threads import thread_count
 
 from .resampling import sample_rotated, spline_coefficients
 
@@ -128,7 +129,9 @@ class PeriodicSurface:
         shape = self.height.shape
         gain = round_band_limit(*shape)
         height, p, q, albedo = (
-            fft.irfft2(gain * fft.rfft2(image, workers=-1), s=shape, workers=-1)
+            fft.irfft2(
+                gain * fft.rfft2(image, workers=thread_count()), s=shape, workers=thread_count()
+            )
             for image in (self.height, self.p, self.q, self.albedo)
         )
         return PeriodicSurface(height, p, q, np.maximum(albedo, 0.0), self.name)
@@ -198,10 +201,10 @@ class PeriodicSurface:
 def spectral_gradients(height: FloatImage) -> tuple[FloatImage, FloatImage]:
     """Differentiate a periodic, band-limited height exactly: p and q, both (H, W) float32."""
     rows, cols = height.shape
-    spectrum = fft.rfft2(height.astype(np.float64), workers=-1)
+    spectrum = fft.rfft2(height.astype(np.float64), workers=thread_count())
     along_x, along_y = _derivative_factors(rows, cols)
-    p = fft.irfft2(along_x * spectrum, s=(rows, cols), workers=-1)
-    q = fft.irfft2(along_y * spectrum, s=(rows, cols), workers=-1)
+    p = fft.irfft2(along_x * spectrum, s=(rows, cols), workers=thread_count())
+    q = fft.irfft2(along_y * spectrum, s=(rows, cols), workers=thread_count())
     return p.astype(np.float32), q.astype(np.float32)
 
 
@@ -223,9 +226,11 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
     along_x, along_y = _derivative_factors(rows, cols)
     power = np.abs(along_x) ** 2 + np.abs(along_y) ** 2
     power[power == 0.0] = np.inf
-    spectrum = np.conj(along_x) * fft.rfft2(p.astype(np.float64), workers=-1)
-    spectrum += np.conj(along_y) * fft.rfft2(q.astype(np.float64), workers=-1)
-    height: FloatImage = fft.irfft2(spectrum / power, s=(rows, cols), workers=-1).astype(np.float32)
+    spectrum = np.conj(along_x) * fft.rfft2(p.astype(np.float64), workers=thread_count())
+    spectrum += np.conj(along_y) * fft.rfft2(q.astype(np.float64), workers=thread_count())
+    height: FloatImage = fft.irfft2(
+        spectrum / power, s=(rows, cols), workers=thread_count()
+    ).astype(np.float32)
     return height
 
 

@@ -244,12 +244,12 @@ def test_a_benchmark_has_five_sections_and_removes_its_files(
 ) -> None:
     print_benchmark(SMALL, json=True)
     shown = capsys.readouterr()
-    told = json.loads(shown.out)
-    assert told["machine"]["cores"] >= 1
-    assert told["machine"]["threads"] >= 1
-    assert told["quick"] is False
-    assert len(told["chapters"]) == 5
-    steps = [each["step"] for each in told["chapters"][-1]["figures"]]
+    printed = json.loads(shown.out)
+    assert printed["machine"]["cores"] >= 1
+    assert printed["machine"]["threads"] >= 1
+    assert printed["quick"] is False
+    assert len(printed["chapters"]) == 5
+    steps = [each["step"] for each in printed["chapters"][-1]["figures"]]
     assert "opening and match, 1,600 references" in steps
     assert "numpy lstsq, 70 x 48, 16 bit" in steps
     assert "GB of disk" in shown.err

@@ -297,11 +297,12 @@ def test_four_lights_are_more_accurate_than_three_in_shadow(reproduction: Path) 
         (row["shadow"], float(row["slant_deg"]), row["solver"]): float(row["accuracy_pct"])
         for row in rows
     }
-    assert accuracy["with", 80.0, "ps4"] > accuracy["with", 80.0, "ps3a"]
-    assert accuracy["with", 60.0, "ps4"] >= accuracy["with", 60.0, "ps3a"]
-    assert accuracy["without", 80.0, "ps3a"] > accuracy["with", 80.0, "ps3a"]
+    # At slant 60 the noise of these small patches decides between PS3 and PS4.
+    assert accuracy["with", 80.0, "ps4"] > accuracy["with", 80.0, "ps3a"] + 5.0
+    for slant_deg in (60.0, 80.0):
+        assert accuracy["without", slant_deg, "ps3a"] > accuracy["with", slant_deg, "ps3a"] + 5.0
     errors = {r["solver"]: float(r["rms_error_p"]) for r in _csv(reproduction, "figure_9_08")}
-    assert errors["ps4"] < errors["ps3a"]
+    assert errors["ps4_robust"] < 0.5 * errors["ps4"] < 0.5 * errors["ps3a"]
 
 
 @pytest.mark.slow
