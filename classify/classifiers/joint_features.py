@@ -23,7 +23,6 @@ __all__ = [
     "ALBEDO_GAINS",
     "SERIES",
     "Distances",
-    "albedo_floors",
     "combined",
     "quarter_distances",
     "shares",
@@ -79,12 +78,6 @@ def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.
     return statistics_vector(
         statistics, parameters["relief_floors"], parameters["albedo_floors"], leaks
     )
-
-
-def albedo_floors(relief_floors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(levels,) variances of the albedo response for noise that gives `relief_floors`."""
-    floors: Distances = relief_floors * np.array(ALBEDO_GAINS[: len(relief_floors)])
-    return floors
 
 
 def quarter_distances(

@@ -18,8 +18,8 @@ from classify.texture.statistics import PARTS, levels_for, statistics_length
 
 from .classifier import Comparison, Parameters, Shape
 from .joint_features import (
+    ALBEDO_GAINS,
     Distances,
-    albedo_floors,
     combined,
     quarter_distances,
     statistics_rows,
@@ -72,7 +72,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     floors = {
         "density_floor": density_floor,
         "relief_floors": relief_floors,
-        "albedo_floors": albedo_floors(relief_floors),
+        "albedo_floors": relief_floors * np.array(ALBEDO_GAINS[: len(relief_floors)]),
     }
     statistics = np.stack([statistics_rows(frame.statistics, floors) for frame in frames])
     whitening = _whitening(statistics[:, 1:])

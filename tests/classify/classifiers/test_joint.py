@@ -134,13 +134,9 @@ def test_limits_of_small_training_sets_are_larger(stationary, side_px: int, fact
     assert limits[1] == pytest.approx(factor * limits[0])
 
 
-def test_every_class_has_a_limit(library) -> None:
-    assert set(library.limits) == set(KINDS)
-    assert all(0.0 < limit < 100.0 for limit in library.limits.values())
-
-
 def test_the_unit_of_distances_is_the_distance_between_quarters(library, signatures) -> None:
     """Another patch of the same texture is at a distance of about 1, for every texture."""
+    assert set(library.limits) == set(KINDS)
     distances = [library.match(signature).distance for signature in signatures]
     assert all(0.05 < distance < 4.0 for distance in distances)
     assert 0.2 < np.median(distances) < 2.0
@@ -181,17 +177,6 @@ def test_parameters_are_positive_floors_and_a_triangular_whitening(library) -> N
     whitening = parameters["whitening"]
     np.testing.assert_array_equal(whitening, np.tril(whitening))
     assert np.linalg.matrix_rank(whitening) == len(whitening)
-
-
-def test_the_orientation_of_a_test_changes_its_distance_little(texture) -> None:
-    """The same plane waves, rotated about the middle of the frame."""
-    waves = TextureLibrary.train((k, texture(k, seed=1, side=192)) for k in ("ripple", "grain"))
-    found = [
-        waves.classify(texture("grain", angle, seed=1, side=192)) for angle in (0.0, 31.0, 77.0)
-    ]
-    for match in found:
-        assert match.label == "grain"
-        assert match.distance < 0.1 * match.runner_up_distance
 
 
 @pytest.mark.parametrize("kind", ["sand", "malv"])

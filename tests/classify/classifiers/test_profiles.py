@@ -14,8 +14,8 @@ from classify.classifiers.spectra_2d import PolarSpectra
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 
-POLAR, POLAR_RADIAL, IMAGE_POLAR = (
-    CLASSIFIERS[name] for name in ("polar", "polar_radial", "image_polar")
+POLAR, POLAR_RADIAL, IMAGE_POLAR, SPECTRA_2D = (
+    CLASSIFIERS[name] for name in ("polar", "polar_radial", "image_polar", "spectra_2d")
 )
 OF_SURFACES = [POLAR, POLAR_RADIAL]
 NAMES = {"ids": lambda each: each.name}
@@ -84,7 +84,11 @@ def test_radial_spectra_distinguish_frequencies(observed) -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_distances_lie_between_zero_and_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    for classifier, shape in ((POLAR, (ANGLES,)), (POLAR_RADIAL, (2, ANGLES + RADII))):
+    for classifier, shape in (
+        (POLAR, (ANGLES,)),
+        (POLAR_RADIAL, (2, ANGLES + RADII)),
+        (SPECTRA_2D, (2, RADII, ANGLES)),
+    ):
         test, *others = rng.random((4, *shape)).astype(np.float32) ** 3
         found = classifier.compare(test, np.stack([*others, 0 * test]), {})
         assert ((found.distances >= 0) & (found.distances <= 1 + 1e-6)).all()
@@ -92,7 +96,7 @@ def test_distances_lie_between_zero_and_one(seed: int) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("classifier", OF_SURFACES, **NAMES)
+@pytest.mark.parametrize("classifier", [*OF_SURFACES, SPECTRA_2D], **NAMES)
 def test_a_smooth_surface_equals_itself_and_no_texture(observed, classifier) -> None:
     textured = classifier.signature(observed[0.0], {})
     nothing = np.zeros_like(textured)

@@ -197,15 +197,6 @@ def test_surfaces_that_cannot_be_matched_are_refused(library, stationary) -> Non
         library.classify(replace(surface, albedo=np.zeros_like(surface.albedo)))
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 5000), (5000, 1), (3, 3)])
-def test_a_frame_of_a_pixel_is_refused(library, surface_of, shape: tuple[int, int]) -> None:
-    ones = np.ones(shape)
-    with pytest.raises(InputError, match="smaller than the 64 px segments"):
-        library.classify(surface_of(ones, ones, ones))
-    with pytest.raises(InputError, match="too small for a texture"):
-        TextureLibrary.train([("dot", surface_of(ones, ones, ones))])
-
-
 @pytest.mark.filterwarnings("error")
 def test_a_smooth_plate_is_a_class_like_any_other(stationary, surface_of) -> None:
     """A plate without relief, pattern and noise."""
@@ -219,25 +210,6 @@ def test_a_smooth_plate_is_a_class_like_any_other(stationary, surface_of) -> Non
     assert alone.classify(plate).label == "plate"
     assert alone.classify(malv).label is None
     assert TextureLibrary.train([("malv", malv)]).classify(plate).label is None
-
-
-def test_half_the_exposure_changes_nothing(library, stationary) -> None:
-    surface = stationary("brushed", 20.0, seed=2)
-    darker = replace(surface, albedo=surface.albedo / 2)
-    one, other = library.classify(surface), library.classify(darker)
-    assert other.label == "brushed"
-    assert other.distance == pytest.approx(one.distance, rel=1e-3)
-
-
-def test_damaged_pixels_are_left_out(library, stationary) -> None:
-    surface = stationary("sand", 30.0, seed=2)
-    spots = np.random.default_rng(0).random(surface.shape) < 0.01
-    for values, damage in ((surface.p, 300.0), (surface.q, np.nan), (surface.albedo, np.inf)):
-        values[spots] = damage
-    surface.valid[spots] = False
-    match = library.classify(surface)
-    assert match.label == "sand"
-    assert off_deg(match.orientation_deg, 30.0) < 2.0
 
 
 def test_from_images_to_a_match(photographed, stationary) -> None:

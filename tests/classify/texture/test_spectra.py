@@ -160,17 +160,6 @@ def test_a_smooth_plane_has_no_spectrum(surface_of) -> None:
     np.testing.assert_allclose(spectra.albedo, 0.0, atol=1e-10)
 
 
-def test_pixels_that_are_not_valid_change_little(texture) -> None:
-    surface, damaged = texture("grain"), texture("grain")
-    spot = np.s_[40:44, 70:74]
-    damaged.p[spot] = 300.0
-    damaged.albedo[spot] = 1e6
-    damaged.valid[spot] = False
-    clean, spotted = surface_spectra(surface), surface_spectra(damaged)
-    for before, after in zip(clean.polar, spotted.polar, strict=True):
-        assert np.abs(after - before).sum() < 0.03 * before.sum()
-
-
 def coherence(spectra) -> np.ndarray:
     """Co-spectrum over the root of both powers, where these are large."""
     powers = spectra.relief * spectra.albedo
