@@ -124,8 +124,8 @@ def measure_latency(
         If the controller or the camera fails.
     """
     recording = record_steps(rig, led, each(range(2 * steps)), 2 * steps, random.Random(seed))
-    seen = evaluate(rig, recording)
-    fit = seen.fit
+    found = evaluate(rig, recording)
+    fit = found.fit
     if fit.misfit > _MAX_MISFIT:
         raise CameraError(
             f"the frames do not follow LED {led} (misfit {fit.misfit:.1%}); does other light "
@@ -138,17 +138,14 @@ def measure_latency(
             "are needed; use more --steps, or lengthen the exposure"
         )
     # By the first half of the switches, which are at all phases of the frames.
-    anywhere = seen.of_step < steps
-    done = np.where(seen.steps.rising[:, None], seen.steps.shares, 1.0 - seen.steps.shares)[
-        anywhere
-    ]
+    anywhere = found.of_step < steps
+    shares, rising = found.steps.shares[anywhere], found.steps.rising[anywhere, None]
+    is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
+    after_s, of_step = found.after_s[anywhere], found.of_step[anywhere]
     rows = (-1, 0) if fit.bottom_up else (0, -1)
-    first_row, last_row = (
-        _complete_change(done[:, row] >= _COMPLETE, seen.after_s[anywhere], seen.of_step[anywhere])
-        for row in rows
-    )
+    first_row, last_row = (_complete_change(is_complete[:, row], after_s, of_step) for row in rows)
     return CameraLatency(
-        camera=_camera_keys(rig.config.camera, fit, seen.unknown_s, seen.steps.period_s),
+        camera=_camera_keys(rig.config.camera, fit, found.unknown_s, found.steps.period_s),
         settle_ms=_rounded_up(1e3 * _SETTLED_PER_RISE * max(fit.rise_s, fit.fall_s)),
         first_row=first_row,
         last_row=last_row,

@@ -17,7 +17,7 @@ from rig.rig import Rig
 
 from .fit import StepFit, Steps, fit_steps
 
-__all__ = ["Recording", "Seen", "evaluate", "record_steps"]
+__all__ = ["Evaluation", "Recording", "evaluate", "record_steps"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -57,7 +57,7 @@ class Recording:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Evaluation:
     """A recording as evaluated.
 
     Attributes
@@ -77,28 +77,13 @@ class Seen:
     delay_s: float
     unknown_s: float
 
-
-@dataclass(frozen=True)
-class _Aim:
-    """When to send a command, so that the switch falls into an exposure."""
-
-    after_report_s: float
-    exposed_s: float
-    period_s: float
-
-    @classmethod
-    def at(cls, seen: Seen) -> _Aim:
-        exposed_s = seen.steps.exposure_s + seen.fit.readout_s
-        return cls(
-            seen.fit.start_s - seen.delay_s - _AIM_BEYOND * exposed_s,
-            (1.0 + 2.0 * _AIM_BEYOND) * exposed_s,
-            seen.steps.period_s,
-        )
-
     def wait_s(self, place: float, now_s: float, reported_s: float) -> float:
-        """Time from now to `place`, 0 to 1, in a coming exposure."""
-        due_s = reported_s + self.after_report_s + place * self.exposed_s
-        return (due_s - now_s) % self.period_s
+        """Time until a command switches at `place`, 0 to 1, of a coming exposure."""
+        place_s = ((1.0 + 2.0 * _AIM_BEYOND) * place - _AIM_BEYOND) * (
+            self.steps.exposure_s + self.fit.readout_s
+        )
+        due_s = reported_s + self.fit.start_s - self.delay_s + place_s
+        return (due_s - now_s) % self.steps.period_s
 
 
 def record_steps(
@@ -115,15 +100,15 @@ def record_steps(
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
     next_fresh_frame(rig, dark_s + after_s)
-    aim: _Aim | None = None
+    half: Evaluation | None = None
     for number in numbers:
         if number == count // 2:
-            aim = _Aim.at(evaluate(rig, recording))
+            half = evaluate(rig, recording)
         place = (parts[number] + rng.random()) / (count // 2)
-        if aim is None:
+        if half is None:
             clock.sleep_s(place * info.frame_period_s)
         else:
-            clock.sleep_s(aim.wait_s(place, clock.now_s(), recording.reported_s[-1]))
+            clock.sleep_s(half.wait_s(place, clock.now_s(), recording.reported_s[-1]))
         asked_s, rising = clock.now_s(), number % 2 == 0
         switch = switch_to(rig, led if rising else None)
         recording.switches.append(
@@ -141,7 +126,7 @@ def record_steps(
     return recording
 
 
-def evaluate(rig: Rig, recording: Recording) -> Seen:
+def evaluate(rig: Rig, recording: Recording) -> Evaluation:
     """Evaluate the frames recorded so far."""
     info, switches = rig.camera.info, recording.switches
     switched_s, unknown_s = _switch_times(switches)
@@ -160,7 +145,7 @@ def evaluate(rig: Rig, recording: Recording) -> Seen:
         np.array([getattr(step, name) for step in switches])
         for name in ("asked_s", "acknowledged_s")
     )
-    return Seen(
+    return Evaluation(
         steps,
         fit_steps(steps),
         of_step,
