@@ -39,7 +39,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
         bench = Bench(board, server, tmp_path / "rig.toml")
-        write_config(bench, watchdog_ms=400)
+        write_config(bench, watchdog_ms=2000)
         yield bench
 
 
@@ -49,10 +49,10 @@ def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..
     while bench.lit() != [0.0, 0.0, 0.4, 0.0]:
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.02)
-    time.sleep(0.7)  # longer than the watchdog time
+    time.sleep(2.5)  # longer than the watchdog time
     assert bench.lit() == [0.0, 0.0, 0.4, 0.0]
     process.send_signal(signal.SIGINT)
-    stdout, stderr = process.communicate(timeout=20)
+    stdout, stderr = process.communicate(timeout=120)
     assert (process.returncode, stderr) == (0, "")
     assert stdout.splitlines() == ["LED 2 is on at 40 %; Ctrl-C puts it out", "all LEDs are out"]
     assert bench.lit() == [0.0] * 4
@@ -82,7 +82,7 @@ def test_the_leds_are_out_before_the_message_says_so(
     said_s = time.monotonic()
     time.sleep(0.01)
     assert bench.board.output(2, said_s + 0.002) < 0.01  # the light falls in 0.3 ms
-    process.communicate(timeout=20)
+    process.communicate(timeout=120)
     assert process.returncode == 0
 
 
@@ -99,7 +99,7 @@ def test_cycle_lights_all_leds_in_turn(bench: Bench, spawn: Callable[..., Any]) 
         time.sleep(0.02)
     assert seen == [0, 1, 2, 3, 0]
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=20)
+    process.communicate(timeout=120)
     assert process.returncode == 0
     assert bench.lit() == [0.0] * 4
 
@@ -113,7 +113,7 @@ def test_an_unplugged_controller_is_reported_at_once(
         assert process.poll() is None, process.stderr.read()
         time.sleep(0.02)
     bench.server.stop()
-    _, stderr = process.communicate(timeout=20)
+    _, stderr = process.communicate(timeout=120)
     assert process.returncode == 3
     assert "gone" in stderr
     assert len(stderr.splitlines()) == 1

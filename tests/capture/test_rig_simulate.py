@@ -54,7 +54,7 @@ def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> N
         with LightController(port) as lights:
             assert lights.select(2).led == 2
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20)
+        _, said = process.communicate(timeout=120)
     assert (process.returncode, said) == (0, "no LED lit\n")
 
 

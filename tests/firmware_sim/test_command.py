@@ -43,7 +43,7 @@ def test_the_command_serves_until_a_signal(tmp_path, options, end):
         address = re.search(r"socket://[\d.:]+|/\S+port", line).group()
         assert identity(address) == b"OK PS4RIG,LED4,SIM-7,2.0.0,2\n"
         process.send_signal(end)
-        out, err = process.communicate(timeout=5)
+        out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (0, "", "")
     assert not link.is_symlink()
 
@@ -77,7 +77,7 @@ def test_bad_options_and_addresses_in_use(tmp_path):
         processes = {options: start(*options) for options in cases}
         for options, cause in cases.items():
             with processes[options] as process:
-                out, err = process.communicate(timeout=10)
+                out, err = process.communicate(timeout=120)
             assert (process.returncode, out) == (2, ""), options
             assert cause in err
             assert len(err.splitlines()) == 1

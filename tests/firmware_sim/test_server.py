@@ -1,6 +1,7 @@
 """The simulated controller on real terminals and sockets, from the host's side."""
 
 import os
+import select
 import socket
 import threading
 import time
@@ -40,7 +41,7 @@ def opened(address: str) -> Iterator[serial.Serial]:
     exclusive = {} if address.startswith("socket:") else {"exclusive": True}
     with serial.serial_for_url(address, timeout=60.0, write_timeout=60.0, **exclusive) as port:
         yield port
-    time.sleep(0.03)  # the server of a pty does not notice a shorter gap between two hosts
+    time.sleep(0.1)  # the server of a pty does not notice a shorter gap between two hosts
 
 
 def ask(port: serial.Serial, line: bytes) -> bytes:
@@ -103,9 +104,13 @@ def test_a_serial_device_that_is_unplugged_is_served_again_when_it_is_back(tmp_p
         time.sleep(0.03)  # without a device
         link.unlink()
         link.symlink_to(path)
-        time.sleep(0.03)
-        os.write(host, b"*IDN?\n")
-        assert os.read(host, 100) == OK_IDENTITY
+        received = b""
+        deadline_s = time.monotonic() + 60.0
+        while OK_IDENTITY not in received:
+            assert time.monotonic() < deadline_s
+            os.write(host, b"*IDN?\n")
+            while select.select([host], [], [], 0.2)[0]:
+                received += os.read(host, 100)
 
 
 @pytest.mark.parametrize("path", ["missing", "file"])
@@ -161,7 +166,7 @@ def test_each_host_finds_a_raw_terminal_without_old_replies():
                 host.write(b"*IDN?\n")
                 assert host.readline() == OK_IDENTITY
                 host.write(b"*IDN?\n")
-                time.sleep(0.02)  # for the reply that is never read
+                select.select([host], [], [], 60.0)  # for the reply that is never read
             with opened(server.address) as port:
                 assert ask(port, b"*RST") == b"OK\n"
                 port.timeout = 0.02

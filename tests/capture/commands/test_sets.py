@@ -350,7 +350,7 @@ def test_a_damaged_file_is_one_line_and_libraries_print_nothing(
         ["import", bad, *photographs[1:], "--slant", 45, tmp_path / "a.ome.tif"],
     )
     for process in [spawn(*arguments) for arguments in commands]:
-        stdout, stderr = process.communicate(timeout=30)
+        stdout, stderr = process.communicate(timeout=120)
         assert (process.returncode, stdout) == (2, "")
         assert len(stderr.splitlines()) == 1, stderr
         assert stderr.startswith("ps4rig: ")
@@ -362,7 +362,7 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
         "capture", "--rig", "sim", "--size", 256, tmp_path / "a.ome.tif",
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000)),
     )  # fmt: skip
-    stdout, stderr = process.communicate(timeout=30)
+    stdout, stderr = process.communicate(timeout=120)
     assert (process.returncode, stdout) == (2, "")
     (line,) = stderr.splitlines()
     assert f"{tmp_path}/a.ome.tif: cannot be written" in line

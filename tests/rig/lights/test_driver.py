@@ -30,6 +30,9 @@ Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 
 # Deadlines short enough to be waited for, and longer than a busy machine stands still.
 SHORT = LinkTimeouts(open_s=0.4, reply_s=0.5)
+# Where a test asserts that a time-out is not waited for.
+SHORT_OPENING = LinkTimeouts(open_s=0.4, reply_s=60.0)
+LONG = LinkTimeouts(open_s=60.0, reply_s=60.0, recover_s=60.0)
 
 
 def sealed(text: str) -> bytes:
@@ -226,8 +229,8 @@ def bare_pty() -> Iterator[tuple[int, str]]:
 def test_a_silent_port_is_given_up(bare_pty: tuple[int, str]) -> None:
     started_s = time.monotonic()
     with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
-        LightController(bare_pty[1], timeouts=SHORT)
-    assert time.monotonic() - started_s < 1.0
+        LightController(bare_pty[1], timeouts=SHORT_OPENING)
+    assert time.monotonic() - started_s < 20.0
 
 
 @pytest.mark.parametrize(
@@ -258,11 +261,11 @@ def test_a_port_that_chatters_is_given_up(
     started_s = time.monotonic()
     try:
         with pytest.raises(LightControllerError, match=message):
-            LightController(port, timeouts=SHORT)
+            LightController(port, timeouts=SHORT_OPENING)
     finally:
         stopping.set()
         thread.join()
-    assert time.monotonic() - started_s < 1.5
+    assert time.monotonic() - started_s < 20.0
 
 
 # Other devices and versions
@@ -413,14 +416,14 @@ def test_a_restart_between_exchanges_is_noticed(bench: Any) -> None:
 
 
 def test_an_unplugged_controller_is_an_error_at_once(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
+    with LightController(bench.port, clock=bench.clock, timeouts=LONG) as lights:
         lights.select(2)
         bench.server.stop()
         assert bench.lit() == [0.0] * 4
         started_s = time.monotonic()
         with pytest.raises(LightControllerError, match=f"{bench.port}: the light controller is go"):
             lights.select(3)
-        assert time.monotonic() - started_s < 0.5
+        assert time.monotonic() - started_s < 20.0
 
 
 def test_the_driver_waits_for_a_board_that_resets_when_opened() -> None:

@@ -126,10 +126,10 @@ def test_nothing_is_sent_after_a_failure_so_the_watchdog_trips(bench: Any) -> No
 
 
 def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> None:
-    config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 300})
+    config = SMALL.with_changes(simulation={"clock": "real"}, lights={"watchdog_ms": 2000})
     with open_rig(config) as rig:
         rig.lights.select(1)
-        time.sleep(0.8)
+        time.sleep(2.5)
         assert rig.lights.confirm(1).led == 1
         assert [thread.name for thread in threading.enumerate()].count("light heartbeat") == 1
     assert "light heartbeat" not in [thread.name for thread in threading.enumerate()]
@@ -138,10 +138,12 @@ def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> Non
 def test_a_stopped_heartbeat_makes_no_further_call() -> None:
     calls: list[float] = []
     beats = Heartbeat(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
-    time.sleep(0.1)
-    beats.stop(1.0)
+    deadline_s = time.monotonic() + 60.0
+    while len(calls) < 2:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    beats.stop(60.0)
     count = len(calls)
-    assert count > 1
     time.sleep(0.05)
     assert len(calls) == count
 
@@ -169,7 +171,7 @@ _HOLDS_AN_LED = """
 import sys, time
 sys.path[:] = {path!r}
 from rig.lights.driver import LightController
-lights = LightController({port!r}, watchdog_ms=300)
+lights = LightController({port!r}, watchdog_ms=2000)
 lights.keep_alive()
 lights.select(2)
 print("lit", flush=True)
@@ -193,10 +195,10 @@ def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -
         try:
             assert program.stdout is not None
             assert program.stdout.readline() == b"lit\n"
-            time.sleep(0.7)
+            time.sleep(2.5)
             assert board.output(2, clock.now_s()) > 0.99
             os.kill(program.pid, end)
-            deadline_s = time.monotonic() + 2.0
+            deadline_s = time.monotonic() + 60.0
             while board.output(2, clock.now_s()) > 0.01 and time.monotonic() < deadline_s:
                 time.sleep(0.02)
             assert board.output(2, clock.now_s()) < 0.01
