@@ -42,6 +42,6 @@ def init(
         temporary.write_text(initial_config(controllers, cameras), encoding="utf-8")
     out.print(
         f"{file}: light controllers found: {len(controllers)}, cameras found: {len(cameras)}; "
-        f"look through it, then run ps4rig rig doctor --rig {file}",
+        f"review it, then run ps4rig rig doctor --rig {file}",
         soft_wrap=True,
     )
