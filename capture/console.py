@@ -149,5 +149,5 @@ def print_table(table: Table) -> None:
         out.print(table.title)
     for row in zip(*(column.cells for column in table.columns), strict=True):
         for column, cell in zip(table.columns, row, strict=True):
-            out.print(f"{column.header}: {cell}", soft_wrap=True)
+            out.print(f"{column.header}: {cell}".replace("\n", " "), soft_wrap=True)
         out.print()

@@ -62,11 +62,11 @@ def test_a_table_that_is_too_wide_is_printed_cell_by_cell(
 ) -> None:
     table = new_table("set", "reason", prose="reason")
     table.title = "Title"
-    table.add_row("[sets]/rock-001.ome.tif", "rock is nearest")
+    table.add_row("[sets]/rock-001.ome.tif\n(simulated)", "rock is nearest")
     monkeypatch.setenv("COLUMNS", "35")
     print_table(table)
     assert "[sets]/rock-001.ome.tif  rock is" in capsys.readouterr().out
     monkeypatch.setenv("COLUMNS", "20")
     print_table(table)
-    expected = "Title\nset: [sets]/rock-001.ome.tif\nreason: rock is nearest\n\n"
+    expected = "Title\nset: [sets]/rock-001.ome.tif (simulated)\nreason: rock is nearest\n\n"
     assert capsys.readouterr().out == expected
