@@ -35,7 +35,7 @@ def classifier_named(name: str) -> Classifier[Any, Any]:
     Raises
     ------
     InputError
-        If there is none.
+        If no classifier has this name.
     """
     if name not in CLASSIFIERS:
         raise InputError(

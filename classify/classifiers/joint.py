@@ -34,7 +34,7 @@ from .joint_observation import JointObservation, JointTraining, observe, observe
 
 __all__ = ["JOINT"]
 
-# A less sharp orientation can be off by 90 degrees, and its heading is not told.
+# A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
 # Squared distance from the set's own signature from which a reference under rotated lights is kept,
 # in units of the distance between quarters: a nearer one changes no match.

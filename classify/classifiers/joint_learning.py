@@ -54,7 +54,7 @@ _TYPICAL_PAIRS = 60
 # differ. The limit grows with the fourth root of the missing factor in the side, which at 128 px
 # refuses fewer known surfaces and accepts half of the unknown scanned materials.
 _SUFFICIENT_PX = 256
-# Sets of one class that are left out in turn; more would take minutes and change little.
+# Sets of one class that are left out one by one; more would take minutes and change little.
 _MAX_LEFT_OUT = 200
 
 

@@ -1,4 +1,1 @@
-"""Trained references, what they say of a surface, and how often they are right.
-
-`ps4lib` is the file of a library.
-"""
+"""Texture libraries: training, files, matching, evaluation."""

@@ -18,6 +18,7 @@ from typing import Annotated, Any, BinaryIO, Final, Literal, TypeVar
 import numpy as np
 import numpy.typing as npt
 from pydantic import (
+    AfterValidator,
     BaseModel,
     ConfigDict,
     FailFast,
@@ -71,9 +72,15 @@ def _checked_limits(limits: object) -> dict[str, float]:
     return limits
 
 
+def _printable(label: str) -> str:
+    if not label.isprintable():
+        raise ValueError(f"{label!r} contains characters that do not print")
+    return label
+
+
 # `FailFast` and the check of limits end at the first error. Pydantic keeps a kilobyte of each
 # error, which would turn a header of a few megabytes into gigabytes.
-Label = Annotated[str, Field(min_length=1)]
+Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
 Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Library = TypeVar("Library", bound=LibraryContents)
@@ -212,7 +219,7 @@ def _checked_header(content: bytes) -> _Header:
             )
         unknown = raw.keys() - _Header.model_fields
         if unknown:
-            raise LibraryError(f"header field {min(unknown)} is unknown; train it again")
+            raise LibraryError(f"header field {min(unknown)!r} is unknown; train it again")
         header = _Header.model_validate(raw)
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
         raise LibraryError(f"the header is not readable ({error}); train it again") from error

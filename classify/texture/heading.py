@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 LEAST_SCORE = 4.0
-"""Least score of a heading that is told, in standard deviations (false ones: test_heading.py)."""
+"""Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
 
 HEADING_SUMS = 13
 MOMENTS = 6

@@ -57,8 +57,8 @@ class LocalStatistics:
     """Moments of relief and albedo responses on each level of a pyramid of octaves.
 
     Row 0 is the whole frame, rows 1 to 4 are its quarters. The relief response is
-    -(dp/dx + dq/dy), positive on what stands out; the albedo response -laplacian, positive on
-    what is bright.
+    -(dp/dx + dq/dy), positive on raised places; the albedo response is minus the Laplacian,
+    positive on bright places.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class LocalStatistics:
         dq/dx - dp/dy, which is the error of the first.
     energies
         (5, 2 levels, 2 levels) float64 covariances of the logarithms of local energy, relief and
-        albedo of each level in turn, finest first.
+        albedo alternating, finest level first.
     headings
         (5, levels - 1, 6) complex128 `heading_moments` of all levels except the finest.
     """
@@ -176,7 +176,7 @@ def statistics_vector(
 
 
 def statistics_length(levels: int) -> int:
-    """Length d of a `statistics_vector` of so many levels."""
+    """Length d of a `statistics_vector` of `levels` octaves."""
     return 9 * levels + levels * (2 * levels - 1)
 
 

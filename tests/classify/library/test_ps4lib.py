@@ -159,7 +159,7 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
         (lambda h: h.update(version=None), "header field version"),
         (lambda h: h.pop("version"), "version"),
         (lambda h: h.update(format="zip"), "header field format"),
-        (lambda h: h.update(more=1), "header field more"),
+        (lambda h: h.update(more=1), "header field 'more'"),
         (lambda h: h.update(segment_px=31), "header field segment_px"),
         (lambda h: h.update(segment_px=10**9), "header field segment_px"),
         (lambda h: h.pop("classes"), "header field classes"),
@@ -167,6 +167,8 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
         (lambda h: h.update(classes=["one"]), "a class has no name"),
         (lambda h: h.update(classes=["", "b"]), r"header field classes\.0"),
         (lambda h: h.update(classes="ab"), "header field classes"),
+        (lambda h: h.update(classes=["a\x1b[0m", "b"]), r"header field classes\.0.*do not print"),
+        (lambda h: h.update(classes=["a", "\ud800"]), r"header field classes\.1"),
         (lambda h: h.update(classifier="fortune"), "classifier 'fortune' that this program does"),
         (lambda h: h.pop("classifier"), "header field classifier"),
         (
