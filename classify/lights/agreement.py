@@ -32,7 +32,7 @@ _MIN_SAMPLES = 200
 # These determine levels to 0.3 % (test_a_matt_surface_agrees_with_itself); more take more time.
 _MAX_SAMPLES = 1 << 15
 _MIN_SAMPLES_OF_A_ROW = 8
-# Standard deviation of LED levels: nothing is assumed, the images alone are to tell.
+# Standard deviation of LED levels that is assumed: so wide that the images alone decide.
 _LEVEL_SPREAD = 1.0
 # Larger residuals, in standard deviations of the noise, are not explained by LED levels.
 _MAX_TYPICAL_RESIDUAL = 1.8
@@ -52,14 +52,13 @@ _EXTRA_ROUNDING = 1.0 / 4.0 - 1.0 / 12.0
 
 @dataclass(frozen=True)
 class LightAgreement:
-    """What four images tell about their lights, if the surface is matt.
+    """LED levels and consistency of four light images, if the surface is matt.
 
     Attributes
     ----------
     redundancy_residual
-        How much the images contradict one another beyond noise, corrected for `levels` where they
-        are known: the rms share of the brightness by which one image would be wrong. 0 where
-        noise explains all.
+        Redundancy residual beyond noise, after correction for `levels` where they are known: the
+        rms share of the brightness by which one image would be wrong. 0 where it is all noise.
     levels
         (4,) LED levels, of median 1, that explain the images; None where no levels do, or too few
         pixels are lit by all four.

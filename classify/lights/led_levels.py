@@ -42,7 +42,7 @@ _MAX_CORRECTION = 0.1
 # many times that of noise and a matt surface. Else the levels are not to blame.
 _MIN_GAIN = 1.25
 _MAX_MEAN_SQUARE = 2.0
-# Half of all residuals are below this, 0.67 with a margin, if there is nothing but noise.
+# Half of all residuals of pure noise are below this: 0.67 standard deviations, with a margin.
 _MEDIAN_OF_NOISE = 0.75
 
 

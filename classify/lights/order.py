@@ -43,7 +43,7 @@ _ACROSS_DEG = 30.0
 
 @dataclass(frozen=True)
 class LightOrder:
-    """What four images tell about the order of their lights.
+    """Orders of the lights that four images allow.
 
     An order is a tuple: image k shows light ``order[k]``.
 

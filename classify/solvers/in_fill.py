@@ -1,7 +1,7 @@
 """Second pass of `ps4_robust`: pixels with fewer than three lights, from those around them.
 
-Two lights leave a line of scaled normals b0 + t d, one or none leaves everything open. Slopes and
-albedo are chosen so that they change as little from pixel to pixel as elsewhere on this surface,
+Two lights leave a line of scaled normals b0 + t d, one light or none leaves slope and albedo open.
+They are chosen so that they change as little from pixel to pixel as elsewhere on this surface,
 and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
@@ -24,8 +24,8 @@ __all__ = ["LOST", "SATURATED", "in_fill"]
 
 Array = npt.NDArray[Any]
 
-# Marks of unsolved pixels. The four lowest bits are the lights in shadow or saturated; the others
-# say that the slope drowns in noise, and that a light is saturated.
+# Marks of unsolved pixels: the slope drowns in noise, or a light is saturated. The four lowest bits
+# are the lights in shadow or saturated.
 LOST, SATURATED = np.uint8(16), np.uint8(32)
 _LIGHTS = np.uint8(15)
 

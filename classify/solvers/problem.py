@@ -15,8 +15,8 @@ from classify.lighting import Lighting
 
 __all__ = ["Maps", "Problem", "nowhere", "slope_noise"]
 
-# A slope with a larger standard error is not valid. Most surfaces are flatter than this, so that
-# such a slope says less than the mean of the surface.
+# A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
+# their mean slope is the better estimate.
 _MAX_SLOPE_ERROR = 0.5
 
 Array = npt.NDArray[Any]
@@ -34,7 +34,7 @@ class Maps:
     left_out
         uint8 index of the light left out at each pixel; None for the darkest one everywhere.
     highlights
-        bool; None where highlights are to be told from the prediction of the solution.
+        bool; None where highlights follow from the prediction of the solution.
     repaired
         bool.
     lighting

@@ -189,7 +189,7 @@ def relax(
 ) -> None:  # fmt: skip
     """Smooth the values of the unsolved pixels by sweeps after Gauss and Seidel.
 
-    Odd and even rows are swept in turn, so that no two threads meet.
+    Odd and even rows alternate, so that no thread reads rows that another one writes.
 
     Minimised is the sum of the squared steps of slope and of albedo between neighbours, and of the
     squared curl around each four pixels by the trapezoid rule. At one pixel, with the others held,

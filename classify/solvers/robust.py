@@ -154,8 +154,8 @@ def _gate(
             count = (w0 + w1) + (w2 + w3)
             residual = (n0 * v0 + n1 * v1) + (n2 * v2 + n3 * v3)
             square = residual * residual
-            # One dark light is suspect, whatever the residual. But to leave out a light for noise
-            # alone costs more than it brings, so the share that noise explains is taken off.
+            # A single dark light is left out, but not for noise alone, which costs more than it
+            # gains: the share of the residual that noise explains is subtracted.
             beyond = max(square - variance, zero) / max(square, _TINY)
             share = residual * beyond if count == one else zero
             s0 = v0 - share * w0 * c0
@@ -221,8 +221,8 @@ def _settle_pixel(
 
     A saturated light is left out. If there is none, some light is darker than a Lambertian surface
     would be (penumbra) or brighter (highlight). The sign of the residual leaves one pair of
-    lights to each: the darkest of one pair, the brightest of the other. Four values cannot tell
-    these two explanations apart; the one with the flatter surface is taken.
+    lights to each: the darkest of one pair, the brightest of the other. Four values cannot
+    distinguish the two explanations; the one with the flatter surface is taken.
     """
     zero = np.float32(0.0)
     a, b, black = noise
