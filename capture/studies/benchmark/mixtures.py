@@ -26,11 +26,11 @@ from .scenes import texture_tile
 __all__ = ["SETS_OF_A_CLASS", "Mixtures", "Textures", "observed_textures"]
 
 SETS_OF_A_CLASS = 4
-# Largest weight of the difference of two other textures in a class. It moves classes out of the
-# plane of pairs of textures; a larger weight leaves what real textures look like.
+# Largest weight of the difference of two other textures in a class. It makes more classes than
+# mixtures of two textures alone; with more of it, signatures no longer resemble those of textures.
 _DIFFERENCE_WEIGHT = 0.5
 # Each set is moved twice along the difference of two realisations, by this times a normal number.
-# Half the mean squared distance of two sets is then that of two realisations.
+# Two sets of a class then have the mean squared distance of two realisations: 2 (2 * 0.5^2) = 1.
 _SCATTER = 0.5
 _CHUNK = 1000
 
