@@ -158,7 +158,7 @@ def port_of(config: RigConfig) -> str:
 
 
 def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
-    """Where to look again for the controller that is at `port` now."""
+    """Make the search for the controller that is at `port` now, should its line fail."""
     if simulation is not None:
         return lambda: simulation.ports
     was = known_port(port, list_serial_ports())

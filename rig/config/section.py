@@ -1,4 +1,4 @@
-"""What all sections of ``rig.toml`` have in common."""
+"""The base class of all sections of ``rig.toml``."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) 
     text = path.read_bytes().decode()
     for section, values in sections.items():
         text = with_values(text, section, values)
-    # Of a symbolic link the file behind it is changed.
+    # Resolved, so that a symbolic link stays and its target changes.
     with durable_file(path.resolve()) as temporary:
         temporary.chmod(path.stat().st_mode)
         temporary.write_bytes(text.encode())

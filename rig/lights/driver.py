@@ -115,7 +115,7 @@ class LightController:
 
     @property
     def identity(self) -> ControllerIdentity:
-        """What the controller says of itself."""
+        """Identity of the controller, as it reports it."""
         return self._link.identity
 
     @property

@@ -22,7 +22,7 @@ _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
 @dataclass(frozen=True)
 class ControllerIdentity:
-    """What the controller says of itself."""
+    """Identity of a controller, as it reports it."""
 
     vendor: str
     model: str
