@@ -40,15 +40,15 @@ def estimate(p: np.ndarray, q: np.ndarray, albedo: np.ndarray) -> SurfaceEstimat
 
 
 def _texture(
-    kind: str, turn_deg: float = 0.0, seed: int = 0, side: int = 128, rows: int | None = None
+    kind: str, orientation_deg: float = 0.0, seed: int = 0, side: int = 128, rows: int | None = None
 ) -> SurfaceEstimate:
-    """A surface turned anticlockwise by `turn_deg` about the middle of the frame."""
+    """A surface rotated anticlockwise about the middle of the frame."""
     rng = np.random.default_rng(seed)
     shape = KINDS[kind]
     waves = 300
     frequency = shape.frequency_cpp * 2.0 ** (shape.octaves * rng.standard_normal(waves))
     frequency = np.minimum(frequency, 0.4)
-    angle = shape.direction_deg + turn_deg + shape.spread_deg * rng.standard_normal(waves)
+    angle = shape.direction_deg + orientation_deg + shape.spread_deg * rng.standard_normal(waves)
     u = frequency * np.cos(np.radians(angle))
     v = frequency * np.sin(np.radians(angle))
     rows = side if rows is None else rows
@@ -69,7 +69,7 @@ def _texture(
 
 @pytest.fixture(scope="session")
 def texture() -> Texture:
-    """Make a surface: kind, turn_deg, seed, side, rows."""
+    """Make a surface: kind, orientation_deg, seed, side, rows."""
     return _texture
 
 
@@ -83,7 +83,7 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def _lobes(frequency_cpp: float, width_cpp: float) -> Amplitude:
-    """Ripples whose wave vectors lie about the x axis."""
+    """Ripples with wave vectors along the x axis."""
     return lambda u, v: np.exp(
         -0.25 * (((np.abs(u) - frequency_cpp) / width_cpp) ** 2 + (v / width_cpp) ** 2)
     )
@@ -103,11 +103,11 @@ def _bump(width_cpp: float) -> Amplitude:
 
 @dataclass(frozen=True)
 class Field:
-    """A stationary texture: amplitude of its relief, of its paint, and what it is made from."""
+    """A stationary texture: amplitude of its relief and of its paint, and its source."""
 
     relief: Amplitude
     paint: Amplitude | None = None
-    impulses: float = 0.0  # per square pixel, +1 or -1 of them each; 0 for white noise
+    impulses: float = 0.0  # per square pixel, of this sign; 0 for white noise
 
 
 FIELDS = {
@@ -124,14 +124,14 @@ DIRECTED_FIELDS = ("sand", "fine sand", "brushed")
 
 
 def _stationary(
-    kind: str, turn_deg: float = 0.0, seed: int = 0, side: int = 128, rows: int | None = None
+    kind: str, orientation_deg: float = 0.0, seed: int = 0, side: int = 128, rows: int | None = None
 ) -> SurfaceEstimate:
-    """A realisation of its own for each seed, turned anticlockwise, with errors of a camera's."""
+    """One realisation per seed at an orientation, with the errors of a camera."""
     field = FIELDS[kind]
     rows = side if rows is None else rows
     rng = np.random.default_rng([seed, list(FIELDS).index(kind)])
     u, v = np.fft.rfftfreq(side)[None, :], -np.fft.fftfreq(rows)[:, None]
-    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    c, s = np.cos(np.radians(orientation_deg)), np.sin(np.radians(orientation_deg))
     along, across = c * u + s * v, c * v - s * u
     inside = (np.hypot(u, v) < 0.45) & (np.hypot(u, v) > 0.0)
 
@@ -158,7 +158,7 @@ def _stationary(
 
 @pytest.fixture(scope="session")
 def stationary() -> Texture:
-    """Make a surface of one of FIELDS: kind, turn_deg, seed, side, rows."""
+    """Make a surface of one of FIELDS: kind, orientation_deg, seed, side, rows."""
     return _stationary
 
 
