@@ -14,6 +14,7 @@ from capture import CapturedSet
 from capture.maps.files import write_maps
 from classify import (
     Lighting,
+    SurfaceEstimate,
     integrate_gradients,
     local_relief,
     relight,
@@ -26,8 +27,13 @@ FLOAT_MAPS = {
     "p", "q", "albedo", "normals", "height", "raised", "mean_curvature", "gaussian_curvature",
     "relit", "residual",
 }  # fmt: skip
-PICTURES = {"shadow", "dropped", "specular", "valid", "preview"}
-OTHERS = {"roughness.json", "index.html"}
+NAMES = {
+    *(f"{name}.tif" for name in FLOAT_MAPS),
+    *(f"{name}.png" for name in ("shadow", "dropped", "specular", "valid", "preview")),
+    "roughness.json",
+    "index.html",
+}
+LIGHT = Lighting.from_angles([200.0], 30.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,19 +41,40 @@ def captured(sets: Path) -> CapturedSet:
     return CapturedSet.load(sets / "rock-001.ome.tif")
 
 
-def test_maps_are_float32_tiffs_of_the_solved_values(captured: CapturedSet, tmp_path: Path) -> None:
-    surface = captured.solve()
-    paths = write_maps(captured, surface, tmp_path / "new" / "maps")
-    assert {path.name for path in paths} == {
-        *(f"{name}.tif" for name in FLOAT_MAPS), *(f"{name}.png" for name in PICTURES), *OTHERS,
-    }  # fmt: skip
-    read = {path.stem: tifffile.imread(path) for path in paths if path.suffix == ".tif"}
-    assert all(values.dtype == np.float32 for values in read.values())
-    for name in ("p", "q", "albedo", "normals", "residual"):
-        np.testing.assert_array_equal(read[name], getattr(surface, name))
-    assert read["height"].shape == surface.shape
-    assert abs(float(read["height"].mean())) < 1e-3
-    np.testing.assert_allclose(np.linalg.norm(read["normals"], axis=2), 1.0, atol=1e-5)
+@pytest.fixture(scope="module")
+def surface(captured: CapturedSet) -> SurfaceEstimate:
+    return captured.solve()
+
+
+@pytest.fixture(scope="module")
+def maps(
+    captured: CapturedSet, surface: SurfaceEstimate, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """A folder with the maps of the surface, only to be read."""
+    folder = tmp_path_factory.mktemp("solved") / "new" / "maps"
+    paths = write_maps(captured, surface, folder, light=LIGHT)
+    assert {path.name for path in paths} == NAMES == {path.name for path in folder.iterdir()}
+    return folder
+
+
+def test_maps_are_float32_tiffs_of_the_solved_values(surface: SurfaceEstimate, maps: Path) -> None:
+    curvature = surface_curvature(surface)
+    height = integrate_gradients(surface.p, surface.q)
+    derived = {
+        "raised": local_relief(height, surface.valid),
+        "mean_curvature": curvature.mean,
+        "gaussian_curvature": curvature.gaussian,
+        "relit": relight(surface, LIGHT)[0],
+    }
+    for name in FLOAT_MAPS:
+        values = tifffile.imread(maps / f"{name}.tif")
+        assert values.dtype == np.float32
+        if name == "height":
+            assert values.shape == surface.shape
+            assert abs(float(values.mean())) < 1e-3
+        else:
+            expected = derived[name] if name in derived else getattr(surface, name)
+            np.testing.assert_array_equal(values, expected)
 
 
 def test_the_height_rises_along_p_and_up_along_q(
@@ -64,38 +91,19 @@ def test_the_height_rises_along_p_and_up_along_q(
     np.testing.assert_allclose(np.diff(height, axis=0), -0.1, atol=2e-3)
 
 
-def test_png_files_show_masks_and_shadows(captured: CapturedSet, tmp_path: Path) -> None:
-    surface = captured.solve()
-    write_maps(captured, surface, tmp_path)
-    valid = cv2.imread(str(tmp_path / "valid.png"), cv2.IMREAD_GRAYSCALE)
+def test_png_files_show_masks_and_shadows(surface: SurfaceEstimate, maps: Path) -> None:
+    valid = cv2.imread(str(maps / "valid.png"), cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(valid, surface.valid * np.uint8(255))
-    shadow = cv2.imread(str(tmp_path / "shadow.png"))
+    shadow = cv2.imread(str(maps / "shadow.png"))
     assert shadow.shape == (*surface.shape, 3)
     assert len(np.unique(shadow.reshape(-1, 3), axis=0)) == len(np.unique(surface.shadow_count))
-    assert min(cv2.imread(str(tmp_path / "preview.png")).shape[:2]) > 300
+    assert min(cv2.imread(str(maps / "preview.png")).shape[:2]) > 300
 
 
-def test_derived_maps_are_computed_by_classify(captured: CapturedSet, tmp_path: Path) -> None:
-    surface = captured.solve()
-    light = Lighting.from_angles([200.0], 30.0)
-    write_maps(captured, surface, tmp_path, light=light)
-    height = integrate_gradients(surface.p, surface.q)
-    curvature = surface_curvature(surface)
-    expected = {
-        "raised": local_relief(height, surface.valid),
-        "mean_curvature": curvature.mean,
-        "gaussian_curvature": curvature.gaussian,
-        "relit": relight(surface, light)[0],
-    }
-    for name, values in expected.items():
-        np.testing.assert_array_equal(tifffile.imread(tmp_path / f"{name}.tif"), values)
-
-
-def test_each_tiff_describes_its_set_and_unit(captured: CapturedSet, tmp_path: Path) -> None:
-    write_maps(captured, captured.solve(), tmp_path)
+def test_each_tiff_describes_its_set_and_unit(captured: CapturedSet, maps: Path) -> None:
     about = {}
     for name in FLOAT_MAPS:
-        with tifffile.TiffFile(tmp_path / f"{name}.tif") as file:
+        with tifffile.TiffFile(maps / f"{name}.tif") as file:
             about[name] = json.loads(file.pages[0].tags["ImageDescription"].value)
     for each in about.values():
         assert each["simulated"] is True
@@ -105,15 +113,13 @@ def test_each_tiff_describes_its_set_and_unit(captured: CapturedSet, tmp_path: P
     assert {name for name, each in about.items() if each.get("relative")} == {"height", "raised"}
     assert about["mean_curvature"]["unit"] == "1/px"
     assert about["gaussian_curvature"]["unit"] == "1/px^2"
-    assert about["relit"]["light"] == {"tilt_deg": 135.0, "slant_deg": 45.0}
+    assert about["relit"]["light"] == {"tilt_deg": 200.0, "slant_deg": 30.0}
 
 
 def test_roughness_has_units_and_marks_relative_values(
-    captured: CapturedSet, tmp_path: Path
+    surface: SurfaceEstimate, maps: Path
 ) -> None:
-    surface = captured.solve()
-    write_maps(captured, surface, tmp_path)
-    written = json.loads((tmp_path / "roughness.json").read_text())
+    written = json.loads((maps / "roughness.json").read_text())
     found = surface_roughness(surface)
     assert written["simulated"] is True
     assert written["valid_pixels"] == found.valid_pixels
@@ -148,9 +154,8 @@ def test_images_of_any_shape_have_maps(
     made_set: Callable[..., CapturedSet], tmp_path: Path, shape: tuple[int, int]
 ) -> None:
     set_ = made_set(np.full((4, *shape), 2000, np.uint16))
-    names = {path.name for path in write_maps(set_, set_.solve(), tmp_path)}
-    assert len(names) == len(FLOAT_MAPS) + len(PICTURES) + len(OTHERS)
-    assert {path.name for path in tmp_path.iterdir()} == names
+    write_maps(set_, set_.solve(), tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == NAMES
     assert tifffile.imread(tmp_path / "mean_curvature.tif").shape == shape
 
 
@@ -164,25 +169,19 @@ def test_sets_of_three_or_nine_lights_have_maps(
     assert ("Light images (the first 8 of 9)" in page) == (lights == 9)
 
 
-def test_relighting_needs_exactly_one_light(captured: CapturedSet, tmp_path: Path) -> None:
+def test_relighting_needs_exactly_one_light(
+    captured: CapturedSet, surface: SurfaceEstimate, tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match="relit under 4 lights; give one"):
-        write_maps(captured, captured.solve(), tmp_path / "maps", light=Lighting.ring(45.0))
+        write_maps(captured, surface, tmp_path / "maps", light=Lighting.ring(45.0))
     assert not (tmp_path / "maps").exists()
 
 
-def test_a_file_in_the_place_of_the_folder_stays(captured: CapturedSet, tmp_path: Path) -> None:
-    file: Any = tmp_path / "maps"
-    file.write_text("mine")
-    with pytest.raises(InputError, match="maps: cannot be made: File exists"):
-        write_maps(captured, captured.solve(), file)
-    assert file.read_text() == "mine"
-
-
 def test_an_interrupted_solve_leaves_the_maps_of_the_set_before(
-    captured: CapturedSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    captured: CapturedSet, surface: SurfaceEstimate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "maps"
-    written = write_maps(captured, captured.solve(), folder)
+    written = write_maps(captured, surface, folder)
     before = {path: path.read_bytes() for path in written}
     calls = iter(range(10))
     imwrite = tifffile.imwrite
@@ -194,6 +193,6 @@ def test_an_interrupted_solve_leaves_the_maps_of_the_set_before(
 
     monkeypatch.setattr(tifffile, "imwrite", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_maps(captured, captured.solve("ps4"), folder)
+        write_maps(captured, surface, folder, light=LIGHT)
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
     assert list(tmp_path.iterdir()) == [folder]

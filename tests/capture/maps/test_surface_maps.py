@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture.maps.surface_maps import SurfaceMaps
-from classify import InputError, Lighting
+from classify import Lighting
 from rig.scene.render import render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
@@ -41,10 +41,3 @@ def test_roughness_is_that_of_the_true_surface(
     assert true is not None
     for name in ("sdq", "sdr_percent", "sa_px", "sq_px"):
         assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.03), name
-
-
-def test_relighting_by_several_lights_is_refused(
-    found_and_true: tuple[SurfaceMaps, SurfaceMaps],
-) -> None:
-    with pytest.raises(InputError, match="give one"):
-        SurfaceMaps.of(found_and_true[0].surface, Lighting.ring(45.0))

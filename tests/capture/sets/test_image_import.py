@@ -90,12 +90,6 @@ def test_colour_becomes_linear_luminance(
     assert captured.metadata.full_scale == 65535
 
 
-def test_equal_channels_give_their_grey_value(four: Photographs) -> None:
-    grey = pattern(np.uint16)
-    captured = import_images(four(np.dstack([grey] * 3)), RING)
-    assert abs(captured.images[0].astype(int) - grey).max() <= 1
-
-
 @pytest.mark.parametrize("channels", [0, 3])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_srgb_is_undone(
@@ -124,15 +118,6 @@ def test_a_pixel_with_one_saturated_channel_is_saturated(four: Photographs) -> N
     surface = captured.solve()
     assert surface.saturated[4, 5]
     assert surface.saturated.sum() == 1
-
-
-@pytest.mark.parametrize("suffix", [".png", ".tif"])
-def test_alpha_is_ignored(four: Photographs, suffix: str) -> None:
-    image = pattern(np.uint8, channels=4)
-    image[:, :, 3] = 255
-    opaque = import_images(four(image[:, :, :3].copy(), suffix), RING).images
-    image[:, :, 3] = 7
-    np.testing.assert_array_equal(import_images(four(image, suffix), RING).images, opaque)
 
 
 def test_grey_and_colour_may_be_mixed(four: Photographs) -> None:
@@ -185,13 +170,6 @@ def refuse(paths: list[Path], message: str, **options: Any) -> None:
 
 def test_the_numbers_of_images_and_lights_must_agree(four: Photographs) -> None:
     refuse(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
-
-
-def test_three_images_make_a_set_that_ps4_cannot_solve(four: Photographs) -> None:
-    three = import_images(four(pattern(np.uint8))[:3], Lighting.ring(45.0, [0.0, 120.0, 240.0]))
-    with pytest.raises(InputError, match="this set has 3; use least_squares"):
-        three.solve()
-    assert three.solve("least_squares").p.shape == SHAPE
 
 
 def test_images_must_have_one_size_and_depth(four: Photographs) -> None:

@@ -1,8 +1,6 @@
 """Files of captured sets: round trips, other readers, and files that are refused."""
 
 import json
-import os
-import stat
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from contextlib import suppress
@@ -313,18 +311,6 @@ def test_another_suffix_is_refused(tmp_path: Path, made_set: MadeSet) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_folder_is_named(tmp_path: Path, made_set: MadeSet) -> None:
-    with pytest.raises(InputError, match=r"none/a\.ome\.tif: cannot be written: No such file"):
-        made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "none" / "a.ome.tif")
-
-
-def test_a_folder_in_the_place_of_the_file_stays(tmp_path: Path, made_set: MadeSet) -> None:
-    (tmp_path / "a.ome.tif").mkdir()
-    with pytest.raises(InputError, match=r"a\.ome\.tif: cannot be written"):
-        made_set(np.ones((4, 2, 2), np.uint16)).save(tmp_path / "a.ome.tif")
-    assert [path.name for path in tmp_path.iterdir()] == ["a.ome.tif"]
-
-
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     path: Path, made_set: MadeSet, monkeypatch: pytest.MonkeyPatch, error: BaseException
@@ -341,12 +327,6 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
         made_set(np.ones((4, 2, 2), np.uint16)).save(path)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_a_new_file_has_the_permissions_of_any_other(path: Path) -> None:
-    umask = os.umask(0)
-    os.umask(umask)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
 def test_many_lights_fit_into_one_file(tmp_path: Path, made_set: MadeSet) -> None:
