@@ -32,7 +32,7 @@ def images_of(p: np.ndarray, q: np.ndarray, albedo: np.ndarray, lighting: Lighti
 
 @pytest.fixture(scope="module", params=["domes", "brushed"])
 def images(request: pytest.FixtureRequest, stationary: Texture) -> np.ndarray:
-    surface = stationary(request.param, turn_deg=20.0, seed=3, side=160)
+    surface = stationary(request.param, orientation_deg=20.0, seed=3, side=160)
     return images_of(surface.p, surface.q, surface.albedo, RING)
 
 
