@@ -11,12 +11,12 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["FAST", "kernel", "kernel_cache_folder"]
+__all__ = ["kernel", "kernel_cache_folder"]
 
 # NaN and infinity stay exact, and so does the order of sums: with "reassoc" a kernel that numba
 # has just compiled and the same kernel from the cache differ in the last digits
 # (tests/classify/test_repeatable.py).
-FAST = {"contract", "arcp", "nsz"}
+_FASTMATH = {"contract", "arcp", "nsz"}
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -28,7 +28,9 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     The machine code is cached on disk. Where numba finds no folder to write to, such as in a
     read-only installation with a read-only home, the kernel is compiled in every process.
     """
-    compiled: Callable[..., Any] = njit(nogil=True, fastmath=FAST, error_model="numpy")(function)
+    compiled: Callable[..., Any] = njit(nogil=True, fastmath=_FASTMATH, error_model="numpy")(
+        function
+    )
     dispatcher: Any = compiled
     with suppress(RuntimeError, OSError):
         dispatcher.enable_caching()
