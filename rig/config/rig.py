@@ -9,6 +9,8 @@ from typing import Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
 from rig.errors import ConfigError
 
 from .camera import (
@@ -206,13 +208,10 @@ def load_config(path: Path) -> RigConfig:
 
 def _read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _MAX_TOML_BYTES:
-            raise ConfigError(f"{path}: larger than {_MAX_TOML_BYTES} bytes, so not a rig.toml")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ConfigError(f"{path}: {if_missing}") from error
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+        return tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
+    except InputError as error:
+        missing = isinstance(error.__cause__, FileNotFoundError)
+        raise ConfigError(f"{path}: {if_missing}" if missing else str(error)) from error
     # tomllib also raises the errors of deep nesting and of very long numbers.
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error

@@ -1,5 +1,6 @@
 """rig.toml as a whole: refused files and values, and their messages."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -106,6 +107,8 @@ def test_a_missing_file_says_how_to_simulate(tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "device.toml").symlink_to("/dev/zero")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
     (tmp_path / "deep.toml").write_text("a = " + "[" * 9000, encoding="utf-8")
@@ -115,6 +118,8 @@ def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
         ("deep.toml", "not valid TOML"),
         ("long.toml", "not valid TOML"),
         ("large.toml", "larger than"),
+        ("pipe.toml", "cannot be read: it is a pipe or a device"),
+        ("device.toml", "cannot be read: it is a pipe or a device"),
     ):
         with pytest.raises(ConfigError, match=message):
             load_config(tmp_path / name)
