@@ -5,12 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from capture.errors import SetRejected
-from rig.acceptance import (
-    DEAD_LED_SHARE,
-    MAX_AMBIENT_SHARE,
-    MAX_SATURATED_SHARE,
-    MIN_SIGNAL_SHARE,
-)
+from rig.acceptance import DEAD_LED_SHARE, MAX_AMBIENT_SHARE, MAX_SATURATED_SHARE, MIN_SIGNAL_SHARE
 
 from .light_checks import LightImages
 

@@ -10,12 +10,7 @@ from dataclasses import dataclass
 
 from firmware_sim import Server, serve_pty, serve_tty
 from firmware_sim.server import Device
-from rig.config.camera import (
-    PIXEL_FORMAT_BITS,
-    CameraConfig,
-    ReplayCameraConfig,
-    V4l2CameraConfig,
-)
+from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig, ReplayCameraConfig, V4l2CameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
 from rig.v4l2.output import V4l2Output

@@ -131,11 +131,7 @@ class V4l2Camera:
         form = self._format
         try:
             pixels = decode(
-                self._pixel_format,
-                capture.data,
-                form.width_px,
-                form.height_px,
-                form.bytes_per_line,
+                self._pixel_format, capture.data, form.width_px, form.height_px, form.bytes_per_line
             )
         except CameraError as error:
             raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error

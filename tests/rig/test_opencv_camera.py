@@ -104,10 +104,7 @@ def test_close_ends_the_frames_and_may_be_repeated(camera: OpencvCamera) -> None
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"fixed_exposure": False},
-            r"automatic exposure cannot be .*fixed_exposure = true",
-        ),
+        ({"fixed_exposure": False}, r"automatic exposure cannot be .*fixed_exposure = true"),
         ({"width_px": 80}, r"80 x 48 px were asked for, OpenCV gives 64 x 48"),
         ({"gain": 3}, r"gain was set to 3 through OpenCV and reads"),
     ],

@@ -266,11 +266,7 @@ OFF_CLOCK = "time stamps are not on the rig's clock"
             SetRejected,
             NO_FRAME + r"[1-9]\d* from before the switch",
         ),
-        (
-            lambda frame: replace(frame, sequence=7),
-            SetRejected,
-            NO_FRAME + r"[1-9]\d* repeated",
-        ),
+        (lambda frame: replace(frame, sequence=7), SetRejected, NO_FRAME + r"[1-9]\d* repeated"),
         (
             lambda frame: replace(frame, pixels=frame.pixels[:-1]),
             CameraError,
@@ -437,8 +433,5 @@ def test_an_average_beyond_the_on_time_limit_is_an_error() -> None:
     config = RigConfig().with_changes(
         camera={"width_px": 16, "height_px": 16, "frame_rate_hz": 1.0}, lights={"watchdog_ms": 9000}
     )
-    with (
-        open_rig(config) as rig,
-        pytest.raises(LightControllerError, match="On-time limit"),
-    ):
+    with open_rig(config) as rig, pytest.raises(LightControllerError, match="On-time limit"):
         capture_set(rig, average=125)

@@ -11,8 +11,7 @@ from rig import CameraError, ConfigError, Frame, RigConfig, load_config, open_ri
 
 def frames(count: int, *faults: dict[str, Any]) -> list[Frame]:
     config = RigConfig().with_changes(
-        camera={"width_px": 48, "height_px": 32},
-        simulation={"faults": {"frames": faults}},
+        camera={"width_px": 48, "height_px": 32}, simulation={"faults": {"frames": faults}}
     )
     with open_rig(config) as rig:
         rig.lights.select(0)
