@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,9 @@ from rig.camera import CameraInfo, Frame
 from rig.errors import CameraError
 
 from .exposures import TRANSFER_S, Exposures
-from .sensor import Sensor
+from .sensor import RecordedPixels, Sensor
 
-__all__ = ["CameraIdentity", "LitScene", "ReportedTiming", "SimulatedCamera"]
+__all__ = ["LitScene", "ReportedTiming", "SimulatedCamera"]
 
 # A controller that switches at the end of an exposure first needs the processor.
 _SWITCH_S = 0.001
@@ -35,17 +35,8 @@ class LitScene(Protocol):
 
 
 @dataclass(frozen=True)
-class CameraIdentity:
-    """Kind, name and controls that a simulated camera reports."""
-
-    kind: str = "simulated"
-    name: str = "simulated camera"
-    controls: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class ReportedTiming:
-    """What the rig is told of the exposures.
+    """What a simulated camera reports of its exposures.
 
     Attributes
     ----------
@@ -75,24 +66,24 @@ class SimulatedCamera:
     """Camera with a global or a rolling shutter.
 
     A frame goes into a free buffer of the driver; without one it is lost, and a gap in the
-    sequence numbers remains. So a program that comes late reads the OLDEST frames first, as with
+    sequence numbers remains. So a program that reads late gets the OLDEST frames first, as with
     V4L2. The light of each row is the integral of the LEDs' true output over the row's exposure,
-    which may hold two LEDs, or the one before.
+    which may contain the light of two LEDs, or of the previous one only.
 
     Parameters
     ----------
     board, clock
-        Of the rig.
+        Board with the LEDs, and clock of the rig.
     scene, sensor
-        What the camera sees, and what makes pixel values of it. Both stay readable.
+        Light that reaches the sensor, and the model that turns it into pixel values.
     exposures
-        When it exposes.
+        Start times of the exposures.
     seed
-        Of the noise.
+        Seed of the noise.
     buffers
-        Of the driver.
-    reported, identity
-        What it reports of its exposures and of itself.
+        Number of the driver's buffers.
+    reported
+        Timing that the camera reports.
     """
 
     def __init__(
@@ -106,7 +97,6 @@ class SimulatedCamera:
         seed: int,
         buffers: int = 4,
         reported: ReportedTiming = ReportedTiming(),
-        identity: CameraIdentity = CameraIdentity(),
     ) -> None:
         self.scene = scene
         self.sensor = sensor
@@ -116,7 +106,6 @@ class SimulatedCamera:
         self._seed = seed
         self._buffers = buffers
         self._reported = reported
-        self._identity = identity
         self._queue: deque[_FilledBuffer] = deque()
         self._next_sequence = 0
         self._open = True
@@ -125,9 +114,13 @@ class SimulatedCamera:
     def info(self) -> CameraInfo:
         """Properties of every frame."""
         rows, columns = self.scene.ambient.shape
+        kind, name, controls = "simulated", "simulated camera", {}
+        if isinstance(self.sensor, RecordedPixels):
+            origin = self.sensor.origin
+            kind, name, controls = "replay", f"replay of {origin['set_file']}", {"replay": origin}
         return CameraInfo(
-            kind=self._identity.kind,
-            name=self._identity.name,
+            kind=kind,
+            name=name,
             width_px=columns,
             height_px=rows,
             bit_depth=self.sensor.bit_depth,
@@ -139,7 +132,7 @@ class SimulatedCamera:
             gain_e_per_dn=self.sensor.gain_e_per_dn,
             read_noise_dn=self.sensor.read_noise_dn,
             black_level_dn=self.sensor.black_level_dn,
-            controls=self._identity.controls,
+            controls=controls,
         )
 
     def replace_scene(self, scene: LitScene, seed: int) -> None:
@@ -169,7 +162,7 @@ class SimulatedCamera:
         return frame
 
     def frame_end_s(self, frame: Frame) -> float:
-        """When a driver has the whole frame, which is what most drivers stamp."""
+        """Time at which a driver has the whole frame, which most drivers report as its stamp."""
         return self._ready_s(frame.sequence)
 
     def close(self) -> None:
@@ -182,7 +175,7 @@ class SimulatedCamera:
         return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s
 
     def _fill_buffers(self, now_s: float) -> None:
-        """Bring the queue to the state of the driver's at `now_s`."""
+        """Fill free buffers with the frames that are finished at `now_s`."""
         finished = self.exposures.started(now_s - self.exposures.shutter.ready_after_s)
         while self._next_sequence < finished and len(self._queue) < self._buffers:
             start_s = self.exposures.start_s(self._next_sequence)

@@ -6,7 +6,6 @@ Any program can open the other end of the line and the loopback device as a rig.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from firmware_sim import Server, serve_pty, serve_tty
 from firmware_sim.server import Device
@@ -18,15 +17,7 @@ from rig.v4l2.pixel_packing import PACKINGS
 
 from .rig import Simulation
 
-__all__ = ["DeviceSimulation", "FrameCount"]
-
-
-@dataclass(frozen=True)
-class FrameCount:
-    """Number of frames written, and of frames left out because they were late."""
-
-    written: int = 0
-    late: int = 0
+__all__ = ["DeviceSimulation"]
 
 
 class DeviceSimulation:
@@ -42,6 +33,13 @@ class DeviceSimulation:
     video
         Loopback device for the frames; None for no frames.
 
+    Attributes
+    ----------
+    written, late
+        Numbers of frames written, and of frames left out because they were late.
+    pixel_format
+        Name of the pixel format of the frames.
+
     Raises
     ------
     LightControllerError, CameraError
@@ -56,7 +54,7 @@ class DeviceSimulation:
                 "lights.synchronisation = 'trigger', but a loopback device delivers frames at "
                 "their own rate; set 'software' or 'strobe'"
             )
-        self.count = FrameCount()
+        self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
         self.pixel_format = _pixel_format(config.camera)
         self._packing = PACKINGS[self.pixel_format]
@@ -99,10 +97,10 @@ class DeviceSimulation:
         frame = self._simulation.frames.read(2.0 * self._period_s)
         end_s = self._simulation.camera.frame_end_s(frame)
         if self._simulation.clock.now_s() - end_s > self._period_s:
-            self.count = FrameCount(self.count.written, self.count.late + 1)
+            self.late += 1
             return
         self._output.write(self._packing.to_bytes(frame.pixels), end_s)
-        self.count = FrameCount(self.count.written + 1, self.count.late)
+        self.written += 1
 
     def close(self) -> None:
         """Put the LEDs out and release the devices; a second call does nothing."""

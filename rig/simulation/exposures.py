@@ -17,14 +17,10 @@ TRANSFER_S = 0.004
 1280 x 1024 px of 8 bit take over USB 3."""
 # How often a program that waits for a frame checks whether one was triggered.
 _TRIGGER_POLL_S = 0.001
-# A clock that slept until a frame was ready may be short of it by its rounding.
+# A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
 
 Strobe = Callable[[bool, float], object]
-
-
-def _no_strobe(_exposing: bool, _at_s: float) -> None:
-    pass
 
 
 @dataclass(frozen=True)
@@ -52,10 +48,10 @@ class Shutter:
 class Exposures(ABC):
     """The exposures of a camera, numbered from 0.
 
-    `strobe` is the wire that tells whether any row is exposed, with the time of the change.
+    `strobe` is called when the strobe line changes: whether any row is exposed, and the time.
     """
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = _no_strobe) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         self.shutter = shutter
         self._clock = clock
         self._strobe = strobe
@@ -68,10 +64,10 @@ class Exposures(ABC):
 
     @abstractmethod
     def started(self, by_s: float) -> int:
-        """How many exposures start until `by_s`."""
+        """Number of exposures that start until `by_s`."""
 
     def await_start(self, number: int, deadline_s: float) -> bool:
-        """Whether the start of an exposure is known, if need be at the deadline."""
+        """Wait for the start of an exposure to be known; return False at the deadline."""
         del number, deadline_s
         return True
 
@@ -95,7 +91,7 @@ class Exposures(ABC):
 class FreeRunning(Exposures):
     """An exposure in each frame period, from the construction on."""
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = _no_strobe) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
         self._started_s = clock.now_s()
         clock.call_at(self._started_s, lambda: self._run(0))
@@ -105,7 +101,7 @@ class FreeRunning(Exposures):
         return self._started_s + number * self.shutter.period_s
 
     def started(self, by_s: float) -> int:
-        """How many exposures start until `by_s`."""
+        """Number of exposures that start until `by_s`."""
         periods = (by_s - self._started_s + _ROUNDING_S) / self.shutter.period_s
         return max(0, math.floor(periods) + 1)
 
@@ -118,7 +114,7 @@ class FreeRunning(Exposures):
 class Triggered(Exposures):
     """An exposure at each trigger, unless it comes within a frame period of the one before."""
 
-    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = _no_strobe) -> None:
+    def __init__(self, clock: Clock, shutter: Shutter, strobe: Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
         self._starts_s: list[float] = []
 
@@ -135,7 +131,7 @@ class Triggered(Exposures):
         return self._starts_s[number]
 
     def started(self, by_s: float) -> int:
-        """How many exposures start until `by_s`."""
+        """Number of exposures that start until `by_s`."""
         return bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:

@@ -1,26 +1,26 @@
-"""Faults in the frames of a simulated camera, on purpose and before any program reads them."""
+"""Injected faults in the frames of a simulated camera."""
 
 from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from firmware_sim import Clock
-from rig.camera import Camera, CameraInfo, Frame, Pixels
+from rig.camera import Camera, CameraInfo, Frame
 from rig.config.fault_plan import MOST_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
+
+from .sensor import digital
 
 __all__ = ["FaultyCamera"]
 
 
 class FaultyCamera:
-    """A camera with faulty frames.
+    """A camera whose frames have the faults of a plan.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class FaultyCamera:
     faults
         All of them apply to a frame, one after the other.
     seed
-        Of the faults' probabilities.
+        Seed of the faults' probabilities and of the noise in dark frames.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class FaultyCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """The camera's."""
+        """Properties of every frame."""
         return self._camera.info
 
     def read(self, timeout_s: float) -> Frame:
@@ -87,52 +87,29 @@ class FaultyCamera:
             elif fault.kind == "repeated_frame":
                 self._again = result
             else:
-                result = _DAMAGE[fault.kind](self, fault, result)
+                result = self._damaged(fault, result)
         if self._gone:
             raise CameraError("the camera is gone; check its cable")
         return result
 
-    def _torn(self, fault: FrameFault, frame: Frame) -> Frame:
-        if len(self._before) < fault.frames_back:
-            return frame
-        row = round(fault.row_share * len(frame.pixels))
-        pixels = frame.pixels.copy()
-        pixels[row:] = self._before[-fault.frames_back].pixels[row:]
+    def _damaged(self, fault: FrameFault, frame: Frame) -> Frame:
+        if fault.kind == "stamped_late":
+            return frame.shifted(fault.delay_ms / 1e3)
+        pixels, black = frame.pixels, self.info.black_level_dn or 0.0
+        if fault.kind == "torn" and len(self._before) >= fault.frames_back:
+            row = round(fault.row_share * len(pixels))
+            pixels = pixels.copy()
+            pixels[row:] = self._before[-fault.frames_back].pixels[row:]
+        elif fault.kind == "repeated_pixels" and self._before:
+            pixels = self._before[-1].pixels
+        elif fault.kind == "black":
+            pixels = np.zeros_like(pixels)
+        elif fault.kind == "dark":
+            rng = np.random.default_rng((self._seed, frame.sequence))
+            noise = (self.info.read_noise_dn or 0.0) * rng.standard_normal(pixels.shape)
+            pixels = digital(noise + black, frame.bit_depth)
+        elif fault.kind == "drift":
+            since_s = frame.exposure_start_s - self._started_s - fault.when.from_s
+            gain = max(0.0, 1.0 + fault.rate_per_s * since_s)
+            pixels = digital(black + gain * (pixels - black), frame.bit_depth)
         return replace(frame, pixels=pixels)
-
-    def _repeated_pixels(self, _fault: FrameFault, frame: Frame) -> Frame:
-        return replace(frame, pixels=self._before[-1].pixels) if self._before else frame
-
-    def _black(self, _fault: FrameFault, frame: Frame) -> Frame:
-        return replace(frame, pixels=np.zeros_like(frame.pixels))
-
-    def _dark(self, _fault: FrameFault, frame: Frame) -> Frame:
-        info = self.info
-        rng = np.random.default_rng((self._seed, frame.sequence))
-        noise = (info.read_noise_dn or 0.0) * rng.standard_normal(frame.pixels.shape)
-        return replace(frame, pixels=_digital(noise + (info.black_level_dn or 0.0), frame))
-
-    def _stamped_late(self, fault: FrameFault, frame: Frame) -> Frame:
-        return frame.shifted(fault.delay_ms / 1e3)
-
-    def _drift(self, fault: FrameFault, frame: Frame) -> Frame:
-        since_s = frame.exposure_start_s - self._started_s - fault.when.from_s
-        black = self.info.black_level_dn or 0.0
-        gain = max(0.0, 1.0 + fault.rate_per_s * since_s)
-        return replace(frame, pixels=_digital(black + gain * (frame.pixels - black), frame))
-
-
-def _digital(values: npt.NDArray[np.floating[Any]], frame: Frame) -> Pixels:
-    whole = np.clip(np.rint(values), 0, (1 << frame.bit_depth) - 1)
-    pixels: Pixels = whole.astype(np.uint8 if frame.bit_depth == 8 else np.uint16)
-    return pixels
-
-
-_DAMAGE: dict[str, Callable[[FaultyCamera, FrameFault, Frame], Frame]] = {
-    "torn": FaultyCamera._torn,
-    "repeated_pixels": FaultyCamera._repeated_pixels,
-    "black": FaultyCamera._black,
-    "dark": FaultyCamera._dark,
-    "stamped_late": FaultyCamera._stamped_late,
-    "drift": FaultyCamera._drift,
-}

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from classify.errors import InputError
 from firmware_sim import (
@@ -28,7 +26,7 @@ from rig.config.simulation import Placement
 from rig.errors import ConfigError
 from rig.lights.keep_alive import KeepAliveClock
 
-from .camera import CameraIdentity, LitScene, SimulatedCamera
+from .camera import LitScene, SimulatedCamera
 from .exposures import Exposures, FreeRunning, Shutter, Triggered
 from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
@@ -36,26 +34,6 @@ from .sensor import Sensor, SensorModel
 from .stamps import reported_timing
 
 __all__ = ["Simulation"]
-
-
-@dataclass(frozen=True)
-class _View:
-    """What the camera sees, its sensor, and what it reports of itself."""
-
-    scene: LitScene
-    sensor: Sensor
-    identity: CameraIdentity
-
-    @classmethod
-    def replayed(cls, config: RigConfig, camera: ReplayCameraConfig) -> Self:
-        # Imported here, so that other rigs open without tifffile.
-        from .recorded_set import read_recorded_set
-
-        recorded = read_recorded_set(Path(camera.set_file))
-        recorded.require_lighting(config.lights.lighting)
-        name = f"replay of {recorded.origin['set_file']}"
-        identity = CameraIdentity("replay", name, {"replay": recorded.origin})
-        return cls(recorded, recorded.pixels(camera.exposure_ms), identity)
 
 
 class Simulation:
@@ -94,15 +72,14 @@ class Simulation:
         virtual = config.simulation.clock == "virtual"
         device_clock: Clock = VirtualClock() if virtual else RealClock()
         self.clock = KeepAliveClock(device_clock)
-        camera = _camera_of(config)
+        camera = config.camera
+        if not isinstance(camera, SimulatedCameraConfig | ReplayCameraConfig):
+            raise ConfigError(
+                f"camera.kind = {camera.kind!r} cannot be simulated; set 'simulated' or 'replay'"
+            )
         placement = config.simulation.placement
-        if isinstance(camera, ReplayCameraConfig):
-            self.placement = None
-            view = _View.replayed(config, camera)
-        else:
-            self.placement = placement
-            sensor = SensorModel(bit_depth=camera.bits)
-            view = _View(self._renderer.render(placement), sensor, CameraIdentity())
+        self.placement = placement if isinstance(camera, SimulatedCameraConfig) else None
+        scene, sensor = self._scene_and_sensor(camera)
         faults = config.simulation.faults or FaultPlan()
         rise_ms, fall_ms = config.simulation.led_rise_ms, config.simulation.led_fall_ms
         leds = [Led(rise_ms, fall_ms) for _ in config.lights.tilts_deg]
@@ -122,12 +99,11 @@ class Simulation:
         self.camera = SimulatedCamera(
             self.board,
             self.clock,
-            view.scene,
-            view.sensor,
+            scene,
+            sensor,
             self._exposures(controller.strobe),
             seed=placement.seed,
             reported=reported_timing(camera, config.simulation),
-            identity=view.identity,
         )
         self.frames: Camera = self.camera
         if faults.frames:
@@ -171,6 +147,19 @@ class Simulation:
         self.camera.close()
         self._server.stop()
 
+    def _scene_and_sensor(
+        self, camera: SimulatedCameraConfig | ReplayCameraConfig
+    ) -> tuple[LitScene, Sensor]:
+        if isinstance(camera, SimulatedCameraConfig):
+            placement = self._config.simulation.placement
+            return self._renderer.render(placement), SensorModel(bit_depth=camera.bits)
+        # Imported here, so that other rigs open without tifffile.
+        from .recorded_set import read_recorded_set
+
+        recorded = read_recorded_set(Path(camera.set_file), camera.exposure_ms)
+        recorded.require_lighting(self._config.lights.lighting)
+        return recorded, recorded.sensor
+
     def _exposures(self, strobe: Callable[[bool, float], object]) -> Exposures:
         config = self._config
         shutter = Shutter(
@@ -183,9 +172,3 @@ class Simulation:
         triggered = Triggered(self.clock, shutter, strobe)
         self.board.on_trigger(triggered.trigger)
         return triggered
-
-
-def _camera_of(config: RigConfig) -> SimulatedCameraConfig | ReplayCameraConfig:
-    if not isinstance(config.camera, SimulatedCameraConfig | ReplayCameraConfig):
-        raise ConfigError(f"camera.kind = {config.camera.kind!r} cannot be simulated")
-    return config.camera

@@ -1,35 +1,24 @@
-"""A sensor: full well, gain, shot and read noise, black level, saturation."""
+"""Sensors of a simulated camera: a noise model, or the pixel values of a recorded set."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rig.camera import Pixels
 
-__all__ = ["Sensor", "SensorModel"]
+__all__ = ["RecordedPixels", "Sensor", "SensorModel", "digital"]
 
 
-class Sensor(Protocol):
-    """Makes pixel values of light; the noise model is None if unknown."""
-
-    @property
-    def bit_depth(self) -> int: ...
-
-    @property
-    def gain_e_per_dn(self) -> float | None: ...
-
-    @property
-    def read_noise_dn(self) -> float | None: ...
-
-    @property
-    def black_level_dn(self) -> float | None: ...
-
-    def expose(self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator, /) -> Pixels:
-        """Pixel values for an exposure."""
+def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:
+    """Round values and clip them to the range of a bit depth: uint8 for 8 bits, else uint16."""
+    whole = np.clip(np.rint(values), 0, (1 << bit_depth) - 1)
+    pixels: Pixels = whole.astype(np.uint8 if bit_depth == 8 else np.uint16)
+    return pixels
 
 
 @dataclass(frozen=True)
@@ -115,3 +104,26 @@ class SensorModel:
         signal += deviation
         signal *= np.float32(1.0 / self.gain_e_per_dn)
         return signal
+
+
+@dataclass(frozen=True)
+class RecordedPixels:
+    """Takes the place of a sensor: recorded pixel values, which have their noise already.
+
+    A light that is on for half of an exposure adds half of its recorded values. `origin` identifies
+    the recorded set in the metadata of sets captured from it; a noise model is None if unknown.
+    """
+
+    bit_depth: int
+    exposure_ms: float
+    origin: Mapping[str, Any]
+    gain_e_per_dn: float | None
+    read_noise_dn: float | None
+    black_level_dn: float | None
+
+    def expose(self, light_ms: npt.NDArray[np.float32], _rng: np.random.Generator) -> Pixels:
+        """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""
+        return digital(light_ms / np.float32(self.exposure_ms), self.bit_depth)
+
+
+Sensor = SensorModel | RecordedPixels

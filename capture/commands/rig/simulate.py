@@ -115,5 +115,4 @@ def _status(simulation: DeviceSimulation) -> str:
     lit = ", ".join(f"LED {led}" for led in simulation.lit) or "no LED"
     if not simulation.writes_frames:
         return f"{lit} lit"
-    count = simulation.count
-    return f"{lit} lit, {count.written} frames written, {count.late} too late"
+    return f"{lit} lit, {simulation.written} frames written, {simulation.late} too late"
