@@ -1,4 +1,4 @@
-"""Times of functions that are compared with each other."""
+"""Timing of functions that are compared with each other."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ Clock: TypeAlias = Callable[[], float]
 def shortest_ms(
     functions: Mapping[str, Work], rounds: int, clock_s: Clock = time.perf_counter
 ) -> dict[str, float]:
-    """The shortest of `rounds` calls of each function, in milliseconds.
+    """Duration of the shortest of `rounds` calls of each function, in milliseconds.
 
-    Each round calls every function once, so that a disturbance of the machine affects all of
-    them. The shortest call counts, because disturbances only add time. A first call of each, which
-    compiles and fills caches, is not timed.
+    Each round calls every function once, so that a busy machine slows all of them. The shortest
+    call counts, because other processes only add time. A first call of each, which compiles and
+    fills caches, is not timed.
     """
     for function in functions.values():
         function()

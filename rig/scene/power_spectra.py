@@ -13,16 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "PowerSpectrum",
-    "fractal",
-    "mulvaney",
-    "ogilvy",
-    "ring",
-    "ripples",
-    "rotated",
-    "summed",
-]
+__all__ = ["PowerSpectrum", "fractal", "mulvaney", "ogilvy", "ring", "ripples", "rotated", "summed"]
 
 Frequencies = npt.NDArray[np.float64]
 PowerSpectrum = Callable[[Frequencies, Frequencies], Frequencies]

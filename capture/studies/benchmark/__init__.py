@@ -1,1 +1,1 @@
-"""``ps4rig bench``: times and memory of this machine, as ratios to floors of the same run."""
+"""``ps4rig bench``: times on this machine, many as ratios to a lower bound, and memory."""

@@ -13,18 +13,9 @@ __all__ = ["Measurement", "Section", "as_json", "print_section"]
 
 @dataclass(frozen=True)
 class Measurement:
-    """One measured number.
+    """One measured number: the name of its step, its value and unit, and its target.
 
-    Attributes
-    ----------
-    step
-        What was measured.
-    value, unit
-        The number, where possible a ratio.
-    ms
-        The time behind a ratio.
-    target, bound
-        Target value, and whether `value` is to be at most or at least that.
+    `ms` is the time that a ratio was computed from.
     """
 
     step: str
@@ -52,7 +43,7 @@ class Section:
 
 
 def as_json(section: Section) -> dict[str, Any]:
-    """A section as plain values."""
+    """Dictionary of a section for JSON."""
     figures = [
         asdict(each)
         | {

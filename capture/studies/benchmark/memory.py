@@ -24,15 +24,13 @@ __all__ = [
     "classify_step",
     "match_step",
     "memory_section",
-    "numpy_step",
     "solve_step",
 ]
 
 Step = Callable[[], Callable[[], object]]
-"""Prepares a step with a call on little data, and returns the call to measure."""
+"""Compiles a step with a call on little data, and returns the call to measure."""
 
 _STATUS, _CLEAR = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-_RESET_PEAK = "5"  # proc(5)
 _WARM_UP_PX = 256
 
 
@@ -46,8 +44,8 @@ def memory_section(steps: Mapping[str, Step]) -> Section:
             before, peak = process.submit(_peak_mb, step).result()
         found.append(Measurement(name, peak - before, f"MB beyond {before:.0f} MB"))
     note = (
-        "Beyond the memory of the process with the program loaded and the input read. Pages of a "
-        "mapped file count, although the system can take them back."
+        "In addition to the memory of the process after it has loaded the program and read the "
+        "input. Pages of a mapped file count, although the system can take them back."
     )
     return Section("Peak memory", found, (note,))
 
@@ -58,15 +56,8 @@ def solve_step(image_set: SimulatedSet, method: Method) -> Callable[[], object]:
     return partial(image_set.solve, method)
 
 
-def numpy_step(image_set: SimulatedSet, solve: Callable[..., object]) -> Callable[[], object]:
-    """Step that solves a set in plain numpy."""
-    corner = _corner(image_set)
-    solve(corner.images, corner.lighting)
-    return partial(solve, image_set.images, image_set.lighting)
-
-
 def classify_step(library: Path, image_set: SimulatedSet) -> Callable[[], object]:
-    """Step from images to a match."""
+    """Step that classifies a set, from its images to a match."""
     trained = TextureLibrary.load(library)
     trained.classify(_corner(image_set).solve())
     return lambda: trained.classify(image_set.solve())
@@ -85,33 +76,29 @@ def _corner(image_set: SimulatedSet) -> SimulatedSet:
 
 
 def _peak_mb(step: Step) -> tuple[float, float]:
-    """Resident memory before a step, and the maximum during it."""
+    """Resident memory before a step, and the maximum during it, in megabytes."""
     measured = step()
     gc.collect()
-    # Freed memory that the allocator keeps would be used again without being counted.
+    # The step could use freed memory that the allocator keeps, and the peak would not show it.
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
-    _CLEAR.write_text(_RESET_PEAK, encoding="ascii")
-    before = _resident_mb("VmRSS")
+    _CLEAR.write_text("5", encoding="ascii")  # resets the peak, see proc(5)
+    before = _read_bytes(_STATUS, "VmRSS")
     kept = measured()
-    peak = _resident_mb("VmHWM")
+    peak = _read_bytes(_STATUS, "VmHWM")
     del kept
-    return before, peak
-
-
-def _resident_mb(field: str) -> float:
-    return _read_kb(_STATUS, field) / 1000.0
+    return before / 1e6, peak / 1e6
 
 
 def available_memory() -> int:
     """Bytes of memory that are available without swapping."""
-    return 1024 * _read_kb(Path("/proc/meminfo"), "MemAvailable")
+    return _read_bytes(Path("/proc/meminfo"), "MemAvailable")
 
 
-def _read_kb(path: Path, field: str) -> int:
+def _read_bytes(path: Path, field: str) -> int:
     for line in path.read_text(encoding="ascii").splitlines():
         name, value = line.split(":")
         if name == field:
-            return int(value.split()[0])
+            return 1024 * int(value.split()[0])  # "kB" in /proc is 1024 bytes
     return 0

@@ -1,8 +1,8 @@
-"""Libraries of any size, made from the signatures of real textures.
+"""Libraries of any size, mixed from the signatures of rendered textures.
 
 Rendering thousands of textures would take hours. Instead, a class is a mixture of the signatures
-of two synthetic textures, the second rotated, and part of the difference between two others. Sets
-of a class differ from each other as two realisations of one texture do, and have any orientation.
+of two synthetic textures, the second rotated, and part of the difference between two others. Two
+sets of a class differ as much as two realisations of one texture, and have random orientations.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from .scenes import texture_tile
 __all__ = ["SETS_OF_A_CLASS", "Mixtures", "Textures", "observed_textures"]
 
 SETS_OF_A_CLASS = 4
-# Largest weight of the difference of two other textures in a class. It makes more classes than
-# mixtures of two textures alone; with more of it, signatures no longer resemble those of textures.
+# Largest weight of the difference of two other textures in a class. The difference makes more
+# distinct classes; with a larger weight, signatures no longer resemble those of textures.
 _DIFFERENCE_WEIGHT = 0.5
-# Each set is moved twice along the difference of two realisations, by this times a normal number.
+# Each set gets two differences of realisations, each times this and a standard normal number.
 # Two sets of a class then have the mean squared distance of two realisations: 2 (2 * 0.5^2) = 1.
 _SCATTER = 0.5
 _CHUNK = 1000
@@ -81,7 +81,7 @@ def observed_textures(names: Sequence[str], frame_px: int) -> Textures:
 
 
 class Mixtures:
-    """Any number of classes made from textures."""
+    """Random classes, each a mixture of four textures."""
 
     def __init__(self, textures: Textures, classes: int, seed: int = 0) -> None:
         self._library = textures.library

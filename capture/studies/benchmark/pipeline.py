@@ -13,7 +13,6 @@ from classify.solvers.memory_floor import read_four_write_three
 from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
 from classify.texture.statistics import levels_for, local_statistics
-from rig.simulation.simulated_set import SimulatedSet
 
 from .measurements import Measurement, Section
 from .scenes import rotated_patch
@@ -26,7 +25,7 @@ _TEXTURE, _SEED, _ROTATE_DEG = "sand", 1000, 33.0
 
 
 def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Section:
-    """Classify a set of this size with a library of the joint classifier."""
+    """Time the classification of a set of side `size_px` by the joint classifier."""
     image_set = rotated_patch(_TEXTURE, _SEED, size_px, _ROTATE_DEG)
     surface = image_set.solve()
     fields = texture_fields(surface)
@@ -42,11 +41,11 @@ def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Sect
         "signature": partial(joint.signature, observation, library.parameters),
         "match": partial(library.match, signature),
     }
-    whole: dict[str, Work] = {
+    floor_and_whole: dict[str, Work] = {
         "floor": partial(read_four_write_three, image_set.images, maps),
-        "whole": partial(_classify, library, image_set),
+        "whole": lambda: library.classify(image_set.solve()),
     }
-    times = shortest_ms(whole | stages, rounds)
+    times = shortest_ms(floor_and_whole | stages, rounds)
     floor, total = times["floor"], times["whole"]
     step = "whole, images to match"
     found = [
@@ -67,7 +66,3 @@ def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Sect
             f"{_TEXTURE} at {_ROTATE_DEG:g} degrees: {library.classify(surface).reason}.",
         ),
     )
-
-
-def _classify(library: TextureLibrary, image_set: SimulatedSet) -> None:
-    library.classify(image_set.solve())

@@ -17,22 +17,14 @@ import numpy as np
 from capture.console import out, print_json
 from classify.threads import thread_count
 
+from . import memory
 from .measurements import Section, as_json, print_section
-from .memory import (
-    Step,
-    available_memory,
-    classify_step,
-    match_step,
-    memory_section,
-    numpy_step,
-    solve_step,
-)
 from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
 from .pipeline import pipeline_section
 from .scenes import mosaic, rotated_patch
 from .search import search_section
 from .settings import FULL, Settings
-from .solvers import drop_darkest, normal_least_squares, solver_sections
+from .solvers import solver_sections
 
 __all__ = ["Free", "fits", "print_benchmark"]
 
@@ -41,9 +33,9 @@ Free = tuple[int, int]
 
 
 def print_benchmark(settings: Settings, json: bool, free: Free | None = None) -> None:
-    """Measure, and print tables as they are ready or all as JSON.
+    """Measure, and print each table when it is ready, or all results as JSON.
 
-    `free` decides on the largest library; it is measured if not given.
+    The largest library is left out if `free` is too little; the default is measured.
     """
     about = _machine()
     measured = _sections(settings, free)
@@ -76,46 +68,39 @@ def _sections(settings: Settings, free: Free | None) -> Iterator[Section]:
         if largest is not None:
             mixtures.library(references).save(largest)
         yield search_section(mixtures, largest, settings)
-        yield memory_section(_memory_steps(textures, mixtures, folder, largest, settings))
+        yield memory.memory_section(_memory_steps(textures, mixtures, folder, largest, settings))
 
 
 def fits(references: int, textures: Textures, folder: Path, free: Free | None = None) -> bool:
-    """Whether disk and memory are large enough for a library; prints both."""
+    """Whether disk and memory are large enough for a library; prints what it needs."""
     size = references * textures.signatures.shape[-1] * textures.signatures.itemsize
     # Invariants add a tenth to the file. Writing needs the signatures twice in memory.
-    disk, memory = int(1.15 * size), int(2.5 * size)
-    free_disk, free_memory = free or (shutil.disk_usage(folder).free, available_memory())
-    enough = disk < free_disk and memory < free_memory
+    disk_bytes, memory_bytes = int(1.15 * size), int(2.5 * size)
+    free_disk, free_memory = free or (shutil.disk_usage(folder).free, memory.available_memory())
+    enough = disk_bytes < free_disk and memory_bytes < free_memory
     _say(
-        f"{'' if enough else 'left out: '}{references:,} references need {disk / 1e9:.1f} GB of "
-        f"disk ({free_disk / 1e9:.1f} GB free in {folder}) and {memory / 1e9:.1f} GB of memory "
-        f"({free_memory / 1e9:.1f} GB free)"
+        f"{'' if enough else 'left out: '}{references:,} references need {disk_bytes / 1e9:.1f} GB "
+        f"of disk ({free_disk / 1e9:.1f} GB free in {folder}) and {memory_bytes / 1e9:.1f} GB of "
+        f"memory ({free_memory / 1e9:.1f} GB free)"
     )
     return enough
 
 
 def _memory_steps(
     textures: Textures, mixtures: Mixtures, folder: Path, largest: Path | None, settings: Settings
-) -> dict[str, Step]:
-    shape = settings.solver_frame_px
-    frame = f"{shape[1]} x {shape[0]}"
-    sixteen = mosaic(shape, 16)
-    steps: dict[str, Step] = {
-        f"ps4_robust, {frame}, 16 bit": partial(solve_step, sixteen, "ps4_robust"),
+) -> dict[str, memory.Step]:
+    rows, cols = settings.solver_frame_px
+    frame = mosaic((rows, cols), 16)
+    steps: dict[str, memory.Step] = {
+        f"ps4_robust, {cols} x {rows}, 16 bit": partial(memory.solve_step, frame, "ps4_robust")
     }
-    if settings.all_memory_steps:
-        eight = mosaic(shape, 8)
-        steps |= {
-            f"ps4_robust, {frame}, 8 bit": partial(solve_step, eight, "ps4_robust"),
-            f"ps4, {frame}, 16 bit": partial(solve_step, sixteen, "ps4"),
-            f"numpy lstsq, {frame}, 16 bit": partial(numpy_step, sixteen, normal_least_squares),
-            f"numpy drop-darkest, {frame}, 16 bit": partial(numpy_step, sixteen, drop_darkest),
-        }
     small = folder / "small.ps4lib"
     textures.library.save(small)
     for size_px in settings.frames_px:
         image_set = rotated_patch("sand", 1, size_px, 33.0)
-        steps[f"classification, {size_px} x {size_px}"] = partial(classify_step, small, image_set)
+        steps[f"classification, {size_px} x {size_px}"] = partial(
+            memory.classify_step, small, image_set
+        )
     middle = folder / "middle.ps4lib"
     mixtures.library(settings.library_sizes[-1]).save(middle)
     libraries = {settings.library_sizes[-1]: middle}
@@ -123,7 +108,9 @@ def _memory_steps(
         libraries[settings.largest_library] = largest
     query = mixtures.sets(np.array([0]))[0]
     for size, path in libraries.items():
-        steps[f"opening and match, {size:,} references"] = partial(match_step, path, small, query)
+        steps[f"opening and match, {size:,} references"] = partial(
+            memory.match_step, path, small, query
+        )
     return steps
 
 
@@ -132,7 +119,7 @@ def _say(message: str) -> None:
 
 
 def _machine() -> dict[str, str | int]:
-    """Hardware and versions of this machine."""
+    """Processor, threads and versions."""
     return {
         "ps4rig": version("ps4rig"),
         "processor": _processor(),

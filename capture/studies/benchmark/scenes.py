@@ -39,7 +39,7 @@ def rotated_patch(texture: str, seed: int, size_px: int, rotate_deg: float) -> S
 def mosaic(shape: tuple[int, int], bits: int) -> SimulatedSet:
     """The four surfaces of the thesis side by side, repeated over a large frame.
 
-    There is no ambient light and no ambient image, so that the solver reads four images.
+    It has no ambient light and no ambient image, so that the solver reads only four images.
     """
     sensor = SensorModel(bit_depth=bits, black_level_fraction=0.0)
     tiles = []

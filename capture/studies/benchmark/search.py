@@ -30,7 +30,7 @@ Indices = npt.NDArray[np.intp]
 
 
 def search_section(mixtures: Mixtures, largest: Path | None, settings: Settings) -> Section:
-    """Match times of all sizes, recall of the largest two, opening of the one in a file."""
+    """Match times for all sizes, recall for the largest two, opening time of `largest`."""
     sizes = settings.library_sizes
     libraries = {size: mixtures.library(size) for size in sizes}
     found = []
@@ -72,7 +72,7 @@ def search_section(mixtures: Mixtures, largest: Path | None, settings: Settings)
 def _match_times(
     mixtures: Mixtures, libraries: dict[int, TextureLibrary], settings: Settings
 ) -> dict[int, npt.NDArray[np.float64]]:
-    """Shortest time of each query by size of the library, in milliseconds."""
+    """Shortest time of each query in milliseconds, by size of the library."""
     count = settings.match_queries
     queries = {size: mixtures.sets(_classes(size, count, seed=1)) for size in libraries}
     times = {size: np.full(count, np.inf) for size in libraries}
@@ -89,7 +89,7 @@ def _classes(size: int, count: int, seed: int) -> Indices:
 
 
 def _recall(library: TextureLibrary, queries: FloatMap) -> Iterator[Measurement]:
-    """Compare the sieve with a search through all references."""
+    """Share of queries whose nearest reference passes the sieve, and number of those that pass."""
     size = len(library.labels)
     compare = classifier_named(library.classifier).compare
     kept, compared = 0, []

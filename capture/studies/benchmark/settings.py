@@ -1,4 +1,4 @@
-"""Sizes and numbers of rounds of a benchmark."""
+"""Settings of the full benchmark and of the quick one."""
 
 from __future__ import annotations
 
@@ -11,22 +11,20 @@ __all__ = ["FULL", "QUICK", "Settings"]
 
 @dataclass(frozen=True)
 class Settings:
-    """What a benchmark measures, and how often.
+    """Sizes and numbers of rounds.
 
     Attributes
     ----------
     solver_frame_px
-        Rows and columns for the solvers; a common sensor of five megapixels.
+        Rows and columns for the solvers, by default those of a common sensor of five megapixels.
     frames_px
         Sides of the frames for the classification.
     textures, texture_frame_px
-        Textures and side of the frames that the large libraries are mixed from.
+        Textures that the large libraries are mixed from, and side of their frames.
     library_sizes
         References of each library to search.
     largest_library
-        References of one more library in a file; None leaves it out.
-    all_memory_steps
-        Whether peak memory is measured for all pixel depths and solvers, or for one.
+        References of one more library, in a file; None leaves it out.
     """
 
     solver_frame_px: tuple[int, int] = (1944, 2592)
@@ -42,7 +40,6 @@ class Settings:
     match_queries: int = 50
     recall_queries: int = 1000
     largest_recall_queries: int = 100
-    all_memory_steps: bool = True
 
 
 FULL = Settings()
@@ -53,6 +50,5 @@ QUICK = Settings(
     pipeline_rounds=20,
     match_rounds=1,
     recall_queries=100,
-    all_memory_steps=False,
 )
 """A minute on two cores."""

@@ -1,4 +1,4 @@
-"""Solvers compared with the memory floor and with numpy."""
+"""Times of the solvers against the memory floor and against numpy."""
 
 from __future__ import annotations
 
@@ -40,9 +40,7 @@ def _section(bits: int, settings: Settings) -> Section:
         "numpy lstsq": partial(normal_least_squares, image_set.images, image_set.lighting),
         "numpy drop-darkest": partial(drop_darkest, image_set.images, image_set.lighting),
     }
-    floor_work: dict[str, Work] = {
-        "floor": partial(read_four_write_three, image_set.images, maps),
-    }
+    floor_work: dict[str, Work] = {"floor": partial(read_four_write_three, image_set.images, maps)}
     times = shortest_ms(floor_work | solvers, settings.solver_rounds)
     times |= shortest_ms(plain, settings.numpy_rounds)
     floor = times["floor"]

@@ -3,7 +3,7 @@
     plan, experiments -> training, testing    libraries, and matches of test patches (`patches`)
                       -> sand                 shadow counts, spectra and maps of sand
                       -> chapter_*, comparison, rejection    exhibits: text, numbers, drawing
-                      -> output, page         CSV, PNG, JSON, one HTML page
+                      -> output               CSV, PNG, JSON, one HTML page
 
 Scene and sensor are those of the simulated rig, without the timing of LEDs and frames.
 """

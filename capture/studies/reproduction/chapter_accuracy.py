@@ -30,10 +30,7 @@ _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07
 _THESIS_TEXTONS, _THESIS_WORST_WITH_SHADOW = 100.0, 95.83
 _NOT_IN_THESIS = "not in it"
 
-_PROTOCOLS: dict[Protocol, str] = {
-    "rotated": "same patch rotated",
-    "disjoint": "disjoint patches",
-}
+_PROTOCOLS: dict[Protocol, str] = {"rotated": "same patch rotated", "disjoint": "disjoint patches"}
 
 
 def accuracy_exhibits(results: Results) -> Iterator[Exhibit]:

@@ -5,18 +5,26 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Cell", "Exhibit", "Row", "as_text"]
+__all__ = ["Cell", "Exhibit", "Row", "Text", "as_text"]
 
 Cell = str | int | float | None
 Row = tuple[Cell, ...]
+
+
+class Text(NamedTuple):
+    """Heading of the section, title, and paragraphs on what is shown and what the thesis has."""
+
+    section: str
+    title: str
+    notes: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +56,11 @@ class Exhibit:
     values: Mapping[str, object] = field(default_factory=dict)
 
     @property
-    def section(self) -> str:
-        """Heading above it."""
-        return str(_all_notes()[self.key]["section"])
-
-    @property
-    def title(self) -> str:
-        """Heading."""
-        return str(_all_notes()[self.key]["title"])
-
-    @property
-    def notes(self) -> list[str]:
-        """Paragraphs: what is shown, what the thesis has, where they differ and why."""
-        notes = _all_notes()[self.key]["notes"]
-        return [" ".join(Template(note).substitute(self.values).split()) for note in notes]
+    def text(self) -> Text:
+        """Text beside it."""
+        section, title, notes = _texts()[self.key]
+        filled = [" ".join(Template(note).substitute(self.values).split()) for note in notes]
+        return Text(section, title, filled)
 
 
 def as_text(cell: Cell, digits: int) -> str:
@@ -71,6 +70,11 @@ def as_text(cell: Cell, digits: int) -> str:
     return f"{cell:.{digits}f}" if isinstance(cell, float) else str(cell)
 
 
-@lru_cache(maxsize=1)
-def _all_notes() -> dict[str, Any]:
-    return tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
+@cache
+def _texts() -> dict[str, Text]:
+    sections = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding="utf-8"))
+    return {
+        key: Text(section, **text)
+        for section, texts in sections.items()
+        for key, text in texts.items()
+    }

@@ -1,22 +1,31 @@
-"""The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON."""
+"""The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON, one HTML page."""
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from string import Template
 
 from classify.durable_file import durable_file
 
 from . import plots
-from .exhibit import Exhibit
+from .exhibit import Exhibit, as_text
 
-__all__ = ["write_exhibit", "write_numbers", "write_text"]
+__all__ = ["page", "write_exhibit", "write_numbers", "write_text"]
 
 _DPI = 130  # text of 7 points stays readable on the page
+# Longer lists of numbers are in the CSV files only.
+_SHOWN_ROWS = 60
+_QUICK = (
+    " <b>Quick version:</b> fewer textures and orientations, smaller frames than "
+    "<code>ps4rig reproduce</code> without <code>--quick</code>; one percent is one or two tests."
+)
 
 
 def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
@@ -32,13 +41,16 @@ def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
     return png
 
 
-def write_numbers(exhibits: Sequence[Exhibit], about: dict[str, Any], path: Path) -> None:
+def write_numbers(exhibits: Sequence[Exhibit], quick: bool, path: Path) -> None:
     """Write the numbers of all exhibits into one JSON file."""
-    contents = about | {
+    contents = {
+        "version": version("ps4rig"),
+        "simulated": True,
+        "quick": quick,
         "exhibits": {
-            each.key: {"title": each.title, "columns": each.columns, "rows": each.rows}
+            each.key: {"title": each.text.title, "columns": each.columns, "rows": each.rows}
             for each in exhibits
-        }
+        },
     }
     write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
@@ -47,6 +59,29 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file as a whole or not at all."""
     with durable_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], quick: bool) -> str:
+    """HTML of the page from each exhibit and its PNG, in this order."""
+    sections: dict[str, list[str]] = {}
+    for exhibit, png in exhibits:
+        sections.setdefault(exhibit.text.section, []).append(_exhibit(exhibit, png))
+    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
+    return Template(template).substitute(
+        quick=_QUICK if quick else "",
+        facts="".join(
+            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+            for name, value in facts.items()
+        ),
+        contents="".join(
+            f'<li><a href="#{exhibit.key}">{escape(exhibit.text.title)}</a></li>'
+            for exhibit, _ in exhibits
+        ),
+        sections="".join(
+            f"<h2>{escape(name)}</h2>{''.join(members)}" for name, members in sections.items()
+        ),
+        version=escape(version("ps4rig")),
+    )
 
 
 def _drawn(exhibit: Exhibit) -> bytes:
@@ -65,3 +100,35 @@ def _drawn(exhibit: Exhibit) -> bytes:
     # Without the version of matplotlib in it, equal numbers give equal files.
     figure.savefig(png, format="png", dpi=_DPI, metadata={"Software": None})
     return png.getvalue()
+
+
+def _exhibit(exhibit: Exhibit, png: bytes) -> str:
+    text = exhibit.text
+    notes = "".join(f"<p>{escape(note)}</p>" for note in text.notes)
+    files = f'<p class="files">{exhibit.key}.csv, {exhibit.key}.png</p>'
+    title, body = escape(text.title), _table(exhibit)
+    if exhibit.draw is not None:
+        data = base64.b64encode(png).decode("ascii")
+        image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
+        numbers = f"<details><summary>numbers</summary>{body}</details>" if body else ""
+        body = f"<figure>{image}</figure>{numbers}"
+    return f'<section id="{exhibit.key}"><h3>{title}</h3>{notes}{body}{files}</section>'
+
+
+def _table(exhibit: Exhibit) -> str:
+    if exhibit.draw is not None and len(exhibit.rows) > _SHOWN_ROWS:
+        return ""
+    columns = list(zip(*exhibit.rows, strict=True)) or [()] * len(exhibit.columns)
+    kinds = []
+    for name, cells in zip(exhibit.columns, columns, strict=True):
+        numeric = all(isinstance(cell, int | float | None) for cell in cells)
+        kind = "given" if name.startswith("thesis") else "number" if numeric else ""
+        kinds.append(f' class="{kind}"' if kind else "")
+    rows = [
+        "".join(
+            f"<{tag}{kind}>{escape(as_text(cell, exhibit.digits))}</{tag}>"
+            for cell, kind in zip(cells, kinds, strict=True)
+        )
+        for tag, cells in [("th", exhibit.columns), *(("td", row) for row in exhibit.rows)]
+    ]
+    return f'<div class="wide"><table><tr>{"</tr><tr>".join(rows)}</tr></table></div>'

@@ -32,10 +32,7 @@ def load_surface(texture: Texture, seed: int, tile_px: int) -> PeriodicSurface:
 
 
 def render_patch(
-    position: PatchPosition,
-    slant_deg: float,
-    size_px: int,
-    surface: PeriodicSurface | None = None,
+    position: PatchPosition, slant_deg: float, size_px: int, surface: PeriodicSurface | None = None
 ) -> SceneImages:
     """Ideal images of a patch under the ring of four lights."""
     if surface is None:

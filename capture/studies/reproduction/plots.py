@@ -25,12 +25,7 @@ __all__ = [
     "draw_table",
 ]
 
-COLOURS = {
-    "ps3a": "#d6604d",
-    "ps4": "#4393c3",
-    "ps4_robust": "#1b7837",
-    "truth": "#555555",
-}
+COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837", "truth": "#555555"}
 """One colour for each solver, in every figure."""
 
 OUR_COLOUR = "#f4c542"
@@ -110,8 +105,7 @@ def draw_bars(
 
 
 def draw_polar(
-    figure: Figure,
-    panels: Sequence[tuple[str, Sequence[tuple[str, Sequence[float]]]]],
+    figure: Figure, panels: Sequence[tuple[str, Sequence[tuple[str, Sequence[float]]]]]
 ) -> None:
     """Draw polar spectra over 180 degrees twice around the circle, all on one scale."""
     top = max(max(values) for _, curves in panels for _, values in curves)

@@ -19,10 +19,7 @@ from .testing import Outcome
 
 __all__ = ["ScorePair", "accepted_pct", "rejection_curve", "rejection_exhibits"]
 
-_TITLES = {
-    OURS: "joint distance over the limit of the class",
-    THESIS: "2D spectra of the thesis",
-}
+_TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
 # False rejection of the table: one known part in a hundred.
 _REJECTED = 0.01
 # The CSV of the curves ends here: nobody can use a rig that rejects more of what it knows.
@@ -113,7 +110,7 @@ def _table(groups: Groups) -> Exhibit:
         ("score", *(f"{name}, %" for name in groups)),
         rows,
         values={
-            "counts": ", ".join(f"{name} {len(tests[OURS])}" for name, tests in groups.items()),
+            "counts": ", ".join(f"{name} {len(tests[OURS])}" for name, tests in groups.items())
         },
     )
 

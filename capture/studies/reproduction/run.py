@@ -9,7 +9,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,8 +21,7 @@ from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
 from .comparison import comparison_exhibits
 from .exhibit import Exhibit
-from .output import write_exhibit, write_numbers, write_text
-from .page import page
+from .output import page, write_exhibit, write_numbers, write_text
 from .plan import Plan
 from .rejection import rejection_exhibits
 from .results import Results
@@ -32,10 +30,7 @@ from .testing import Outcome, System, match_patch, patch_tasks
 from .timing import measured_costs
 from .training import train, training_tasks
 
-__all__ = ["PAGE", "exhibits_of", "measure", "reproduce"]
-
-PAGE = "reproduction.html"
-NUMBERS = "results.json"
+__all__ = ["exhibits_of", "measure", "reproduce"]
 
 # Slants of figures 9.2 and 9.3, orientations of figures 9.5 and 9.10.
 _SHADOW_SLANTS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
@@ -73,10 +68,10 @@ def reproduce(
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
-    about = {"version": version("ps4rig"), "simulated": True, "quick": plan.quick}
-    write_numbers(exhibits, about, output / NUMBERS)
-    write_text(output / PAGE, page(drawn, facts, plan.quick))
-    return output / PAGE
+    write_numbers(exhibits, plan.quick, output / "results.json")
+    path = output / "reproduction.html"
+    write_text(path, page(drawn, facts, plan.quick))
+    return path
 
 
 def measure(

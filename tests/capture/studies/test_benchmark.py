@@ -251,7 +251,7 @@ def test_a_benchmark_has_five_sections_and_removes_its_files(
     assert len(printed["chapters"]) == 5
     steps = [each["step"] for each in printed["chapters"][-1]["figures"]]
     assert "opening and match, 1,600 references" in steps
-    assert "numpy lstsq, 70 x 48, 16 bit" in steps
+    assert "ps4_robust, 70 x 48, 16 bit" in steps
     assert "GB of disk" in shown.err
     assert list(temporary_folder.iterdir()) == []
 

@@ -12,15 +12,9 @@ import pytest
 
 from capture.studies.reproduction.exhibit import Exhibit
 from capture.studies.reproduction.experiments import material_textures, plan_of, thirty_textures
-from capture.studies.reproduction.page import page
+from capture.studies.reproduction.output import page
 from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
-from capture.studies.reproduction.plan import (
-    Conditions,
-    Experiment,
-    PatchPosition,
-    Plan,
-    Texture,
-)
+from capture.studies.reproduction.plan import Conditions, Experiment, PatchPosition, Plan, Texture
 from capture.studies.reproduction.rejection import ScorePair, accepted_pct, rejection_curve
 from capture.studies.reproduction.results import Results
 from capture.studies.reproduction.run import reproduce
@@ -228,8 +222,7 @@ def _cut(experiment: Experiment, names: tuple[str, ...], tests: int) -> Experime
         replace(
             run,
             training=replace(
-                run.training,
-                textures=tuple(t for t in run.training.textures if t.name in names),
+                run.training, textures=tuple(t for t in run.training.textures if t.name in names)
             ),
         )
         for run in experiment.tests
@@ -306,9 +299,7 @@ def test_four_lights_are_more_accurate_than_three_in_shadow(reproduction: Path) 
 
 
 @pytest.mark.slow
-def test_joint_matches_or_beats_2d_spectra_on_disjoint_patches(
-    reproduction: Path,
-) -> None:
+def test_joint_matches_or_beats_2d_spectra_on_disjoint_patches(reproduction: Path) -> None:
     rows = [r for r in _csv(reproduction, "figure_9_13") if r["protocol"] == "disjoint"]
     assert rows
     accuracy = {

@@ -89,10 +89,7 @@ def test_rotated_gradients_are_those_of_the_rotated_height() -> None:
 def test_rotation_is_anticlockwise() -> None:
     """The wave vector of the ripples is along +x; rotated by 30 degrees it is at 30 degrees."""
     patch = synthetic_surface("sand", seed=0, tile_px=512).patch(256, rotate_deg=30.0)
-    tensor = (
-        np.mean(patch.p**2 - patch.q**2),
-        np.mean(2 * patch.p * patch.q),
-    )
+    tensor = (np.mean(patch.p**2 - patch.q**2), np.mean(2 * patch.p * patch.q))
     assert np.degrees(np.arctan2(tensor[1], tensor[0])) / 2 == pytest.approx(30.0, abs=2.0)
 
 
