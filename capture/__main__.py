@@ -23,10 +23,11 @@ def main() -> None:
 
         status = run()
     except KeyboardInterrupt:
-        print(INTERRUPTED_LINE, file=sys.stderr)
         status = INTERRUPTED_STATUS
     except Exception as error:
         status = report_crash(error)
+    if status == INTERRUPTED_STATUS:
+        print(INTERRUPTED_LINE, file=sys.stderr)
     sys.exit(streams.final_status(status))
 
 

@@ -6,8 +6,7 @@ import functools
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import typer
 from rich.console import Console
@@ -19,49 +18,9 @@ from .process.interrupts import INTERRUPTED_STATUS, interruptible
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = [
-    "JsonOption",
-    "SchedulerOption",
-    "SetsArgument",
-    "WorkersOption",
-    "complain",
-    "new_table",
-    "out",
-    "print_json",
-    "print_table",
-    "progress",
-    "reported",
-]
+__all__ = ["complain", "new_table", "out", "print_json", "print_table", "progress", "reported"]
 
-# Far more than any machine has cores; a typing error would exhaust its memory.
-_MAX_WORKERS = 1024
-_MANY_SETS = "With many sets"
 _ANY_WIDTH = 10_000  # of a terminal, to measure a table without a limit
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-SetsArgument = Annotated[
-    list[Path],
-    typer.Argument(metavar="SET...", help="Captured sets, and folders with captured sets."),
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        max=_MAX_WORKERS,
-        help="Number of processes on this machine.",
-        show_default="one per core",
-        metavar="N",
-        rich_help_panel=_MANY_SETS,
-    ),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Address of a Dask scheduler whose workers see the same files: tcp://HOST:8786. "
-        "The scheduler can run code on this machine: give one that you trust.",
-        metavar="ADDRESS",
-        rich_help_panel=_MANY_SETS,
-    ),
-]
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from classify.durable_file import require_folder
 from classify.errors import InputError
 
-__all__ = ["ForceOption", "check_output"]
-
-ForceOption = Annotated[
-    bool, typer.Option("--force", help="Replace the output file if it exists already.")
-]
+__all__ = ["check_output"]
 
 
 def check_output(

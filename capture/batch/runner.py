@@ -83,11 +83,7 @@ class Batch:
     """
 
     def __init__(
-        self,
-        workers: int | None = None,
-        scheduler: str | None = None,
-        *,
-        starting_s: float = 2.0,
+        self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
         self._workers = workers or len(os.sched_getaffinity(0))
         self._starting_s = starting_s

@@ -137,11 +137,7 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
         _check_lights(metadata)
         match = trained.classify(captured.solve())
     return ClassifiedSet(
-        match,
-        metadata.label,
-        metadata.orientation_deg,
-        metadata.simulated,
-        metadata.is_protected,
+        match, metadata.label, metadata.orientation_deg, metadata.simulated, metadata.is_protected
     )
 
 

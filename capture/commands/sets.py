@@ -10,31 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from capture.console import (
-    JsonOption,
-    SchedulerOption,
-    SetsArgument,
-    WorkersOption,
-    out,
-    print_json,
-    progress,
-    reported,
-)
-from capture.outputs import ForceOption, check_output
+from capture.console import out, print_json, progress, reported
+from capture.outputs import check_output
 from classify.errors import InputError
 from classify.methods import METHODS, Method
 
-from .simulated_options import (
-    SIMULATION,
-    BitsOption,
-    RigOption,
-    SeedOption,
-    ShiftOption,
-    SizeOption,
-    SlantOption,
-    SurfaceOption,
-    with_part,
-)
+from . import options
 
 if TYPE_CHECKING:
     from capture.batch.tasks import SolvedSet
@@ -53,26 +34,26 @@ _RELIT = "135,45"
 @reported
 def capture(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Output file, NAME.ome.tif.")],
-    rig: RigOption = "rig.toml",
+    rig: options.Rig = "rig.toml",
     label: LabelOption = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
     count: Annotated[int, typer.Option(min=1, max=9999, help="Number of sets.")] = 1,
-    surface: SurfaceOption = None,
+    surface: options.Surface = None,
     rotate: Annotated[
         list[float] | None,
         typer.Option(
             help="Orientation of the surface, anticlockwise. Repeat the option for more sets.",
-            rich_help_panel=SIMULATION,
+            rich_help_panel=options.SIMULATION,
             metavar="DEG",
         ),
     ] = None,
-    slant: SlantOption = None,
-    shift_px: ShiftOption = None,
-    seed: SeedOption = None,
-    bits: BitsOption = None,
-    size: SizeOption = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
+    slant: options.Slant = None,
+    shift_px: options.ShiftPx = None,
+    seed: options.Seed = None,
+    bits: options.Bits = None,
+    size: options.Size = None,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Capture one set or several: the ambient image, then one image under each LED."""
     from capture.sets.ome_tiff import SUFFIX
@@ -81,29 +62,22 @@ def capture(
 
     config = config_of(rig)
     replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
-    paths = _numbered(output, len(rotate or [None]) * count)
+    orientations_deg: list[float] | list[None] = rotate or [None]
+    paths = _numbered(output, len(orientations_deg) * count)
     for path in paths:
         check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
     simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
     has_surface = config.is_simulated and config.camera.kind == "simulated"
     if not has_surface and any(value is not None for value in simulated_only):
         raise ConfigError(
-            f"{rig}: not a simulated rig; leave out the options under '{SIMULATION}' of --help"
+            f"{rig}: not a simulated rig; leave out the options under "
+            f"'{options.SIMULATION}' of --help"
         )
-    orientations_deg: list[float] | list[None] = rotate or [None]
+    placement = {"surface": surface, "shift_px": shift_px, "seed": seed}
     # All configurations are checked before the first set is captured.
     configs = [
-        with_part(
-            config,
-            surface=surface,
-            rotate_deg=orientation_deg,
-            shift_px=shift_px,
-            seed=seed,
-            slant_deg=slant,
-            bits=bits,
-            size_px=size,
-        )
-        for orientation_deg in orientations_deg
+        options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
+        for rotate_deg in orientations_deg
     ]
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
@@ -119,13 +93,12 @@ def capture(
 
 
 def _duration(captured: CapturedSet) -> str:
-    """Describe the frames and the time from the start of the first exposure to the last end."""
+    """Describe the number of frames and the time from the first to the last."""
     frames = [frame for image in captured.metadata.images for frame in image.frames]
-    start_s = min(frame.exposure_start_s for frame in frames)
-    end_s = max(frame.exposure_end_s for frame in frames)
-    sequences = [frame.sequence for frame in frames]
-    count = max(sequences) - min(sequences) + 1
-    return f"{count} frames, {1e3 * (end_s - start_s):.0f} ms"
+    first = min(frames, key=lambda frame: frame.sequence)
+    last = max(frames, key=lambda frame: frame.sequence)
+    time_s = last.exposure_end_s - first.exposure_start_s
+    return f"{last.sequence - first.sequence + 1} frames, {1e3 * time_s:.0f} ms"
 
 
 def _captured(
@@ -180,8 +153,8 @@ def import_(
     ] = None,
     ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights off.")] = None,
     label: LabelOption = None,
-    force: ForceOption = False,
-    json: JsonOption = False,
+    force: options.Force = False,
+    json: options.Json = False,
 ) -> None:
     """Make a captured set from photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
     from capture.sets.image_import import import_images
@@ -227,7 +200,7 @@ def _degrees(option: str, text: str, example: str) -> list[float]:
 
 @reported
 def solve(
-    sets: SetsArgument,
+    sets: options.Sets,
     output: Annotated[
         Path,
         typer.Option(
@@ -237,7 +210,7 @@ def solve(
         ),
     ],
     method: Annotated[
-        str | None,
+        Method | None,
         typer.Option(
             help=f"One of {', '.join(METHODS)}.",
             show_default="ps4_robust, or least_squares for more than four lights",
@@ -247,19 +220,14 @@ def solve(
     relight: Annotated[
         str | None,
         typer.Option(
-            help="Light of the relit image in degrees.",
-            show_default=_RELIT,
-            metavar="TILT,SLANT",
+            help="Light of the relit image in degrees.", show_default=_RELIT, metavar="TILT,SLANT"
         ),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    json: options.Json = False,
 ) -> None:
     """Write the maps of captured sets: p, q, albedo, normals, relative height, shadows and more."""
-    if method is not None and method not in METHODS:
-        raise InputError(f"--method {method}: choose one of {', '.join(METHODS)}")
-    chosen: Method | None = method
     from capture.batch.runner import Batch
     from capture.batch.tasks import SolveTask, solve_set, warn_unprotected
     from capture.maps.surface_maps import RELIT_LIGHT
@@ -271,7 +239,7 @@ def solve(
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
     rows, protected = [], []
     with Batch(workers, scheduler) as batch:
-        solving = batch.map(partial(solve_set, method=chosen, light=light), tasks)
+        solving = batch.map(partial(solve_set, method=method, light=light), tasks)
         solved = progress(solving, len(tasks), "solve")
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             protected.append((path, surface.protected))
@@ -302,11 +270,6 @@ def _light(angles: str) -> Lighting:
 
 
 def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
-    return {
-        "set": str(path),
-        "files": [str(folder / name) for name in surface.files],
-        "valid": surface.valid,
-        "saturated": surface.saturated,
-        "shadowed": surface.shadowed,
-        "simulated": surface.simulated,
-    }
+    shares = {"valid": surface.valid, "saturated": surface.saturated, "shadowed": surface.shadowed}
+    files = [str(folder / name) for name in surface.files]
+    return {"set": str(path), "files": files, **shares, "simulated": surface.simulated}

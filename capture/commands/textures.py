@@ -12,21 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import (
-    JsonOption,
-    SchedulerOption,
-    SetsArgument,
-    WorkersOption,
-    new_table,
-    out,
-    print_json,
-    print_table,
-    progress,
-    reported,
-)
-from capture.outputs import ForceOption, check_output
+from capture.console import new_table, out, print_json, print_table, progress, reported
+from capture.outputs import check_output
 from classify.errors import InputError
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
+
+from . import options
 
 if TYPE_CHECKING:
     from capture.batch.runner import Batch
@@ -39,20 +30,19 @@ LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
 ClassifierOption = Annotated[
-    str,
-    typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME"),
+    str, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
 ]
 
 
 @reported
 def train(
-    sets: SetsArgument,
+    sets: options.Sets,
     library: LibraryOption,
     classifier: ClassifierOption = DEFAULT_CLASSIFIER,
-    force: ForceOption = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
+    force: options.Force = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    json: options.Json = False,
 ) -> None:
     """Train a texture library from labelled sets, any number for each class."""
     from capture.batch.runner import Batch
@@ -75,11 +65,11 @@ def train(
 
 @reported
 def classify(
-    sets: SetsArgument,
+    sets: options.Sets,
     library: LibraryOption,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    json: options.Json = False,
 ) -> None:
     """Find the texture of each set and its orientation."""
     from capture.batch.runner import Batch
@@ -112,7 +102,7 @@ def classify(
 
 @reported
 def evaluate_(
-    sets: SetsArgument,
+    sets: options.Sets,
     library: LibraryOption,
     classifier: Annotated[
         str | None,
@@ -122,9 +112,9 @@ def evaluate_(
             metavar="NAME",
         ),
     ] = None,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    json: JsonOption = False,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+    json: options.Json = False,
 ) -> None:
     """Classify labelled sets and compare the answers with their labels."""
     from capture.batch.runner import Batch

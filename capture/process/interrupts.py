@@ -8,6 +8,7 @@ This module imports little, because a signal before `install_handlers` ends in a
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -20,15 +21,16 @@ __all__ = ["INTERRUPTED_LINE", "INTERRUPTED_STATUS", "install_handlers", "interr
 
 INTERRUPTED_STATUS = 130  # 128 + SIGINT, as shells report it
 INTERRUPTED_LINE = "ps4rig: interrupted"
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 # Time for a command to clean up undisturbed. It covers the time-outs of a controller that no longer
-# answers (rig.toml's defaults). A signal after that ends the process at once.
+# answers (rig.toml's defaults).
 _CLEANUP_S = 5.0
 # Delay until an interrupt that could not be raised is tried again; too short to be noticed.
 _RETRY_S = 0.01
+_AT_ONCE, _NEVER = -math.inf, math.inf
 
-_command_runs = False
-_raised_at_s: float | None = None
+# Time after which a signal ends the process: _AT_ONCE outside commands, _NEVER in a command until
+# its first interrupt, and the end of the clean-up after that.
+_exit_after_s = _AT_ONCE
 
 
 def install_handlers() -> None:
@@ -36,7 +38,7 @@ def install_handlers() -> None:
 
     ``nohup`` ignores SIGHUP, and a shell ignores SIGINT for jobs in the background.
     """
-    for number in _SIGNALS:
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
     sys.unraisablehook = _retry_lost_interrupt
@@ -48,53 +50,39 @@ def interruptible() -> Iterator[None]:
 
     Further signals are ignored while the block cleans up, for at most five seconds.
     """
-    global _command_runs, _raised_at_s
-    _raised_at_s = None
-    _command_runs = True
+    global _exit_after_s
+    _exit_after_s = _NEVER
     try:
         yield
     finally:
-        _command_runs = False
+        _exit_after_s = _AT_ONCE
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    global _raised_at_s
+    global _exit_after_s
     now_s = time.monotonic()
-    if not _command_runs or (_raised_at_s is not None and now_s > _raised_at_s + _CLEANUP_S):
+    if now_s > _exit_after_s:
         with suppress(OSError):
             os.write(2, f"{INTERRUPTED_LINE}\n".encode())
         os._exit(INTERRUPTED_STATUS)
-    if _raised_at_s is not None:
-        return
-    if _is_importing(frame):
-        # Modules of other libraries catch every exception while they are imported.
-        _send_again(number)
-        return
-    _raised_at_s = now_s
+    if _exit_after_s < _NEVER:
+        return  # the command cleans up
+    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            # Modules of other libraries catch every exception while they are imported.
+            signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
+            return
+        frame = frame.f_back
+    _exit_after_s = now_s + _CLEANUP_S
     raise KeyboardInterrupt
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            return True
-        frame = frame.f_back
-    return False
-
-
-def _send_again(number: int) -> None:
-    import threading
-
-    timer = threading.Timer(_RETRY_S, os.kill, (os.getpid(), number))
-    timer.daemon = True
-    timer.start()
-
-
 def _retry_lost_interrupt(lost: sys.UnraisableHookArgs) -> None:
-    """Raise an interrupt again that Python lost in a finalizer or a callback from C."""
-    global _raised_at_s
-    if issubclass(lost.exc_type, KeyboardInterrupt):
-        _raised_at_s = None
-        _send_again(signal.SIGINT)
-    else:
+    """Retry an interrupt that Python lost in a finalizer or a callback from C."""
+    global _exit_after_s
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
+    elif _exit_after_s > _AT_ONCE:
+        _exit_after_s = _NEVER
+        signal.setitimer(signal.ITIMER_REAL, _RETRY_S)

@@ -176,15 +176,7 @@ def test_the_page_its_state_and_its_images_are_served(shown: Preview) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    [
-        "light/9.png",
-        "light/-1.png",
-        "light/٣.png",
-        "light/.png",
-        "../rig.toml",
-        "page.html",
-        "x",
-    ],
+    ["light/9.png", "light/-1.png", "light/٣.png", "light/.png", "../rig.toml", "page.html", "x"],
 )
 def test_other_paths_are_not_served(shown: Preview, path: str) -> None:
     with serving(shown, 0) as server:

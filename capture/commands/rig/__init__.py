@@ -6,9 +6,7 @@ from . import doctor, flash, init, latency, lights, preview, simulate, timing
 
 __all__ = ["rig_app"]
 
-_HELP = "Set up and check the rig itself, and switch its lights by hand."
-
-rig_app = typer.Typer(help=_HELP)
+rig_app = typer.Typer()
 rig_app.command()(init.init)
 rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
@@ -19,7 +17,8 @@ rig_app.command()(preview.preview)
 rig_app.command()(simulate.simulate)
 
 
-@rig_app.callback(invoke_without_command=True, help=_HELP)
+@rig_app.callback(invoke_without_command=True)
 def _options(context: typer.Context) -> None:
+    """Set up and check the rig itself, and switch its lights by hand."""
     if context.invoked_subcommand is None:
         print(context.get_help())

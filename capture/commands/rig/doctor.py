@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import typer
 
-from capture.commands.simulated_options import RigOption
-from capture.console import JsonOption, new_table, out, print_json, print_table, reported
+from capture.commands import options
+from capture.console import new_table, out, print_json, print_table, reported
 
 __all__ = ["doctor"]
 
@@ -16,10 +16,7 @@ _STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "
 
 
 @reported
-def doctor(
-    rig: RigOption = "rig.toml",
-    as_json: JsonOption = False,
-) -> None:
+def doctor(rig: options.Rig = "rig.toml", as_json: options.Json = False) -> None:
     """Check the whole rig; report what is found, what is wrong and what to do.
 
     It checks ports, permissions, controller, watchdog, camera, frames, and an image under each

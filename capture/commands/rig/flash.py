@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.console import JsonOption, out, print_json, reported
+from capture.commands import options
+from capture.console import out, print_json, reported
 
 if TYPE_CHECKING:
     from rig.lights.flash import Flashed
@@ -32,7 +33,7 @@ def flash(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the files and the board, and change nothing.")
     ] = False,
-    as_json: JsonOption = False,
+    as_json: options.Json = False,
 ) -> None:
     """Put the firmware on a Raspberry Pi Pico that runs MicroPython.
 
@@ -57,8 +58,7 @@ def flash(
         out.print(f"{file.name}: {len(file.data)} bytes, SHA-256 {file.sha256[:16]}")
     done = "would get" if dry_run else "has"
     out.print(
-        f"{flashed.where} {done} firmware {new}; before: {flashed.before or 'none'}",
-        soft_wrap=True,
+        f"{flashed.where} {done} firmware {new}; before: {flashed.before or 'none'}", soft_wrap=True
     )
 
 

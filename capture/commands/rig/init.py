@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from capture.commands import options
 from capture.console import out, reported
-from capture.outputs import ForceOption, check_output
+from capture.outputs import check_output
 
 __all__ = ["init"]
 
@@ -20,7 +21,7 @@ def init(
         str | None,
         typer.Option(help="Port of the light controller.", show_default="searched", metavar="PORT"),
     ] = None,
-    force: ForceOption = False,
+    force: options.Force = False,
 ) -> None:
     """Write a commented rig.toml from the light controllers and cameras that are plugged in.
 

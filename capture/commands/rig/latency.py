@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.simulated_options import RigOption
-from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
+from capture.commands import options
+from capture.console import new_table, out, print_json, print_table, progress, reported
 
 if TYPE_CHECKING:
     from rig.latency.camera import CameraLatency
@@ -22,7 +22,7 @@ _MOST_STEPS = 1000
 
 @reported
 def latency(
-    rig: RigOption = "rig.toml",
+    rig: options.Rig = "rig.toml",
     led: Annotated[int, typer.Option(min=0, help="The LED that is switched.")] = 0,
     steps: Annotated[
         int, typer.Option(min=5, max=_MOST_STEPS, help="Number of times it is switched on and off.")
@@ -30,7 +30,7 @@ def latency(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the results and store nothing.")
     ] = False,
-    as_json: JsonOption = False,
+    as_json: options.Json = False,
 ) -> None:
     """Measure the camera's timing, and store it in rig.toml.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from capture.commands.simulated_options import RigOption
+from capture.commands import options
 from capture.console import out, reported
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def lights(
     level: Annotated[
         int, typer.Option(min=0, max=100, help="Brightness in percent.", metavar="PERCENT")
     ] = 100,
-    rig: RigOption = "rig.toml",
+    rig: options.Rig = "rig.toml",
 ) -> None:
     """Switch an LED by hand until Ctrl-C, or all LEDs in turn with cycle.
 

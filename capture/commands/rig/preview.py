@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.simulated_options import RigOption
+from capture.commands import options
 from capture.console import out, reported
 
 __all__ = ["preview"]
@@ -16,7 +16,7 @@ _PORT = 8765
 
 @reported
 def preview(
-    rig: RigOption = "rig.toml",
+    rig: options.Rig = "rig.toml",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the page; 0 chooses a free one.")
     ] = _PORT,

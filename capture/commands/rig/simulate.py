@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.commands.simulated_options import (
-    SIMULATION,
-    BitsOption,
-    RigOption,
-    SeedOption,
-    ShiftOption,
-    SizeOption,
-    SlantOption,
-    SurfaceOption,
-    with_part,
-)
+from capture.commands import options
 from capture.console import out, reported
 from classify.errors import InputError
 
@@ -32,7 +22,7 @@ _REPORT_EVERY_S = 5.0
 
 @reported
 def simulate(
-    rig: RigOption = "sim",
+    rig: options.Rig = "sim",
     serial: Annotated[
         str | None,
         typer.Option(
@@ -42,23 +32,22 @@ def simulate(
         ),
     ] = None,
     video: Annotated[
-        str | None,
-        typer.Option(help="v4l2loopback device for the camera's frames.", metavar="DEV"),
+        str | None, typer.Option(help="v4l2loopback device for the camera's frames.", metavar="DEV")
     ] = None,
-    surface: SurfaceOption = None,
+    surface: options.Surface = None,
     rotate: Annotated[
         float | None,
         typer.Option(
             help="Orientation of the surface in degrees, anticlockwise.",
-            rich_help_panel=SIMULATION,
+            rich_help_panel=options.SIMULATION,
             metavar="DEG",
         ),
     ] = None,
-    slant: SlantOption = None,
-    shift_px: ShiftOption = None,
-    seed: SeedOption = None,
-    bits: BitsOption = None,
-    size: SizeOption = None,
+    slant: options.Slant = None,
+    shift_px: options.ShiftPx = None,
+    seed: options.Seed = None,
+    bits: options.Bits = None,
+    size: options.Size = None,
 ) -> None:
     """Simulate a rig as devices: the firmware on a serial line, frames in a video device.
 
@@ -71,18 +60,10 @@ def simulate(
             "for the frames (modprobe v4l2loopback makes one), or both"
         )
     from rig.config.rig import config_of
-
-    config = with_part(
-        config_of(rig),
-        surface=surface,
-        rotate_deg=rotate,
-        shift_px=shift_px,
-        seed=seed,
-        slant_deg=slant,
-        bits=bits,
-        size_px=size,
-    )
     from rig.simulation.devices import DeviceSimulation
+
+    placement = {"surface": surface, "rotate_deg": rotate, "shift_px": shift_px, "seed": seed}
+    config = options.with_part(config_of(rig), placement, slant, bits, size)
 
     simulation = DeviceSimulation(config, serial=serial, video=video)
     try:

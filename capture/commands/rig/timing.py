@@ -7,17 +7,17 @@ from typing import Annotated
 
 import typer
 
-from capture.commands.simulated_options import RigOption
-from capture.console import JsonOption, new_table, out, print_json, print_table, progress, reported
+from capture.commands import options
+from capture.console import new_table, out, print_json, print_table, progress, reported
 
 __all__ = ["timing"]
 
 
 @reported
 def timing(
-    rig: RigOption = "rig.toml",
+    rig: options.Rig = "rig.toml",
     sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,
-    as_json: JsonOption = False,
+    as_json: options.Json = False,
 ) -> None:
     """Measure the time of a set and of a switch of the lights.
 

@@ -318,7 +318,6 @@ def test_a_set_without_a_valid_pixel_is_status_1_and_writes_nothing(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--method", "ps5", "--out", "maps"], "--method ps5: choose one of ps3a"),
         (["--relight", "45", "--out", "maps"], "--relight 45: give tilt and slant"),
         (["--out", "file"], "file: cannot be made"),
     ],

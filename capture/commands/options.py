@@ -1,0 +1,107 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rig import RigConfig
+
+SIMULATION = "With a simulated rig"
+_MANY_SETS = "With many sets"
+# Far more than any machine has cores; a typing error would exhaust its memory.
+_MAX_WORKERS = 1024
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace the output file if it exists already.")
+]
+Sets = Annotated[
+    list[Path],
+    typer.Argument(metavar="SET...", help="Captured sets, and folders with captured sets."),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=_MAX_WORKERS,
+        help="Number of processes on this machine.",
+        show_default="one per core",
+        metavar="N",
+        rich_help_panel=_MANY_SETS,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Address of a Dask scheduler whose workers see the same files: tcp://HOST:8786. "
+        "The scheduler can run code on this machine: give one that you trust.",
+        metavar="ADDRESS",
+        rich_help_panel=_MANY_SETS,
+    ),
+]
+Rig = Annotated[
+    str, typer.Option(help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG")
+]
+Surface = Annotated[
+    str | None,
+    typer.Option(
+        help="A material folder or a name: rock, sand, malv, ogil and more. A wrong name lists "
+        "them all.",
+        rich_help_panel=SIMULATION,
+        metavar="NAME|DIR",
+    ),
+]
+Slant = Annotated[
+    float | None, typer.Option(help="Slant of the lights in degrees.", rich_help_panel=SIMULATION)
+]
+ShiftPx = Annotated[
+    tuple[float, float] | None,
+    typer.Option(help="Shift of the patch to the right and up.", rich_help_panel=SIMULATION),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(help="Seed of the noise and of a synthetic surface.", rich_help_panel=SIMULATION),
+]
+Bits = Annotated[
+    int | None,
+    typer.Option(help="Pixel depth of the camera: 8, 10, 12 or 16.", rich_help_panel=SIMULATION),
+]
+Size = Annotated[
+    int | None, typer.Option(help="Side of the frame in pixels.", rich_help_panel=SIMULATION)
+]
+
+
+def with_part(
+    config: RigConfig,
+    placement: dict[str, Any],
+    slant_deg: float | None,
+    bits: int | None,
+    size_px: int | None,
+) -> RigConfig:
+    """Return `config` with the given values; None keeps the value of `config`.
+
+    Parameters
+    ----------
+    placement
+        Fields of `rig.Placement`.
+
+    Raises
+    ------
+    ConfigError
+        If the result is not a valid configuration.
+    """
+    camera = {"bits": bits, "width_px": size_px, "height_px": size_px}
+    placed = config.simulation.placement.model_dump() | _given(placement)
+    return config.with_changes(
+        lights=_given({"slant_deg": slant_deg}),
+        camera=_given(camera),
+        simulation={"placement": placed},
+    )
+
+
+def _given(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}

@@ -1,0 +1,68 @@
+"""Commands that measure this package: demo, reproduce, bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import out, reported
+
+from . import options
+
+__all__ = ["bench", "demo", "reproduce"]
+
+
+@reported
+def demo(
+    output: Annotated[
+        Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
+    ] = Path("demo-report"),
+) -> None:
+    """Capture, train and classify on the simulated rig, and write a report."""
+    from capture.studies.demo.run import run_demo
+
+    run_demo(output)
+
+
+@reported
+def reproduce(
+    output: Annotated[
+        Path,
+        typer.Option("--out", help="Folder for the page, pictures and CSV files.", metavar="DIR"),
+    ],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer textures and orientations; about two minutes.")
+    ] = False,
+    materials: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the material folders for the table of scanned materials.",
+            show_default="the materials of ps4rig",
+            metavar="DIR",
+        ),
+    ] = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+) -> None:
+    """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
+    from capture.studies.reproduction.experiments import material_textures, plan_of
+    from capture.studies.reproduction.run import reproduce as run
+
+    page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)
+    out.print(f"{page}: every figure and table (simulated)", soft_wrap=True)
+
+
+@reported
+def bench(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer rounds and references; about a minute.")
+    ] = False,
+    json: options.Json = False,
+) -> None:
+    """Measure the speed of this machine: times, and ratios to a lower bound of the same run."""
+    from capture.studies.benchmark.run import print_benchmark
+    from capture.studies.benchmark.settings import FULL, QUICK
+
+    print_benchmark(QUICK if quick else FULL, json)
