@@ -5,20 +5,20 @@ from __future__ import annotations
 import fcntl
 import os
 import secrets
-import stat
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
 
-__all__ = ["durable_file", "make_folder", "require_folder", "sync"]
+__all__ = ["durable_file", "locked_temporary", "make_folder", "require_folder", "sync"]
 
 _PREFIX = ".writing-"
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents where they are missing.
+    """Make a folder and its missing parents.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def make_folder(folder: Path) -> None:
 
 
 def require_folder(path: Path) -> None:
-    """Check, before the work, that the folder of its result exists.
+    """Check that the folder of an output exists, before the work on it begins.
 
     Raises
     ------
@@ -51,8 +51,6 @@ def durable_file(path: Path) -> Iterator[Path]:
     or the disk is full, the temporary file is removed and an older `path` stays as it was. If
     `path` is a symbolic link, the file that it points to is replaced, and the link stays.
 
-    Temporary files in this folder whose writers were killed are removed.
-
     Raises
     ------
     InputError
@@ -61,56 +59,87 @@ def durable_file(path: Path) -> Iterator[Path]:
     """
     try:
         target = path.resolve() if path.is_symlink() else path
-        if target.exists() and not (target.is_file() or target.is_dir()):
-            raise InputError(f"{path}: cannot be written: it is not a regular file")
-        _remove_abandoned(target.parent)
-        temporary, lock = _locked_file(target)
+        special = target.exists() and not (target.is_file() or target.is_dir())
     except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, up to Python 3.12
         cause = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written: {cause}") from error
-    try:
+    if special:
+        raise InputError(f"{path}: cannot be written: it is not a regular file")
+    # Some writers choose their format by the suffix.
+    with locked_temporary(target.parent, path, suffix=target.suffix) as temporary:
         yield temporary
         sync(temporary)
         temporary.replace(target)
         sync(target.parent)
+
+
+@contextmanager
+def locked_temporary(
+    home: Path, path: Path, *, suffix: str = "", is_folder: bool = False
+) -> Iterator[Path]:
+    """Yield a new file or folder in `home`, locked by this writer, and remove it at the end.
+
+    Temporary files and folders in `home` whose writers were killed are removed first.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or the block raises an OSError; the message names `path`.
+    """
+    try:
+        _remove_abandoned(home)
+        temporary, lock = _new_temporary(home, suffix, is_folder)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    try:
+        yield temporary
     except OSError as error:
         cause = error.strerror or f"{error}; is the disk full?"
         raise InputError(f"{path}: cannot be written: {cause}") from error
     finally:
         with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+            _remove(temporary)
         os.close(lock)
 
 
-def _locked_file(target: Path) -> tuple[Path, int]:
-    """Make a temporary file beside `target`, and lock it for as long as the descriptor is open."""
+def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int]:
+    """Make a temporary file or folder that is locked as long as the descriptor is open."""
     while True:
-        # Some writers choose their format by the suffix.
-        temporary = target.parent / f"{_PREFIX}{secrets.token_hex(8)}{target.suffix}"
-        # Not by `tempfile`, whose files only their owner may read. To mend that takes the umask,
-        # which can be read only by changing it, for all threads.
-        lock = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
-        # File systems without locks: the file is not removed after a kill either.
+        temporary = home / f"{_PREFIX}{secrets.token_hex(8)}{suffix}"
+        if is_folder:
+            temporary.mkdir()
+            lock = os.open(temporary, os.O_DIRECTORY)
+        else:
+            # `tempfile` makes files that only their owner may read. Changing that takes the umask,
+            # which can be read only by setting it for all threads.
+            lock = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        # On a file system without locks, it is not removed after a kill.
         with suppress(OSError):
             fcntl.flock(lock, fcntl.LOCK_EX)
-        # Another writer may have taken the file for abandoned before it was locked.
-        if os.fstat(lock).st_nlink > 0:
+        # Another writer may have removed it as abandoned before it was locked.
+        if temporary.exists():
             return temporary, lock
         os.close(lock)
 
 
-def _remove_abandoned(folder: Path) -> None:
-    """Remove temporary files that no writer holds a lock on."""
-    for path in folder.glob(f"{_PREFIX}*"):
+def _remove_abandoned(home: Path) -> None:
+    """Remove temporary files and folders that no writer holds a lock on."""
+    for path in home.glob(f"{_PREFIX}*"):
         with suppress(OSError):
-            if not stat.S_ISREG(path.lstat().st_mode):
-                continue
-            lock = os.open(path, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            kind = os.O_DIRECTORY if path.is_dir() else os.O_WRONLY
+            lock = os.open(path, kind | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                path.unlink()
+                _remove(path)
             finally:
                 os.close(lock)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def sync(path: Path) -> None:

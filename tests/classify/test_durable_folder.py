@@ -1,4 +1,4 @@
-"""Folders of results: replaced as a whole, and nothing of others is lost."""
+"""Folders of results: replaced as a whole, and other files stay."""
 
 import os
 from pathlib import Path
@@ -43,7 +43,7 @@ def test_an_interruption_leaves_the_old_result_whole(tmp_path: Path, error: Base
     assert list(tmp_path.iterdir()) == [tmp_path / "maps"]
 
 
-def test_what_others_put_into_the_folder_stays(tmp_path: Path) -> None:
+def test_other_files_in_the_folder_stay(tmp_path: Path) -> None:
     write(tmp_path, "old")
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "sub").mkdir()
@@ -52,13 +52,13 @@ def test_what_others_put_into_the_folder_stays(tmp_path: Path) -> None:
     assert (tmp_path / "sub").is_dir()
 
 
-def test_the_working_folder_stays_the_one_that_a_shell_stands_in(
+def test_the_working_folder_stays_the_same_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "maps").mkdir()
     monkeypatch.chdir(tmp_path / "maps")
     write(Path(), "new")
-    assert sorted(os.listdir()) == sorted(NAMES)  # noqa: PTH208 - of the folder we stand in
+    assert sorted(os.listdir()) == sorted(NAMES)  # noqa: PTH208 - of the working folder
 
 
 def test_a_link_is_followed(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_abandoned_folders_are_removed_and_those_in_use_stay(tmp_path: Path) -> 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "other"]
 
 
-def test_a_file_system_that_cannot_exchange_renames_twice(
+def test_a_result_is_replaced_where_folders_cannot_be_exchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module.ctypes, "CDLL", lambda *_, **__: object())
