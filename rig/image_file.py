@@ -1,8 +1,7 @@
 """Reading one PNG, JPEG or TIFF image: damage is an error, and memory is bounded.
 
-OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints its complaints. So a
-PNG is checked before it is decoded, and a JPEG is decoded by simplejpeg, which makes the warnings
-of libjpeg errors.
+OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints warnings. So a JPEG
+is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.
 """
 
 from __future__ import annotations
@@ -27,39 +26,31 @@ __all__ = ["read_image"]
 Image = npt.NDArray[np.uint8 | np.uint16]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
-# A file may not declare more pixel bytes than the first, or this many times its own length: zeros
-# compress by 1000 and more, photographs of a camera with noise by less than 100.
+# A file may declare this many bytes of pixels, or this many times its own length if that is more.
+# Zeros are compressed by 1000 and more, photographs with noise by less than 100.
 _SMALL_BYTES = 2**26
 _MAX_COMPRESSION = 200
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # Samples per pixel, and the allowed bits of a sample, for each colour type of a PNG (section 11.2.2
 # of its specification).
 _PNG_COLOUR_TYPES = {
-    0: (1, (1, 2, 4, 8, 16)),
-    2: (3, (8, 16)),
-    3: (1, (1, 2, 4, 8)),
-    4: (2, (8, 16)),
+    0: (1, (1, 2, 4, 8, 16)), 2: (3, (8, 16)), 3: (1, (1, 2, 4, 8)), 4: (2, (8, 16)),
     6: (4, (8, 16)),
-}
+}  # fmt: skip
 _PNG_PALETTE = 3
 # First column and row, and steps between columns and rows, of the passes of a PNG.
 _ONE_PASS = ((0, 0, 1, 1),)
 _ADAM7 = (
-    (0, 0, 8, 8),
-    (4, 0, 8, 8),
-    (0, 4, 4, 8),
-    (2, 0, 4, 4),
-    (0, 2, 2, 4),
-    (1, 0, 2, 2),
+    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
     (0, 1, 1, 2),
-)
+)  # fmt: skip
 
 
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
-    Pixel values are those of the file; an orientation noted by a camera is not applied. Bytes after
-    the end of a JPEG or PNG are ignored.
+    Pixel values are those of the file; the orientation in a camera's EXIF data is not applied.
+    Bytes after the end of a JPEG or PNG are ignored.
 
     Raises
     ------
@@ -94,7 +85,7 @@ def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int)
         )
 
 
-def _by_opencv(content: bytes) -> npt.NDArray[Any]:
+def _by_opencv(content: bytes, kind: str) -> npt.NDArray[Any]:
     # OpenCV logs an error on stderr before it returns None.
     level = cv2.utils.logging.setLogLevel(0)
     try:
@@ -102,7 +93,7 @@ def _by_opencv(content: bytes) -> npt.NDArray[Any]:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if image is None:
-        raise ValueError("not a readable image; it may be truncated")
+        raise ValueError(f"not a readable {kind}; it may be truncated")
     return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
 
 
@@ -124,29 +115,21 @@ def _jpeg(content: bytes) -> npt.NDArray[Any]:
 
 
 def _png(content: bytes) -> npt.NDArray[Any]:
-    """Decode a PNG of which every critical chunk, and the length of its pixels, was checked.
+    """Check all chunks and the length of the pixels, then decode the critical chunks.
 
-    Ancillary chunks are left out: none of them changes a pixel value, and libpng prints warnings
-    about them.
+    No ancillary chunk changes a pixel value, and libpng prints warnings about them.
     """
     try:
         chunks = list(_png_chunks(content))
-        kinds = [kind for kind, _ in chunks]
-        if kinds[:1] != [b"IHDR"] or len(chunks[0][1]) != 13:
-            raise ValueError("no header")
-        palette = _check_png_pixels(chunks, len(content))
+        indexed = _check_png_pixels([(chunk[4:8], chunk[8:-4]) for chunk in chunks], len(content))
     except ValueError as error:
         raise ValueError(f"not a complete PNG image: {error}; it may be truncated") from error
-    kept = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if palette else ()))
-    parts = [_PNG_SIGNATURE]
-    for kind, data in chunks:
-        if kind in kept:
-            checksum = zlib.crc32(kind + data)
-            parts += [struct.pack(">I", len(data)), kind, data, struct.pack(">I", checksum)]
-    return _by_opencv(b"".join(parts))
+    critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
+    return _by_opencv(_PNG_SIGNATURE + b"".join(c for c in chunks if c[4:8] in critical), "PNG")
 
 
-def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+def _png_chunks(content: bytes) -> Iterator[bytes]:
+    """Yield each chunk: length, type, data and checksum."""
     start = len(_PNG_SIGNATURE)
     if content[:start] != _PNG_SIGNATURE:
         raise ValueError("no PNG signature")
@@ -154,18 +137,20 @@ def _png_chunks(content: bytes) -> Iterator[tuple[bytes, bytes]]:
         end = start + 8 + int.from_bytes(content[start : start + 4], "big")
         if content[end : end + 4] != zlib.crc32(content[start + 4 : end]).to_bytes(4, "big"):
             raise ValueError("a checksum is wrong")
-        kind = content[start + 4 : start + 8]
-        yield kind, content[start + 8 : end]
-        if kind == b"IEND":
+        yield content[start : end + 4]
+        if content[start + 4 : start + 8] == b"IEND":
             return
         start = end + 4
-    raise ValueError("no end")
+    raise ValueError("the end is missing")
 
 
 def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> bool:
-    """Check header, palette and pixel data; returns whether the pixels are palette indices."""
+    """Check header, palette and pixel data; return whether the pixels are palette indices."""
+    kind, header = chunks[0]
+    if kind != b"IHDR" or len(header) != 13:
+        raise ValueError("no header")
     columns, rows, depth, colour_type, compression, filtering, interlace = struct.unpack(
-        ">IIBBBBB", chunks[0][1]
+        ">IIBBBBB", header
     )
     samples, depths = _PNG_COLOUR_TYPES.get(colour_type, (0, ()))
     if depth not in depths or compression or filtering or interlace > 1:
@@ -185,11 +170,11 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
     except zlib.error as error:
         raise ValueError(f"pixel data: {error}") from error
     if len(raw) != declared or not inflate.eof or inflate.unused_data:
-        raise ValueError("the pixel data have another length than the header says")
+        raise ValueError("the pixel data do not have the length that the header declares")
     start = 0
     for h, row_bytes in sizes:
         if max(raw[start : start + h * row_bytes : row_bytes]) > 4:
-            raise ValueError("a row has an unknown filter")
+            raise ValueError("a row has an unknown filter type")
         start += h * row_bytes
     palettes = [data for kind, data in chunks if kind == b"PLTE"]
     indexed = bool(colour_type == _PNG_PALETTE)
@@ -199,29 +184,25 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
 
 
 def _tiff(content: bytes) -> npt.NDArray[Any]:
-    # Here, so that a simulated rig opens without loading it.
+    # Imported here, so that a simulated rig opens without it.
     import tifffile
 
     try:
         with tifffile.TiffFile(io.BytesIO(content)) as tiff:
             page, shape = tiff.pages.first, tiff.series[0].shape
             grey, rgb = tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB
-            kind, compression = page.photometric, page.compression
+            kind = page.photometric
             _require_size(page.shape[0], page.shape[1], tiff.series[0].nbytes, len(content))
-            # LZW, which OpenCV writes by default, tifffile reads only with a further package.
-            by_tifffile = compression != tifffile.COMPRESSION.LZW
-            if kind in (grey, rgb) and by_tifffile:
+            # LZW, OpenCV's default, is read by tifffile only with a further package.
+            if kind in (grey, rgb) and page.compression != tifffile.COMPRESSION.LZW:
                 return tiff.asarray()
     except Exception as error:
         raise ValueError(
-            f"not a readable TIFF ({error}); it may be truncated, or its compression not be handled"
+            f"not a readable TIFF ({error}); it may be truncated, or its compression is not handled"
         ) from error
     if kind not in (grey, rgb):
         name = tifffile.PHOTOMETRIC(kind).name
         raise ValueError(f"TIFF pixels are {name}; save it as grey or RGB")
     if len(shape) > 3:
         raise ValueError(f"{shape} is not one grey or colour image")
-    try:
-        return _by_opencv(content)
-    except ValueError as error:
-        raise ValueError("not a readable TIFF; it may be truncated") from error
+    return _by_opencv(content, "TIFF")

@@ -47,10 +47,9 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
     Returns
     -------
     planes
-        (pages, H, W) uint16: the light images in order, then the ambient image if there is one.
+        (pages, H, W) uint16: the light images in order, then the ambient image if it exists.
     fields
-        As in the file; no more is known than that they are JSON. `schema_version` 1 has no hash
-        over the fields.
+        JSON values of the file, not validated. Files of `schema_version` 1 have no hash over them.
 
     Raises
     ------
