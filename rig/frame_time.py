@@ -15,18 +15,10 @@ def exposure_start_s(
     period_s: float,
     exposure_s: float,
 ) -> float:
-    """Earliest possible start of the first row's exposure.
+    """Earliest possible start of the first row's exposure, in s on the clock of the stamp.
 
-    Parameters
-    ----------
-    stamp_s
-        The driver's time stamp.
-    claims_start
-        Whether the driver declares it as the start of exposure, else as the frame's end.
-    config
-        Measured offset and uncertainty of the stamp, and whether the driver is believed.
-    period_s, exposure_s
-        As read back from the camera.
+    `claims_start` tells whether the driver declares its time stamp as the start of exposure, or
+    else as the end of the frame. `period_s` and `exposure_s` are as read back from the camera.
     """
     stamp_s += (config.timestamp_offset_ms - config.timestamp_uncertainty_ms) / 1e3
     # The kernel's driver for USB cameras declares the start of exposure and stamps the arrival of

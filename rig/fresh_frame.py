@@ -1,4 +1,4 @@
-"""Wait for a frame that was exposed after a switch of the lights: the only such loop."""
+"""Wait for a frame that was exposed after a switch of the lights."""
 
 from __future__ import annotations
 
@@ -36,15 +36,18 @@ class FrameKind(Enum):
 
 
 class NoFreshFrameError(CameraError):
-    """The camera delivers frames, but no fresh one; `found` says which, and in what time."""
+    """The camera delivers frames, but no fresh one.
+
+    `found` has the counts of the other frames and the waiting time, as text.
+    """
 
     def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
         received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
         self.found = f"{received} in {waited_s:.1f} s"
         super().__init__(
             f"no fresh frame after a switch of the lights ({self.found}); run ps4rig rig latency "
-            "to measure the meaning of the camera's time stamps; if they are not on the rig's "
-            "clock, use another camera"
+            "to measure what the camera's time stamps mean; if they are not on the rig's clock, "
+            "use another camera"
         )
 
 
@@ -56,7 +59,7 @@ def switch_to(rig: Rig, light: int | None) -> Switch:
 def fresh_frame(rig: Rig, light: int | None) -> Frame:
     """Switch to `light` (None: all off) and return the first good frame exposed under it.
 
-    For previews and the doctor; `capture_set` checks more.
+    Previews and the doctor use it; `capture_set` checks more.
 
     Raises
     ------

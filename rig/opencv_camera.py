@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -21,7 +20,7 @@ __all__ = ["OpencvCamera"]
 
 # Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
 _UNKNOWN_BUFFERS = 10
-# How long `close` waits for a read that blocks, before the thread is left to end by itself.
+# Time that `close` waits for a blocked read; after that the thread ends by itself.
 _CLOSE_TIMEOUT_S = 2.0
 # Relative, as in `V4l2Device.set_frame_rate`.
 _RATE_TOLERANCE = 0.01
@@ -31,10 +30,7 @@ _MANUAL = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Grabbed:
-    pixels: Pixels
-    arrived_s: float
+_Grabbed = tuple[Pixels, float]  # and when it arrived, s
 
 
 class OpencvCamera:
@@ -47,12 +43,7 @@ class OpencvCamera:
     The exposure start is bounded by the number of buffers n: a buffer can only be filled again
     after it was returned. So frame k was exposed no earlier than one exposure and one period before
     frame k - n - 1 arrived, and this time is reported. It is never later than the true start, and
-    costs n frames per light.
-
-    Parameters
-    ----------
-    config
-        `device` may be anything that OpenCV opens, such as a video file.
+    costs n frames per light. `device` may be anything that OpenCV opens, such as a video file.
 
     Raises
     ------
@@ -118,10 +109,11 @@ class OpencvCamera:
                 self._frames.put_nowait(grabbed)
             raise CameraError(str(grabbed)) from grabbed
         exposure_s = self._config.exposure_ms / 1e3
-        self._arrived_s.append(grabbed.arrived_s)
+        pixels, arrived_s = grabbed
+        self._arrived_s.append(arrived_s)
         start_s = self._arrived_s[0] - exposure_s - 1.0 / self._config.frame_rate_hz
         self._sequence += 1
-        return Frame(grabbed.pixels, 8, start_s, start_s + exposure_s, self._sequence)
+        return Frame(pixels, 8, start_s, start_s + exposure_s, self._sequence)
 
     def close(self) -> None:
         """Stop reading and release the device; a second call does nothing."""
@@ -154,7 +146,7 @@ class OpencvCamera:
             raise CameraError(
                 f"{self._path}: OpenCV delivers {image.shape} {image.dtype} instead of 8-bit images"
             )
-        return _Grabbed(image.astype(np.uint8, copy=False), arrived_s)
+        return image.astype(np.uint8, copy=False), arrived_s
 
     def _put(self, item: _Grabbed | CameraError) -> None:
         while not self._closing.is_set():
@@ -181,7 +173,7 @@ class OpencvCamera:
         if rate_hz > 0 and abs(rate_hz - config.frame_rate_hz) > _RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self._path}: camera.frame_rate_hz = {config.frame_rate_hz:g} was asked for, "
-                f"OpenCV gives {rate_hz:g}; set that"
+                f"OpenCV gives {rate_hz:g}; set {rate_hz:g}"
             )
         fourcc = int(video.get(cv2.CAP_PROP_FOURCC)) & 0xFFFF_FFFF
         self._compressed = fourcc.to_bytes(4, "little") in (b"MJPG", b"JPEG")
@@ -225,7 +217,7 @@ class OpencvCamera:
 
 
 def _opened(path: str) -> cv2.VideoCapture:
-    # OpenCV would print messages of its own.
+    # OpenCV would print its own messages.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:
@@ -234,5 +226,7 @@ def _opened(path: str) -> cv2.VideoCapture:
     finally:
         cv2.utils.logging.setLogLevel(level)
     if not video.isOpened():
-        raise CameraError(f"{path}: OpenCV cannot open it; is it plugged in, and free?")
+        raise CameraError(
+            f"{path}: OpenCV cannot open it; plug it in, and close other programs that use it"
+        )
     return video

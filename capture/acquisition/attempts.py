@@ -27,19 +27,21 @@ from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 from rig.set_file import pixels_sha256
 
+from .exposure_timeline import ExposureTimeline
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
 from .light_checks import LightImages, check_agreement, check_ambient, check_order, check_retake
 from .light_images import images_under
 from .quality import check_images
+from .repeated_frames import RepeatDetector
 
 __all__ = ["MAX_ATTEMPTS", "MAX_AVERAGE", "capture_set"]
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024
-# A disturbance that passes (a lost line, a torn frame) seldom meets two attempts; see the table
-# that test_fault_matrix.py prints.
+# A passing disturbance (a lost line, a torn frame) seldom affects two attempts; see the table that
+# test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
 
 
@@ -48,9 +50,9 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
 
     A frame counts only if its exposure began after the controller's acknowledge and the settle
     time. After each frame the controller is asked whether the LED is still on. The light images
-    are then checked, see `light_checks`. An attempt that fails is repeated with a new link to the
-    controller; the error of the third one is raised. All LEDs are off at the end, also after an
-    error.
+    are then checked, see `light_checks`. A failed attempt is repeated with a new link to the
+    controller; the error of the third attempt is raised. All LEDs are off at the end, also after
+    an error.
 
     Parameters
     ----------
@@ -66,8 +68,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
     InputError
         If the label is not printable, or average out of range.
     SetRejected
-        If an image is saturated, dark or under the wrong light, or no fresh frame arrived; the
-        message names the cause.
+        If an image is saturated, dark or under the wrong light, or no fresh frame arrived.
     HardwareError
         If the controller or the camera fails.
     """
@@ -122,7 +123,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Images that passed all checks, and their records: those of the lights, then the ambient."""
+    """Images that passed all checks, and their records: the light images', then the ambient's."""
 
     images: LightImages
     records: tuple[ImageRecord, ...]
@@ -130,7 +131,8 @@ class _Attempt:
 
 
 def _attempt(rig: Rig, average: int) -> _Attempt:
-    info, history = rig.camera.info, FrameHistory.of(rig)
+    info = rig.camera.info
+    history = FrameHistory(RepeatDetector(), ExposureTimeline(info.frame_period_s))
     captured = _capture(rig, average, history)
     lights = _light_images(captured)
     ambient, *later = (image for image in captured if image.record.light is None)
@@ -170,8 +172,8 @@ def _capture(
     """Ambient and light images in the order of their capture; a retake may lack ambient images.
 
     By software, lights with the same sign in the redundancy follow each other, with the second
-    ambient image between the two groups. Then light that is there for a while, over any
-    consecutive images, shows in the redundancy or in the ambient images.
+    ambient image between the two groups. Then extra light during any consecutive images shows in
+    the redundancy residual or in the ambient images.
     """
     if rig.config.sequence_plan is not None:
         return images_in_sequence(rig, average)
@@ -191,13 +193,13 @@ def _stack(images: list[SetImage]) -> npt.NDArray[np.uint16]:
 
 
 def _leds_off(rig: Rig) -> None:
-    # The caller must see the first error; if this fails too, the watchdog puts the LEDs out.
+    # The caller must see the first error; if this fails too, the watchdog turns the LEDs off.
     with suppress(HardwareError):
         rig.lights.off()
 
 
 def _flush(rig: Rig) -> None:
-    """Let dark frames fill the camera's buffers, so that no frame reaches the next attempt."""
+    """Empty the camera's buffers, so that no frame of this attempt reaches the next one."""
     info = rig.camera.info
     with suppress(HardwareError):
         for _ in range(info.queue_length + 1):

@@ -1,4 +1,4 @@
-"""When the frames of a set were exposed, as known from all their time stamps together."""
+"""Exposure times of the frames of a set, from all their time stamps together."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from capture.errors import SetRejected
 
 __all__ = ["ExposureTimeline"]
 
-# Frames over which one time stamp tells about another: the buffers of a V4L2 camera. With more,
-# the error of the period leaves less than a frame's pause to tell two frames apart.
+# Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
+# the error of the period is larger than the pause between two exposures.
 _MAX_FRAMES = 4
 # Relative error allowed for the frame period that a camera reports, as when its rate is set.
 _PERIOD_ERROR = 0.01
@@ -19,13 +19,8 @@ _PERIOD_ERROR = 0.01
 class ExposureTimeline:
     """Exposure starts of the frames received so far.
 
-    Exposures start one frame period apart or more. So the stamps of earlier frames predict the
-    next start, and a stamp that was too late shows in those of later frames.
-
-    Parameters
-    ----------
-    period_s
-        The camera's frame period.
+    Exposures start at least one frame period, `period_s`, apart. So the stamps of earlier frames
+    predict the next start, and the stamps of later frames show that an earlier one was too late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -41,7 +36,7 @@ class ExposureTimeline:
         return self._last_start_s
 
     def add(self, stamped_start_s: float) -> None:
-        """Take in the next frame by its time stamp, and check the accepted ones against it.
+        """Add the time stamp of the next frame, and check the accepted frames against it.
 
         Raises
         ------
@@ -58,8 +53,8 @@ class ExposureTimeline:
             start_s = stamped_start_s - frames * self._shortest_s
             if frames <= _MAX_FRAMES and start_s < acknowledged_s:
                 raise SetRejected(
-                    f"set rejected: the time stamp of a frame under {name} was late: by those of "
-                    f"the following frames it was exposed {1e3 * (acknowledged_s - start_s):.0f} "
+                    f"set rejected: the time stamp of a frame under {name} was late: the stamps of "
+                    f"later frames show that it was exposed {1e3 * (acknowledged_s - start_s):.0f} "
                     "ms or more before the switch; check the camera's cable and the computer's load"
                 )
 

@@ -1,4 +1,4 @@
-"""Images of a set from frames: each frame checked, then averaged at the full 16 bits."""
+"""Images of a set from frames: each frame is checked, and several are averaged to 16 bits."""
 
 from __future__ import annotations
 
@@ -22,31 +22,28 @@ class SetImage:
 
 
 class FrameMean:
-    """Mean of `count` frames, which are added one by one; a single frame stays as it is."""
+    """Mean of `count` frames, which are added one by one; a single frame stays unchanged.
+
+    `records` holds the sequence number and exposure of each frame.
+    """
 
     def __init__(self, info: CameraInfo, count: int) -> None:
         self._full_scale = (1 << info.bit_depth) - 1
         self._count = count
         self._total = np.zeros((info.height_px, info.width_px), dtype=np.uint32)
         self._saturated = np.zeros(self._total.shape, dtype=np.bool_)
-        self._records: list[FrameRecord] = []
+        self.records: tuple[FrameRecord, ...] = ()
 
     def add(self, frame: Frame) -> None:
         """Add a frame."""
         self._total += frame.pixels
         self._saturated |= frame.pixels >= self._full_scale
-        self._records.append(
-            FrameRecord(
-                sequence=frame.sequence,
-                exposure_start_s=frame.exposure_start_s,
-                exposure_end_s=frame.exposure_end_s,
-            )
+        record = FrameRecord(
+            sequence=frame.sequence,
+            exposure_start_s=frame.exposure_start_s,
+            exposure_end_s=frame.exposure_end_s,
         )
-
-    @property
-    def records(self) -> tuple[FrameRecord, ...]:
-        """Sequence number and exposure of each frame."""
-        return tuple(self._records)
+        self.records = (*self.records, record)
 
     def image(self) -> npt.NDArray[np.uint16]:
         """The mean, (H, W); that of several frames is stretched to 65535."""
@@ -77,5 +74,5 @@ def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
         raise CameraError(
             f"frame {frame.sequence} is stamped {frame.exposure_start_s:.6f} to "
             f"{frame.exposure_end_s:.6f} s and arrived at {now_s:.6f} s; the camera's time stamps "
-            "are not on the rig's clock"
+            "are not on the rig's clock: run ps4rig rig latency, or use another camera"
         )

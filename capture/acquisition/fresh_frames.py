@@ -33,11 +33,6 @@ class FrameHistory:
     repeats: RepeatDetector
     timeline: ExposureTimeline
 
-    @classmethod
-    def of(cls, rig: Rig) -> FrameHistory:
-        """An empty history for a rig's camera."""
-        return cls(RepeatDetector(), ExposureTimeline(rig.camera.info.frame_period_s))
-
 
 class FreshFrames:
     """Frames that were exposed under the light of one switch.
@@ -51,7 +46,7 @@ class FreshFrames:
         self._acknowledged_s = switch.acknowledged_s
         self._not_before_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1000.0
         self._history = history
-        # None before the first frame under this light: an earlier gap does not affect the image.
+        # None until the first fresh frame: an earlier gap does not affect the image.
         self._last_sequence: int | None = None
         self.counts: Counter[FrameKind] = Counter()
         self.lost = 0
@@ -62,7 +57,7 @@ class FreshFrames:
         Raises
         ------
         SetRejected
-            If none arrives in the time that the queue and the frame rate explain.
+            If no fresh frame arrives within the time that queue and frame rate explain.
         CameraError
             If the camera delivers no frame at all in that time.
         """
@@ -118,14 +113,13 @@ class FreshFrames:
 
     def _kind_of(self, frame: Frame, not_before_s: float) -> FrameKind:
         check_frame(frame, self._rig.camera.info, self._rig.clock.now_s())
-        self._history.repeats.add(frame)
-        if self._history.repeats.is_repeat:
+        if self._history.repeats.is_repeat(frame):
             return FrameKind.REPEATED
         self._history.timeline.add(frame.exposure_start_s)
         if self._last_sequence is not None:
             self.lost += frame.sequence - self._last_sequence - 1
         kind = kind_of(frame, not_before_s)
         self._last_sequence = None if kind is FrameKind.STALE else frame.sequence
-        # Without light an image may be all zero: some cameras cut their noise off there.
+        # An ambient image may be all zero, because some cameras clip their noise.
         is_empty = self._light is not None and not frame.pixels.any()
         return FrameKind.CORRUPT if kind is FrameKind.FRESH and is_empty else kind

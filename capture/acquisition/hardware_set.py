@@ -37,10 +37,10 @@ _TOLERANCE_S = 1e-3
 # The same in frame periods. Together with the uncertainty between the clocks, which may be as
 # large, it stays below one half: no frame is confused with its neighbour.
 _TOLERANCE_PERIODS = 0.2
-# Length of the strobe's pulse against the exposure that the camera reports, which it rounds.
+# Tolerance of the strobe's pulse against the exposure that the camera reports, which it rounds.
 _PULSE_TOLERANCE = 0.02
 _PULSE_TOLERANCE_US = 100
-# How often to ask whether a sequence is over once all frames are received.
+# Interval of asking whether a sequence is over once all frames are received.
 _POLL_S = 0.001
 # Time to wait beyond what the plan and the camera's queue explain, as in `fresh_frames`.
 _SPARE_S = 0.5
@@ -101,15 +101,17 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     deadline_s = rig.clock.now_s() + plan.duration_s + _SPARE_S
     sequence = RunningSequence(rig.lights, plan)
     frames = _Frames(rig, sequence.asked_s, deadline_s)
-    while frames.count < plan.frames_per_step * len(plan.lights) or sequence.is_running():
-        if plan.triggers and frames.count == len(plan.lights):
+    wanted = plan.frames_per_step * len(plan.lights)
+    while len(frames.received) < wanted or sequence.is_running():
+        if plan.triggers and len(frames.received) == wanted:
             rig.clock.sleep_s(_POLL_S)  # the last step outlasts its frame
         elif not frames.take():
             sequence.is_running()
             break  # the controller may know why
     report = sequence.report()
     exposures_s, tolerance_s = _exposures_s(rig, plan, report), _tolerance_s(rig, report)
-    while not frames.reach(exposures_s[-1] - tolerance_s) and frames.take():
+    last_s = exposures_s[-1] - tolerance_s
+    while frames.received[-1].exposure_start_s < last_s and frames.take():
         pass
     names = [light_name(rig, light) for light in plan.lights]
     found = [
@@ -124,7 +126,8 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
                 f"{plan.frames_per_step}: a frame was lost, or the strobe line is noisy; check "
                 "both cables"
             )
-        if np.array_equal(frames.before(after).pixels, after.pixels):
+        previous = frames.received[frames.received.index(after) - 1]
+        if np.array_equal(previous.pixels, after.pixels):
             raise SetRejected(
                 f"set rejected: the frame under {name} has the pixels of the previous one: the "
                 "camera repeats frames; check its cable"
@@ -147,18 +150,14 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
 
 
 class _Frames:
-    """Frames exposed since a sequence was started."""
+    """The frames `received` that were exposed after a sequence was started."""
 
     def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
         self._rig = rig
         self._since_s = since_s
         self._deadline_s = deadline_s
-        self._frames: list[Frame] = []
         self._previous: int | None = None
-
-    @property
-    def count(self) -> int:
-        return len(self._frames)
+        self.received: list[Frame] = []
 
     def take(self) -> bool:
         """Read one more frame; return False if none arrives in time.
@@ -174,7 +173,7 @@ class _Frames:
         try:
             frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
         except CameraError:
-            if not self._frames:
+            if not self.received:
                 raise
             return False
         check_frame(frame, camera.info, clock.now_s())
@@ -184,33 +183,25 @@ class _Frames:
                     f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
                     "check its cable"
                 )
-            if self._frames and frame.sequence > self._previous + 1:
+            if self.received and frame.sequence > self._previous + 1:
                 raise SetRejected(
                     f"set rejected: frame {self._previous + 1} was lost; check the camera's cable "
                     "and the computer's load"
                 )
         self._previous = frame.sequence
         if frame.exposure_end_s >= self._since_s:
-            self._frames.append(frame)
+            self.received.append(frame)
         return True
-
-    def before(self, frame: Frame) -> Frame:
-        """The frame received before `frame`, which is not the first."""
-        return self._frames[self._frames.index(frame) - 1]
-
-    def reach(self, at_s: float) -> bool:
-        """Whether the last frame was exposed from `at_s` on."""
-        return self._frames[-1].exposure_start_s >= at_s
 
     def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
         """The good frame whose exposure began at `begun_s`."""
-        near = [f for f in self._frames if abs(f.exposure_start_s - begun_s) <= tolerance_s]
+        near = [f for f in self.received if abs(f.exposure_start_s - begun_s) <= tolerance_s]
         if len(near) != 1:
-            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self._frames), key=abs)
+            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self.received), key=abs)
             raise SetRejected(
-                f"set rejected: {len(near)} of {self.count} frames fit the exposure under {name}, "
-                f"the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run ps4rig rig "
-                "latency"
+                f"set rejected: {len(near)} of {len(self.received)} frames fit the exposure under "
+                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run "
+                "ps4rig rig latency"
             )
         if near[0].flags != FrameFlag.GOOD:
             raise SetRejected(

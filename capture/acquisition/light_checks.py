@@ -1,7 +1,7 @@
 """Check whether light images show the lights that they are named for.
 
-Four light images of a matt surface confirm one another. Where they cannot, they are compared with
-a retake in the opposite order: a fault does not look the same twice.
+The redundancy of four light images of a matt surface shows faults. Where it cannot, the images are
+compared with a retake in the opposite order, in which a passing fault has other effects.
 """
 
 from __future__ import annotations
@@ -80,14 +80,14 @@ class LightImages:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What light images confirm of one another.
+    """Result of comparing the light images of a set with one another.
 
     Attributes
     ----------
     found
         Redundancy residual and LED levels; None without four lights in general position.
     undecided
-        What the images could not confirm, in words; empty if they need no retake.
+        Reasons for a retake, in words; empty if none is needed.
     """
 
     found: LightAgreement | None
@@ -95,7 +95,7 @@ class Agreement:
 
 
 def check_ambient(images: LightImages) -> float | None:
-    """Difference of the two ambient images as a share of the brightest light's signal.
+    """Difference of the ambient images as a share of the brightest light's signal.
 
     None if there is only one ambient image.
 
@@ -111,14 +111,16 @@ def check_ambient(images: LightImages) -> float | None:
     if change > MAX_AMBIENT_CHANGE:
         raise SetRejected(
             f"set rejected: the two ambient images differ by {change:.0%} of an LED's light: an "
-            "LED stays on, a frame was black, torn or older than its time stamp says, or other "
-            "light changed; shield the rig, then check LEDs and camera"
+            "LED stays on, a frame was black, torn or older than its time stamp, or other light "
+            "changed; shield the rig, then run ps4rig rig doctor"
         )
     return change
 
 
 def check_agreement(images: LightImages) -> Agreement:
-    """Reject light images, neither saturated nor dark, that contradict one another.
+    """Reject light images that contradict one another.
+
+    The images must have passed `check_images`.
 
     Raises
     ------
@@ -156,7 +158,7 @@ def check_retake(images: LightImages, retaken: Images, agreement: Agreement) -> 
             raise SetRejected(
                 f"set rejected: the retake under {name} differs by {change:.0%}: the LED flickers, "
                 "the exposure drifts, a frame was torn or showed another light, or the part moved; "
-                "keep the part still, then check LED and camera"
+                "keep the part still, then run ps4rig rig doctor"
             )
     if agreement.found is not None and agreement.found.levels is not None:
         return
@@ -165,8 +167,8 @@ def check_retake(images: LightImages, retaken: Images, agreement: Agreement) -> 
     for name, share in zip(images.names, shares.tolist(), strict=True):
         if share < WEAK_LED_SHARE:
             raise SetRejected(
-                f"set rejected: {name} gives {share:.0%} of the others' light; is the LED weak or "
-                "covered, or the part in its shadow?"
+                f"set rejected: {name} gives {share:.0%} of the others' light (limit "
+                f"{WEAK_LED_SHARE:.0%}); uncover or replace the LED, or move the part out of shadow"
             )
 
 
@@ -189,14 +191,14 @@ def check_order(images: LightImages) -> Literal["confirmed", "undecided"]:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
         raise SetRejected(
             "set rejected: the LEDs are not in the order of lights.tilts_deg; by their shading "
-            f"the light images were captured under tilts {best}; are cables exchanged, or is an "
-            "LED dead?"
+            f"the light images were captured under tilts {best}; exchange the cables of the LEDs, "
+            "or set lights.tilts_deg to this order; if an LED is dead, replace it"
         )
     return "confirmed" if order.is_confirmed else "undecided"
 
 
 def _refuse_equal(images: LightImages) -> None:
-    # Noise differs from frame to frame: a row that is the same in two images is of one frame.
+    # Noise differs from frame to frame: a row that is equal in two images is from one frame.
     pairs = combinations(zip(images.names, images.images, strict=True), 2)
     for (earlier, first), (later, second) in pairs:
         same = (np.ptp(second, axis=1) > 1) & (first == second).all(axis=1)
@@ -228,7 +230,7 @@ def _check_levels(found: LightAgreement, images: LightImages) -> None:
 
 
 def _stays_on(images: LightImages, light: int) -> str:
-    """A hint, if the ambient image is shaded as under this LED."""
+    """Part of a message: whether the ambient image is shaded as by this LED."""
     ambient = images.ambient.astype(np.float64)
     shading = images.images - ambient
     common = shading.mean(axis=0)

@@ -1,8 +1,8 @@
 """Capture light images one after the other, with the lights switched by this computer.
 
 An LED is no longer needed once its frame is exposed, which is before the frame arrives. Where the
-end of exposure can be predicted, the next light is switched on then, and the time stamp of the
-frame must confirm the prediction.
+end of exposure can be predicted, the next light is switched on at that time, and the time stamp of
+the frame must confirm the prediction.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["images_under"]
 def images_under(
     rig: Rig, lights: Sequence[int | None], average: int, history: FrameHistory
 ) -> list[SetImage]:
-    """Switch to each light (None: all off) in turn, and average `average` fresh frames under it.
+    """Capture one image under each light (None: all LEDs off) from `average` fresh frames.
 
     After the exposure of each frame the controller is asked whether the light is still on. The
     mean of several frames is stretched to 16 bits. The last light stays on.
@@ -34,20 +34,18 @@ def images_under(
     HardwareError
         If the controller or the camera fails.
     """
+    slot = _LightSlot(rig, lights[0], switch_to(rig, lights[0]), average, history)
     images = []
-    switch = switch_to(rig, lights[0])
-    for number, light in enumerate(lights):
-        slot = _LightSlot(rig, light, switch, average, history)
-        if number + 1 < len(lights):
-            switch = slot.end_with_switch_to(lights[number + 1])
-        else:
-            slot.end()
+    for light in lights[1:]:
+        switch = slot.end_with_switch_to(light)
         images.append(slot.image())
-    return images
+        slot = _LightSlot(rig, light, switch, average, history)
+    slot.end()
+    return [*images, slot.image()]
 
 
 class _LightSlot:
-    """The time in which one light is on, from the switch to it."""
+    """The time in which one light is on, from its switch."""
 
     def __init__(
         self, rig: Rig, light: int | None, switch: Switch, average: int, history: FrameHistory
@@ -78,7 +76,7 @@ class _LightSlot:
         return switch_to(self._rig, light)
 
     def end(self) -> None:
-        """Take the frames that are still missing, each until it arrives."""
+        """Wait for the frames that are still missing."""
         self._take(self._average - len(self._mean.records))
 
     def image(self) -> SetImage:
@@ -109,7 +107,7 @@ class _LightSlot:
             self._confirm()
 
     def _confirm(self) -> None:
-        """Ask for the light after an exposure: a watchdog or restart during it shows here."""
+        """Ask for the light after an exposure, to notice a watchdog or restart during it."""
         state = self._rig.lights.confirm(self._light)
         if self._light is not None:
             self._level_percent = state.levels_percent[self._light]

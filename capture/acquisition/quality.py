@@ -18,7 +18,7 @@ def check_images(images: LightImages) -> None:
     Raises
     ------
     SetRejected
-        Naming every light that fails and by how much.
+        Names each such light with its value.
     """
     causes: list[str] = []
     full_scale, ambient_mean = images.full_scale, float(images.ambient.mean())
@@ -37,13 +37,13 @@ def check_images(images: LightImages) -> None:
             )
         elif signal < MIN_SIGNAL_SHARE * full_scale:
             causes.append(
-                f"{name}: dark, {signal:.1f} of {full_scale} above ambient; "
-                "is the LED dead or always on, or the exposure too short?"
+                f"{name}: dark, {signal:.1f} of {full_scale} above ambient light: the LED is dead "
+                "or always on, or the exposure too short; run ps4rig rig doctor"
             )
         elif signal < DEAD_LED_SHARE * brightest:
             causes.append(
-                f"{name}: only {signal / brightest:.0%} of the brightest light; is the LED dead "
-                "or covered?"
+                f"{name}: only {signal / brightest:.0%} of the brightest light (limit "
+                f"{DEAD_LED_SHARE:.0%}); uncover or replace the LED"
             )
     if causes:
         raise SetRejected("set rejected: " + "; ".join(causes))

@@ -12,7 +12,7 @@ _SAMPLED_PX = 4096
 
 
 class RepeatDetector:
-    """Tells whether the last frame repeats the one before.
+    """Recognises frames that repeat the previous frame.
 
     A camera without noise, such as one that replays a set, delivers the same pixels each time.
     Therefore a frame whose pixels come a third time in a row is not a repeat: the scene is static.
@@ -23,23 +23,19 @@ class RepeatDetector:
         self._sample = b""
         self._is_repeat = False
 
-    def add(self, frame: Frame) -> None:
-        """Take in the next frame, whatever it is."""
+    def is_repeat(self, frame: Frame) -> bool:
+        """Whether a frame repeats the one of the previous call."""
         sample = _sample(frame)
         same_number = self._sequence is not None and frame.sequence <= self._sequence
         same_pixels = sample != b"" and sample == self._sample and not self._is_repeat
         self._is_repeat = same_number or same_pixels
         self._sequence = max(frame.sequence, self._sequence or 0)
         self._sample = sample
-
-    @property
-    def is_repeat(self) -> bool:
-        """Whether the last frame is a repeat."""
         return self._is_repeat
 
 
 def _sample(frame: Frame) -> bytes:
-    """Pixels spread over the frame; empty for an even frame, which darkness may give each time."""
+    """Pixels spread over the frame; empty for an even frame, such as several dark ones."""
     pixels = frame.pixels.reshape(-1)
     sample = pixels[:: max(1, pixels.size // _SAMPLED_PX)]
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""

@@ -17,9 +17,7 @@ from .attempts import capture_set
 
 __all__ = ["SetTiming", "compared_configs", "measure_set_timing"]
 
-Synchronisation = Literal["software", "strobe", "trigger"]
-_SYNCHRONISATIONS: tuple[Synchronisation, ...] = ("software", "strobe", "trigger")
-# Frame rates in Hz, each with an exposure in ms that leaves the LEDs time to settle in a period.
+# Frame rates in Hz, each with an exposure in ms after which the LEDs can settle within the period.
 _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))
 
 
@@ -35,16 +33,16 @@ class SetTiming:
         Number of sets.
     switch_ms
         Median time of a switch: by software from the command to its acknowledge, with a strobe
-        from the end of exposure to the change of the light; None with a trigger.
+        from the end of the exposure to the change of the light; None with a trigger.
     median_ms, worst_ms
         Duration of `capture_set`; None if all sets were rejected.
     exposures_ms
         Median time from the start of the first exposure to the end of the last.
     limit_ms
-        One frame period for each image, which no camera undercuts.
+        One frame period for each image: the shortest possible time.
     """
 
-    synchronisation: Synchronisation
+    synchronisation: Literal["software", "strobe", "trigger"]
     frame_rate_hz: float
     exposure_ms: float
     clock: Literal["real", "virtual"]
@@ -58,11 +56,14 @@ class SetTiming:
 
 
 def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
-    """All modes of a simulated rig at 30 and 60 Hz; of a real rig its own mode."""
+    """Configurations to compare: all modes of a simulated rig, or a real rig's own mode.
+
+    A rig with a strobe is also measured by software.
+    """
     if config.is_simulated:
         for clock in ("virtual", "real"):
             for frame_rate_hz, exposure_ms in _SIMULATED_MODES:
-                for synchronisation in _SYNCHRONISATIONS:
+                for synchronisation in ("software", "strobe", "trigger"):
                     yield config.with_changes(
                         simulation={"clock": clock},
                         camera={"frame_rate_hz": frame_rate_hz, "exposure_ms": exposure_ms},
@@ -70,13 +71,13 @@ def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
                     )
         return
     if config.lights.synchronisation == "strobe":
-        # A camera that waits for triggers delivers no frame by software.
+        # Not with triggers: a camera that waits for them delivers no frame by software.
         yield config.with_changes(lights={"synchronisation": "software"})
     yield config
 
 
 def measure_set_timing(config: RigConfig, sets: int) -> SetTiming:
-    """Capture until `sets` sets are accepted, or as many are rejected.
+    """Capture sets until `sets` of them are accepted, or as many rejected.
 
     Raises
     ------

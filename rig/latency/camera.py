@@ -1,4 +1,4 @@
-"""Measure the camera's timing: switch an LED, and see when the change is in the frames."""
+"""Measure the camera's timing: switch an LED, and find the change in the frames."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .recording import evaluate, record_steps
 
 __all__ = ["CameraLatency", "CompleteChange", "measure_latency", "without_timing"]
 
-# Largest rms residual of the shares of light. Jitter of 3 ms leaves less (test_camera.py, where
-# flickering light leaves more).
+# Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
+# with flickering light (both in tests/rig/latency/test_camera.py).
 _MAX_MISFIT = 0.08
-# Fewest frames that caught a switch: with fewer, their scatter is not known.
+# Fewest frames that contain a switch: with fewer, their scatter is not known.
 _MIN_CAUGHT = 6
 # Share of a change from which a row counts as completely changed, within its noise.
 _COMPLETE = 0.98
@@ -47,7 +47,7 @@ class CompleteChange:
 
 @dataclass(frozen=True)
 class CameraLatency:
-    """The result of ``ps4rig rig latency``, by the keys of ``rig.toml``.
+    """The result of ``ps4rig rig latency``.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def without_timing(config: RigConfig) -> RigConfig:
             "readout_ms": None,
             "timing_measured_at": None,
         },
-        # This program switches, and the camera runs free.
+        # This program switches the lights, and the camera runs free.
         lights={"synchronisation": "software"},
     )
 
@@ -112,9 +112,9 @@ def measure_latency(
     steps
         Number of switches on, each followed by one off.
     each
-        Wraps the numbers of all switches, such as a progress bar.
+        Wraps the numbers of all switches, for example in a progress bar.
     seed
-        Of the random phases of the switches against the frames.
+        Seed of the random phases of the switches against the frames.
 
     Raises
     ------
@@ -128,16 +128,16 @@ def measure_latency(
     fit = found.fit
     if fit.misfit > _MAX_MISFIT:
         raise CameraError(
-            f"the frames do not follow LED {led} (misfit {fit.misfit:.1%}); does other light "
-            "change, is the exposure automatic, or do the time stamps jitter by as much as the "
-            "exposure?"
+            f"the frames do not follow LED {led}: their light differs from the model by "
+            f"{fit.misfit:.1%}, limit {_MAX_MISFIT:.0%}; shield the rig from other light, and turn "
+            "off automatic exposure; if it stays so, the time stamps jitter: use another camera"
         )
     if fit.caught < _MIN_CAUGHT:
         raise CameraError(
-            f"only {fit.caught} exposures caught a switch of LED {led}, at least {_MIN_CAUGHT} "
+            f"only {fit.caught} exposures contain a switch of LED {led}, at least {_MIN_CAUGHT} "
             "are needed; use more --steps, or lengthen the exposure"
         )
-    # By the first half of the switches, which are at all phases of the frames.
+    # Only the first half of the switches are at all phases of the frames.
     anywhere = found.of_step < steps
     shares, rising = found.steps.shares[anywhere], found.steps.rising[anywhere, None]
     is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
@@ -184,7 +184,9 @@ def _complete_change(
             times_s.append(float(after_s[chosen[first]]))
             frames.append(first)
     if not times_s:
-        raise CameraError("no frame shows a complete change; does other light change?")
+        raise CameraError(
+            "no frame shows a complete change of the light; shield the rig from other light"
+        )
     return CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
 
 

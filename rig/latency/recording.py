@@ -32,7 +32,7 @@ _CLOCK_DRIFT = 5e-5
 # Exchanges before and after one whose bounds are combined: enough for a fast one among them, few
 # enough for drift.
 _NEIGHBOURS = 8
-# How far beyond the ends of an exposure the switches are aimed, as a share of it: the ends are
+# The second half of the switches may miss an exposure by this share of it, because its ends are
 # known only roughly after the first half.
 _AIM_BEYOND = 0.1
 
@@ -47,7 +47,7 @@ class _Step:
 
 @dataclass
 class Recording:
-    """Switches, and for each frame its times and the light in bands of its rows."""
+    """Switches, and for each frame its times and the light in each band of its rows."""
 
     switches: list[_Step] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
@@ -58,7 +58,7 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A recording as evaluated.
+    """Result of evaluating a `Recording`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Evaluation:
     of_step, after_s
         (F,) number of each frame's switch, and the frame's arrival after the acknowledge.
     delay_s, unknown_s
-        From the command to the switch; uncertainty of the times of the switches.
+        Time from the command to the switch; uncertainty of the times of the switches.
     """
 
     steps: Steps
@@ -92,7 +92,8 @@ def record_steps(
     """Record every frame from each switch until its change is complete.
 
     The first half of the switches are at all phases of the frames. If exposures are short, few of
-    these fall into one. So the second half is aimed at the exposures that the first has found.
+    these switches fall into one. So the second half is aimed at exposures, whose times follow from
+    the first half.
     """
     info, clock, recording = rig.camera.info, rig.clock, Recording()
     after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
@@ -155,9 +156,14 @@ def evaluate(rig: Rig, recording: Recording) -> Evaluation:
     )
 
 
+def _band_edges(rows: int) -> npt.NDArray[np.intp]:
+    """First row of each band, and the number of rows."""
+    return np.linspace(0, rows, min(_BANDS, rows) + 1).round().astype(np.intp)
+
+
 def _band_places(rows: int) -> Floats:
     """Positions of the bands' centres from the first row, 0, to the last, 1."""
-    edges = np.linspace(0, rows, min(_BANDS, rows) + 1).round()
+    edges = _band_edges(rows)
     places: Floats = ((edges[:-1] + edges[1:] - 1.0) / 2.0) / (rows - 1)
     return places
 
@@ -172,7 +178,7 @@ def _band_levels(frame: Frame) -> Floats:
             "the exposure, or reduce the LED's level"
         )
     rows = frame.pixels.mean(axis=1, dtype=np.float64)
-    edges = np.linspace(0, len(rows), min(_BANDS, len(rows)) + 1).round().astype(np.intp)
+    edges = _band_edges(len(rows))
     levels: Floats = np.add.reduceat(rows, edges[:-1]) / np.diff(edges)
     return levels
 
@@ -211,7 +217,7 @@ def _shares(
     kept = lit - dark > _MIN_CONTRAST * values
     if np.count_nonzero(kept) < 2:
         raise CameraError(
-            "the LED makes no difference in the frames; is it the right one, and does the camera "
-            "see a bright surface?"
+            "the LED makes no difference in the frames; choose an LED that works, and put a bright "
+            "surface below the camera"
         )
     return (levels[:, kept] - dark[kept]) / (lit - dark)[kept], kept

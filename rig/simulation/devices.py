@@ -64,7 +64,7 @@ class DeviceSimulation:
         )
         self._simulation = Simulation(real, _served_at(serial, config))
         try:
-            self._output = None if video is None else self._opened(video, config.camera)
+            self._output = None if video is None else self._opened_output(video, config.camera)
         except BaseException:
             self._simulation.close()
             raise
@@ -110,7 +110,7 @@ class DeviceSimulation:
             if self._output is not None:
                 self._output.close()
 
-    def _opened(self, video: str, camera: CameraConfig) -> V4l2Output:
+    def _opened_output(self, video: str, camera: CameraConfig) -> V4l2Output:
         return V4l2Output(
             video,
             fourcc=self._packing.fourcc,

@@ -32,8 +32,8 @@ _LIMITED_WHITE = 234
 class V4l2Camera:
     """An open, streaming V4L2 camera in measurement mode.
 
-    The driver's buffers are claimed before a control is changed, so that a second program fails to
-    open the camera without having changed anything.
+    The driver's buffers are claimed before a control is changed, so that a second program cannot
+    change anything before it fails to open the camera.
 
     Raises
     ------
@@ -74,8 +74,8 @@ class V4l2Camera:
         return CameraInfo(
             kind="v4l2",
             name=self._device.card,
-            width_px=self._format.width_px,
-            height_px=self._format.height_px,
+            width_px=self._config.width_px,
+            height_px=self._config.height_px,
             bit_depth=self._pixel_format.bit_depth,
             frame_period_s=self._period_s,
             exposure_s=self._exposure_s,
@@ -128,27 +128,23 @@ class V4l2Camera:
         return capture
 
     def _decoded(self, capture: Capture) -> Pixels:
-        form = self._format
+        size, form = (self._config.width_px, self._config.height_px), self._format
         try:
-            pixels = decode(
-                self._pixel_format, capture.data, form.width_px, form.height_px, form.bytes_per_line
-            )
+            pixels = decode(self._pixel_format, capture.data, *size, form.bytes_per_line)
         except CameraError as error:
             raise CameraError(f"{self._device.path}: frame {capture.sequence}: {error}") from error
         if self._pixel_format.name in _LUMA and form.quantization != "full range":
-            # White ends there; without this a saturated pixel would look valid.
+            # The limited range ends here; without this a saturated pixel would look valid.
             pixels[pixels >= _LIMITED_WHITE] = 255
         return pixels
 
     def _blank(self) -> Pixels:
-        shape = (self._format.height_px, self._format.width_px)
-        if self._pixel_format.bit_depth == 8:
-            return np.zeros(shape, np.uint8)
-        return np.zeros(shape, np.uint16)
+        blank = np.zeros((self._config.height_px, self._config.width_px), np.uint16)
+        return blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
 
 
 def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> dict[str, Any]:
-    """The camera's state for a set's metadata: every control, pixel format and time stamps."""
+    """The camera's state for a set's metadata: all controls, pixel format and time stamps."""
     record: dict[str, Any] = {
         control.slug: read_control(device, control)
         for control in list_controls(device)

@@ -14,7 +14,6 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import NoReturn
 
 from rig.errors import CameraError
 
@@ -44,15 +43,12 @@ class OfferedFormat:
 
 @dataclass(frozen=True)
 class VideoFormat:
-    """The format of a device.
+    """The parts of a format that the driver decides.
 
     `bytes_per_line` includes the padding of a row; `quantization` tells whether luma fills the
     whole range.
     """
 
-    fourcc: str
-    width_px: int
-    height_px: int
     bytes_per_line: int
     quantization: str
 
@@ -84,12 +80,7 @@ class Capture:
 
 
 class V4l2Device(VideoNode):
-    """An open capture device.
-
-    Parameters
-    ----------
-    path
-        The device, best by its permanent name in ``/dev/v4l/by-id/``.
+    """An open capture device, best by its permanent name in ``/dev/v4l/by-id/``.
 
     Raises
     ------
@@ -190,14 +181,11 @@ class V4l2Device(VideoNode):
                 f"camera.pixel_format, width_px and height_px to one of {self._offer()}"
             )
         quantization = abi.QUANTIZATION_NAMES.get(pix.quantization, str(pix.quantization))
-        return VideoFormat(fourcc, width_px, height_px, pix.bytesperline, quantization)
+        return VideoFormat(pix.bytesperline, quantization)
 
     def _offer(self) -> str:
-        entries = []
-        for offered in self.formats():
-            sizes = " ".join(offered.sizes)
-            entries.append(f"{offered.fourcc.strip()} {sizes}".strip())
-        return "; ".join(entries) or "(an empty list)"
+        offers = (" ".join((each.fourcc.strip(), *each.sizes)) for each in self.formats())
+        return "; ".join(offers) or "(an empty list)"
 
     def set_frame_rate(self, rate_hz: float) -> float:
         """Set the frame rate, and return the frame period in s as read back from the driver."""
@@ -213,7 +201,7 @@ class V4l2Device(VideoNode):
         if abs(given_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self.path}: camera.frame_rate_hz = {rate_hz:g} was asked for, the driver gives "
-                f"{given_hz:g}; set that rate, or a size that has the other one"
+                f"{given_hz:g}; set {given_hz:g}, or a frame size that allows {rate_hz:g}"
             )
         return 1.0 / given_hz
 
@@ -247,24 +235,21 @@ class V4l2Device(VideoNode):
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         while True:
-            # Also if poll reported nothing: a driver that died may not wake it, but returns ENODEV.
+            # Even if poll reported nothing: a removed driver may not wake it, but returns ENODEV.
             buffer = self._filled_buffer()
             if buffer is not None:
                 return self._copied(buffer)
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 raise CameraError(f"{self.path}: no frame in {timeout_s:g} s")
-            # Rounded up, or the last part of a millisecond would be a busy loop.
+            # Rounded up, because a timeout of 0 ms would make a busy loop.
             events = poll.poll(int(left_s * 1e3) + 1)
             if events and not events[0][1] & select.POLLIN:
-                self._explain_hang_up()
-
-    def _explain_hang_up(self) -> NoReturn:
-        # A device that is gone returns ENODEV here.
-        self.call("is gone", abi.VIDIOC_QUERYCAP, abi.Capability())
-        raise CameraError(
-            f"{self.path}: the driver stopped the stream (hang-up or error); open it again"
-        )
+                # A device that is gone returns ENODEV here.
+                self.call("is gone", abi.VIDIOC_QUERYCAP, abi.Capability())
+                raise CameraError(
+                    f"{self.path}: the driver stopped the stream (hang-up or error); open it again"
+                )
 
     def _filled_buffer(self) -> abi.Buffer | None:
         buffer = self.buffer(0)

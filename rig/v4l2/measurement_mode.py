@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,11 +13,11 @@ from . import abi
 from .controls import Control, check_control, find_control, read_control, write_control
 from .device import V4l2Device
 
-__all__ = ["MeasurementMode", "Setting", "check_measurement_mode", "set_measurement_mode"]
+__all__ = ["MeasurementMode", "check_measurement_mode", "set_measurement_mode"]
 
 EXPOSURE_UNITS_PER_MS = 10
 """``EXPOSURE_ABSOLUTE`` counts units of 100 us."""
-# Set to 0, or to the minimum if 0 is not allowed.
+# Controls that are set to 0, or to their minimum if 0 is not allowed.
 _AUTOMATIC = (
     abi.CID_AUTOGAIN,
     abi.CID_AUTO_WHITE_BALANCE,
@@ -34,17 +34,12 @@ _AUTOMATIC = (
 )
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A control and the value that it must keep."""
-
-    control: Control
-    value: int
+Setting = tuple[Control, int]
 
 
 @dataclass(frozen=True)
 class MeasurementMode:
-    """The settings, and the exposure time that follows."""
+    """Controls with the values that they must keep, and the exposure time."""
 
     settings: tuple[Setting, ...]
     exposure_s: float
@@ -67,36 +62,34 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
             settings.append(step())
         except ControlError as error:
             faults += error.faults
-    exposures = (s.value for s in settings if s.control.id == abi.CID_EXPOSURE_ABSOLUTE)
+    exposures = (value for control, value in settings if control.id == abi.CID_EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
     mode = MeasurementMode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
     # A control may change another one that was set before.
-    _refuse([*faults, *_changed(device, mode)], device)
+    faults += _changed(device, mode)
+    if faults:
+        raise ControlError(device.path, *faults)
     return mode
 
 
 def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
     """Read every control again; raise a `ControlError` that names all that changed."""
-    _refuse(_changed(device, mode), device)
+    if faults := _changed(device, mode):
+        raise ControlError(device.path, *faults)
 
 
 def _changed(device: V4l2Device, mode: MeasurementMode) -> list[ControlFault]:
     faults: list[ControlFault] = []
-    for setting in mode.settings:
+    for control, value in mode.settings:
         try:
-            check_control(device, setting.control, setting.value)
+            check_control(device, control, value)
         except ControlError as error:
             faults += error.faults
     return faults
 
 
-def _refuse(faults: Sequence[ControlFault], device: V4l2Device) -> None:
-    if faults:
-        raise ControlError(device.path, *faults)
-
-
 def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], Setting]]:
-    """Settings in their order; a failed step does not stop the next ones."""
+    """Actions that each set one control, in their order; a failed one does not stop the next."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)
@@ -115,7 +108,7 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
 def _exposure_steps(
     device: V4l2Device, config: V4l2CameraConfig
 ) -> Iterator[Callable[[], Setting]]:
-    """Manual mode first: while exposure is automatic, setting its time has no defined effect."""
+    """Manual mode first: with automatic exposure, setting its time has no defined effect."""
     if config.fixed_exposure:
         control = find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
         if control is not None:
@@ -172,7 +165,7 @@ def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
         fault = ControlFault(
             control.slug,
             f"control {control.slug} has no effect, because another control overrides it",
-            "turn that one off; v4l2-ctl -l lists the camera's controls",
+            "turn off the other control; v4l2-ctl -l lists the camera's controls",
         )
         raise ControlError(device.path, fault)
     return setting
@@ -182,4 +175,4 @@ def _set(device: V4l2Device, control: Control, value: int) -> Setting:
     # A read-only control may have the value already.
     if not control.is_readable or read_control(device, control) != value:
         write_control(device, control, value)
-    return Setting(control, value)
+    return control, value

@@ -1,4 +1,4 @@
-"""An open video device node: ioctls, and their errors in words."""
+"""An open video device node: ioctls, and error messages for them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,7 @@ __all__ = ["VideoNode"]
 class VideoNode:
     """An open video device, on which no call blocks for ever.
 
-    Parameters
-    ----------
-    path
-        The device.
-    stream
-        The ``BUF_TYPE`` of its frames.
+    `stream` is the ``BUF_TYPE`` of its frames.
 
     Raises
     ------
@@ -66,8 +61,8 @@ class VideoNode:
             cause = f"{purpose}: in use by another program; close it and try again"
         elif error.errno == errno.ENOSPC:
             cause = (
-                f"{purpose}: no USB bandwidth left; lower the frame rate or the size, or give the "
-                "camera a USB controller of its own"
+                f"{purpose}: not enough USB bandwidth; lower the frame rate or the size, or "
+                "connect the camera to a separate USB controller"
             )
         else:
             cause = f"{purpose}: {error.strerror}"
@@ -80,19 +75,14 @@ class VideoNode:
     def map_buffers(self, count: int) -> dict[int, mmap.mmap]:
         """Reserve `count` buffers, or as many as the driver has, and map them.
 
-        No other program can stream from the device then.
+        Then no other program can stream from the device.
 
         Returns
         -------
         The memory of each buffer by its offset, in the order of their indices.
-
-        Raises
-        ------
-        CameraError
-            If the driver has none, or they cannot be mapped.
         """
         request = abi.RequestBuffers(count=count, type=self._stream, memory=abi.MEMORY_MMAP)
-        self.call("has no buffers for us", abi.VIDIOC_REQBUFS, request)
+        self.call("provides no buffers", abi.VIDIOC_REQBUFS, request)
         mapped: dict[int, mmap.mmap] = {}
         try:
             for index in range(request.count):
@@ -105,7 +95,7 @@ class VideoNode:
                 memory.close()
             self.fail("its buffers cannot be mapped", error)
         if not mapped:
-            raise CameraError(f"{self.path}: the driver has no buffers for us")
+            raise CameraError(f"{self.path}: the driver provides no buffers; use another camera")
         return mapped
 
     def close(self) -> None:

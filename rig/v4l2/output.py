@@ -20,17 +20,9 @@ _BUFFERS = 4
 class V4l2Output(VideoNode):
     """A loopback device, open for writing.
 
-    Its driver hands each buffer on at once. A frame keeps the time stamp given here, because the
-    driver's own stamp would be the time of writing.
-
-    Parameters
-    ----------
-    path
-        A device of ``v4l2loopback``, for example.
-    fourcc, width_px, height_px, bytes_per_line
-        Format of the frames.
-    period_s
-        Frame period that the driver reports to readers.
+    Its driver, for example ``v4l2loopback``, passes each buffer on at once. A frame keeps the time
+    stamp given here, because the driver's own stamp would be the time of writing. `period_s` is the
+    frame period that the driver reports to readers.
 
     Raises
     ------
@@ -68,7 +60,7 @@ class V4l2Output(VideoNode):
         if len(frame) != self._frame_bytes:
             raise ValueError(f"a frame of {len(frame)} bytes instead of {self._frame_bytes}")
         buffer = self.buffer(self._written % len(self._maps))
-        # Asked each time: a reader that asks for fewer buffers moves the existing ones.
+        # Queried each time: a reader that claims fewer buffers moves the existing ones.
         self.call("has lost a buffer", abi.VIDIOC_QUERYBUF, buffer)
         self._maps[buffer.m.offset][: len(frame)] = frame
         buffer.bytesused = len(frame)
@@ -99,7 +91,7 @@ class V4l2Output(VideoNode):
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise CameraError(
-                f"{self.path}: another simulated rig writes to it; stop that"
+                f"{self.path}: another simulated rig writes to it; stop that rig"
             ) from error
 
     def _set_format(self, fourcc: str, width_px: int, height_px: int, bytes_per_line: int) -> None:
@@ -119,8 +111,7 @@ class V4l2Output(VideoNode):
         if given != (fourcc, width_px, height_px):
             raise CameraError(
                 f"{self.path}: {asked} was asked for, the driver gave "
-                f"{given[0].strip()} {pix.width}x{pix.height}; if a program has it open with "
-                "that, close it"
+                f"{given[0].strip()} {pix.width}x{pix.height}; close programs that read the device"
             )
 
     def _set_period(self, period_s: float) -> None:

@@ -33,14 +33,12 @@ class PixelFormat:
 
     Attributes
     ----------
-    name
-        As in ``rig.toml``.
-    fourcc
-        The kernel's four characters.
+    name, fourcc
+        The name in ``rig.toml``, and the kernel's four characters.
     bit_depth
         True depth: valid values are below 2^bit_depth.
     bytes_per_px
-        In memory; 0 for a compressed format.
+        Bytes in memory; 0 for a compressed format.
     to_pixels
         Maps rows (H, W * bytes_per_px) without padding to the image, which may share their memory.
     """
@@ -111,21 +109,13 @@ def decode(
     return pixels
 
 
-def _bytes_as_they_are(rows: _Bytes) -> Pixels:
-    return np.ascontiguousarray(rows)
+def _bytes(start: int, step: int) -> Callable[[_Bytes], Pixels]:
+    return lambda rows: np.ascontiguousarray(rows[:, start::step])
 
 
 def _words(rows: _Bytes) -> Pixels:
     words: Pixels = np.ascontiguousarray(rows).view(np.dtype("<u2"))
     return words.astype(np.uint16, copy=False)
-
-
-def _first_of_two(rows: _Bytes) -> Pixels:
-    return np.ascontiguousarray(rows[:, 0::2])
-
-
-def _second_of_two(rows: _Bytes) -> Pixels:
-    return np.ascontiguousarray(rows[:, 1::2])
 
 
 def _luma_of(code: int) -> Callable[[_Bytes], Pixels]:
@@ -150,6 +140,7 @@ def _from_jpeg(data: bytearray | bytes, width_px: int, height_px: int) -> Pixels
     return image.astype(np.uint8, copy=False)
 
 
+_BAYER_DEPTHS = ((8, 1, _bytes(0, 1)), (10, 2, _words), (12, 2, _words))
 _BAYER_FOURCCS = {
     "SRGGB": ("RGGB", "RG10", "RG12"),
     "SGRBG": ("GRBG", "BA10", "BA12"),
@@ -160,25 +151,19 @@ _BAYER_FOURCCS = {
 PIXEL_FORMATS = {
     entry.name: entry
     for entry in (
-        PixelFormat("GREY", "GREY", 8, 1, _bytes_as_they_are),
+        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1)),
         PixelFormat("Y10", "Y10 ", 10, 2, _words),
         PixelFormat("Y12", "Y12 ", 12, 2, _words),
         PixelFormat("Y16", "Y16 ", 16, 2, _words),
-        PixelFormat("YUYV", "YUYV", 8, 2, _first_of_two),
-        PixelFormat("UYVY", "UYVY", 8, 2, _second_of_two),
+        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2)),
+        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2)),
         PixelFormat("RGB24", "RGB3", 8, 3, _luma_of(cv2.COLOR_RGB2GRAY)),
         PixelFormat("BGR24", "BGR3", 8, 3, _luma_of(cv2.COLOR_BGR2GRAY)),
-        PixelFormat("MJPG", "MJPG", 8, 0, _bytes_as_they_are),
+        PixelFormat("MJPG", "MJPG", 8, 0, _bytes(0, 1)),
         *(
-            PixelFormat(
-                f"{order}{depth}",
-                fourcc,
-                depth,
-                1 if depth == 8 else 2,
-                _bytes_as_they_are if depth == 8 else _words,
-            )
+            PixelFormat(f"{order}{depth}", fourcc, depth, bytes_per_px, to_pixels)
             for order, fourccs in _BAYER_FOURCCS.items()
-            for depth, fourcc in zip((8, 10, 12), fourccs, strict=True)
+            for fourcc, (depth, bytes_per_px, to_pixels) in zip(fourccs, _BAYER_DEPTHS, strict=True)
         ),
     )
 }

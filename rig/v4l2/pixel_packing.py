@@ -1,6 +1,6 @@
 """Encode pixels as the bytes that a camera would send: the inverse of `pixel_formats`.
 
-It needs no OpenCV, so that a program that only writes frames does not load it.
+It is separate, so that a program that only writes frames does not load OpenCV.
 """
 
 from __future__ import annotations
@@ -23,14 +23,7 @@ _NO_COLOUR = 128
 class Packing:
     """Encoding of one pixel format, row after row without padding.
 
-    Attributes
-    ----------
-    fourcc
-        The kernel's four characters.
-    bytes_per_px
-        In memory.
-    to_bytes
-        Encodes an image (H, W) of the format's depth.
+    `to_bytes` encodes an image (H, W) of the format's depth.
     """
 
     fourcc: str

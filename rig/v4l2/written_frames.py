@@ -10,18 +10,12 @@ _TOLERANCE = 0.01
 
 
 class WrittenFrames:
-    """Numbers frames by their periods, for a driver that does not count them.
+    """Numbers frames by their time stamps, for a driver that does not count them.
 
-    ``v4l2loopback`` stamps all its frames anew with the current time whenever a program claims
-    buffers. So a frame from before the opening has no number, nor has one that is not a whole
-    number of periods later than the last.
-
-    Parameters
-    ----------
-    opened_s
-        When this program's buffers were claimed, on the monotonic clock.
-    period_s
-        Frame period.
+    ``v4l2loopback`` replaces the stamps of all its frames by the current time whenever a program
+    claims buffers. So a frame stamped until `opened_s`, when this program claimed its buffers on
+    the monotonic clock, has no number. Neither has a frame that is not a whole number of periods
+    later than the last one.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:

@@ -207,7 +207,7 @@ def test_a_bad_label_is_refused_before_a_light_is_switched(rig: Rig, label: str)
 @pytest.mark.parametrize(
     ("led", "level", "message"),
     [
-        (2, 0, r"LED 2 \(tilt 180\): dark, .* is the LED dead"),
+        (2, 0, r"LED 2 \(tilt 180\): dark, .* the LED is dead"),
         (3, 5, r"LED 3 \(tilt 270\): only \d% of the brightest light"),
     ],
 )

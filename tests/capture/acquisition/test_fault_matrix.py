@@ -94,7 +94,7 @@ MATRIX: list[tuple[str, dict[str, Any], str, str]] = [
     ("lose, always", line("lose"), "rejected", "no answer"),
     ("garble, always", line("garble", "to_host"), "rejected", LINK),
     ("reboot, always", line("reboot"), "rejected", LINK),
-    ("dead", led("dead"), "rejected", "LED 1 .* dark, .* is the LED dead"),
+    ("dead", led("dead"), "rejected", "LED 1 .* dark, .* the LED is dead"),
     ("dim by 3 %", led("dim", share=0.03), "good", ""),
     ("dim by 8 %", led("dim", share=0.08), "rejected", "LED 1 .* gives 92% .* an LED is weak"),
     ("dim by half", led("dim", share=0.5), "rejected", "LED 1 .* gives 50% .* an LED is weak"),

@@ -23,11 +23,9 @@ EVEN = np.zeros((8, 8), np.uint8)
     ids=["different", "number", "pixels once, then a static scene", "even"],
 )
 def test_a_repeat_has_the_number_or_the_pixels_of_the_last_frame(sequences, images, repeats):
-    detector, found = RepeatDetector(), []
-    for sequence, pixels in zip(sequences, images, strict=True):
-        detector.add(Frame(pixels, 8, 0.0, 0.0, sequence))
-        found.append(detector.is_repeat)
-    assert found == repeats
+    detector = RepeatDetector()
+    frames = [Frame(p, 8, 0.0, 0.0, n) for p, n in zip(images, sequences, strict=True)]
+    assert [detector.is_repeat(frame) for frame in frames] == repeats
 
 
 @pytest.mark.parametrize(
