@@ -25,7 +25,7 @@ __all__ = ["app", "run"]
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
-    # The frames of a rich page of help leave no room for words on a narrow terminal.
+    # On a narrow terminal the boxes of rich help are too narrow for words.
     rich_markup_mode="rich" if shutil.get_terminal_size().columns >= 60 else None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

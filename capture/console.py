@@ -35,7 +35,7 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=1, allow_nan=False))
 
 
-def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
+def progress(items: Iterable[T], total: int, description: str) -> Iterator[T]:
     """Yield `items` and show a progress bar on stderr if that is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -45,7 +45,7 @@ def progress(items: Iterable[T], total: int, what: str) -> Iterator[T]:
 
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        yield from bar.track(items, total=total, description=what)
+        yield from bar.track(items, total=total, description=description)
 
 
 def complain(message: str) -> None:

@@ -35,11 +35,6 @@ class DaskPool:
         The version of ps4rig that the workers must have, by default the one that runs here.
     answer_s
         Time in seconds to wait for the scheduler's answer.
-
-    Raises
-    ------
-    InputError
-        If no scheduler answers, Dask is not installed, or a worker has another version of ps4rig.
     """
 
     # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.
@@ -85,14 +80,12 @@ class DaskPool:
                 )
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        """Have a worker call the function."""
         return self._executor.submit(call_in_one_thread, function, item)
 
     def renew(self) -> None:
         """Do nothing: the scheduler replaces dead workers."""
 
     def close(self) -> None:
-        """Close the connection; the workers are idle."""
         self._client.close()
 
     def abort(self) -> None:

@@ -41,7 +41,6 @@ class LocalPool:
         self._start()
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
-        """Have a worker call the function; the worker may be started for it."""
         try:
             with _terminal_signals_blocked():
                 return self._executor.submit(_call, function, item)
@@ -50,17 +49,14 @@ class LocalPool:
             raise BrokenExecutor("a worker died while it was being started") from error
 
     def renew(self) -> None:
-        """Start new workers; the submitted items are forgotten."""
         self.abort()
         self._start()
 
     def close(self) -> None:
-        """End the workers, which are idle."""
         self._executor.shutdown()
         self._lifeline.close()
 
     def abort(self) -> None:
-        """Interrupt the running items and end the workers."""
         self._lifeline.close()
         self._executor.shutdown(cancel_futures=True)
 

@@ -1,7 +1,7 @@
 """Run one function over many items: in this process, on all cores, or on a Dask cluster.
 
-The results are the same in all three: one for each item, in the order of the items. An exception
-of the function is raised in place of the item's result. The items of a killed worker are run again.
+All three yield the same results: one for each item, in the order of the items. An exception of the
+function is raised in place of the item's result. The items of a killed worker are run again.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from itertools import chain, islice
-from types import TracebackType
 from typing import Generic, Protocol, Self, TypeVar
 
 from classify.errors import InputError
@@ -121,17 +120,11 @@ class Batch:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._pool is not None:
-            if kind is None:
-                self._pool.close()
-            else:
-                self._pool.abort()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._pool is not None and kind is None:
+            self._pool.close()
+        elif self._pool is not None:
+            self._pool.abort()
 
 
 @dataclass
@@ -140,21 +133,15 @@ class _Job(Generic[Item, Result]):
     future: Future[Result] | None = None
     deaths: int = 0
 
-    def forget(self, died: tuple[type[Exception], ...]) -> None:
-        """Prepare to submit the item again, unless it has a result or an error of its own."""
-        future = self.future
-        if future is not None and (not future.done() or isinstance(future.exception(), died)):
-            self.future = None
-
 
 def _in_order(
     pool: Pool, function: Callable[[Item], Result], items: Iterator[Item]
 ) -> Iterator[Result]:
     """Yield the results in order. After a worker's death, run the suspected items one at a time.
 
-    The death of one worker ends all futures, and none of them tells which item killed it. Items
-    start in order, so the running ones are among the first unfinished, one for each worker. An item
-    that runs alone and kills its worker again is the cause.
+    The death of one worker ends all futures and does not tell which item killed it. Items start in
+    order, so the running ones are among the first unfinished, one for each worker. An item that
+    runs alone and kills its worker again is the cause.
     """
     jobs: deque[_Job[Item, Result]] = deque()
     suspects = 0
@@ -179,8 +166,10 @@ def _in_order(
                     f"{first.item}: the workers that had it were killed; it may need more memory "
                     "than there is, so use fewer workers or leave it out"
                 ) from error
-            for job in jobs:
-                job.forget(pool.died)
+            for job in jobs:  # those without a result are submitted again
+                future = job.future
+                if future and (not future.done() or isinstance(future.exception(), pool.died)):
+                    job.future = None
             pool.renew()
             suspects = pool.workers
         else:

@@ -82,12 +82,9 @@ def read_header(path: Path) -> SetHeader:
 
 
 def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
-    """Print one warning if some sets have no hash over their metadata (schema 1).
+    """Print one warning if some of the (file, is protected) pairs are not protected.
 
-    Parameters
-    ----------
-    protected
-        The file of each set, and whether it has that hash.
+    Files of schema 1 are not: they have no hash over their metadata.
     """
     paths = [path for path, is_protected in protected if not is_protected]
     if paths:
@@ -130,7 +127,8 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
     """
     captured = CapturedSet.load(path)
     metadata = captured.metadata
-    trained = _library(library)
+    about = library.stat()
+    trained = _loaded(library, about.st_mtime_ns, about.st_size)
     with _named(path):
         if label_required:
             _usable_label(metadata.label)
@@ -154,7 +152,7 @@ class SolveTask:
 
 @dataclass(frozen=True)
 class SolvedSet:
-    """Names of the written files, shares of the pixels from 0 to 1, and facts of the set."""
+    """Names of the written files, shares of the pixels from 0 to 1, and fields of the set."""
 
     files: tuple[str, ...]
     valid: float
@@ -209,13 +207,9 @@ def _check_lights(metadata: SetMetadata) -> None:
         raise InputError(f"has {count} lights; textures are compared in sets of 4 or more lights")
 
 
-def _library(path: Path) -> TextureLibrary:
-    about = path.stat()
-    return _loaded(path, about.st_mtime_ns, about.st_size)
-
-
 @lru_cache(maxsize=1)
 def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
+    """Load a library file; the time and the size are in the key of the cache."""
     return TextureLibrary.load(path)
 
 

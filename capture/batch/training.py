@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from capture.console import progress
 from classify import TextureLibrary
@@ -17,29 +16,15 @@ from classify.methods import DEFAULT_CLASSIFIER
 from .runner import Batch
 from .tasks import observe_set, read_header, warn_unprotected
 
-__all__ = ["Trained", "retrain_library", "train_library"]
-
-
-class Trained(NamedTuple):
-    """A library and the number of training sets of each class."""
-
-    library: TextureLibrary
-    sets: dict[str, int]
+__all__ = ["retrain_library", "train_library"]
 
 
 def train_library(
     paths: Sequence[Path], folder: Path, batch: Batch, classifier: str = DEFAULT_CLASSIFIER
-) -> Trained:
-    """Train a library from labelled sets.
+) -> tuple[TextureLibrary, dict[str, int]]:
+    """Train a library from labelled sets; return it and the number of sets of each class.
 
-    Parameters
-    ----------
-    paths
-        The files of the sets.
-    folder
-        The folder of the library. The library stores the paths of the sets relative to it.
-    batch
-        The workers.
+    The library stores the paths of the sets relative to `folder`, where it will be saved.
 
     Raises
     ------
@@ -70,7 +55,7 @@ def train_library(
         ],
     )
     labels = [header.label for header in headers]
-    return Trained(library, {label: labels.count(label) for label in library.classes})
+    return library, {label: labels.count(label) for label in library.classes}
 
 
 def retrain_library(
@@ -96,4 +81,4 @@ def retrain_library(
             ) from error
         if found != pixels_sha256:
             raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
-    return train_library(places, path.parent, batch, classifier).library
+    return train_library(places, path.parent, batch, classifier)[0]

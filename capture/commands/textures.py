@@ -55,11 +55,11 @@ def train(
     with Batch(workers, scheduler) as batch:
         trained, classes = train_library(paths, library.parent, batch, classifier)
     trained.save(library)
-    simulated = trained.simulated
     if json:
-        print_json({"library": str(library), "classes": classes, "simulated": simulated})
+        about = {"classes": classes, "simulated": trained.simulated}
+        print_json({"library": str(library), **about})
     else:
-        note = " (simulated)" if simulated else ""
+        note = " (simulated)" if trained.simulated else ""
         out.print(f"{library}: {len(classes)} classes from {len(paths)} sets{note}", soft_wrap=True)
 
 
@@ -85,9 +85,8 @@ def classify(
     if json:
         print_json(results)
         return
-    table = new_table(
-        "set", "texture", "orientation", "distance", "limit", "reason", prose="reason"
-    )
+    columns = ("set", "texture", "orientation", "distance", "limit", "reason")
+    table = new_table(*columns, prose="reason")
     for row in results:
         table.add_row(
             row["set"] + ("\n(simulated)" if row["simulated"] else ""),
@@ -122,7 +121,7 @@ def evaluate_(
     from classify import Trial, evaluate
 
     paths = find_sets(sets)
-    # The workers of a cluster see the folder of the library, but no folder of this machine only.
+    # The workers of a cluster see the folder of the library, but not the temporary folder here.
     folder = None if scheduler is None else library.absolute().parent
     with (
         Batch(workers, scheduler) as batch,
@@ -138,20 +137,11 @@ def evaluate_(
     table = new_table(*columns, prose="wrong answers")
     for label, row in result.per_class.items():
         errors = row.orientation_error_deg
-        others = {
-            answer or "unknown": count
-            for answer, count in result.confusion[label].items()
-            if answer != label
-        }
-        table.add_row(
-            label,
-            str(row.sets),
-            str(row.correct),
-            f"{row.accuracy:.1%}",
-            _degrees(errors.median, 2),
-            _degrees(errors.p95, 2),
-            ", ".join(f"{answer} {count}" for answer, count in others.items()),
-        )
+        counts = result.confusion[label].items()
+        wrong = [f"{answer or 'unknown'} {count}" for answer, count in counts if answer != label]
+        shares = (str(row.sets), str(row.correct), f"{row.accuracy:.1%}")
+        degrees = (_degrees(errors.median, 2), _degrees(errors.p95, 2))
+        table.add_row(label, *shares, *degrees, ", ".join(wrong))
     print_table(table)
     errors = result.orientation_error_deg
     out.print(
@@ -186,7 +176,7 @@ def _check_classifier(name: str) -> None:
 def _library_for(
     library: Path, classifier: str | None, batch: Batch, folder: Path | None
 ) -> Iterator[Path]:
-    """Yield the library, or a temporary one with the same training sets and `classifier`."""
+    """Yield the library, or a temporary one in `folder` with `classifier` and the same sets."""
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 

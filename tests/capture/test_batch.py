@@ -310,7 +310,7 @@ def test_results_are_the_same_everywhere(sets: Path, tmp_path: Path, cluster: Cl
         library = folder / "t.ps4lib"
         tasks = [SolveTask(path, folder / path.stem) for path in paths]
         with Batch(**options) as run:
-            trained = train_library(paths, tmp_path, run).library
+            trained, _ = train_library(paths, tmp_path, run)
             trained.save(library)
             answers = list(run.map(partial(classify_set, library=library), paths))
             solved = list(run.map(partial(solve_set, method=None), tasks))

@@ -17,10 +17,10 @@ _STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "
 
 @reported
 def doctor(rig: options.Rig = "rig.toml", as_json: options.Json = False) -> None:
-    """Check the whole rig; report what is found, what is wrong and what to do.
+    """Check the whole rig; print each finding, and a remedy for each fault.
 
     It checks ports, permissions, controller, watchdog, camera, frames, and an image under each
-    LED: put something with relief below the camera. The exit status is 1 if there is a fault.
+    LED: put a surface with relief below the camera. The exit status is 1 if there is a fault.
     """
     from rich.text import Text
 

@@ -12,7 +12,7 @@ from capture.commands import options
 from capture.console import out, print_json, reported
 
 if TYPE_CHECKING:
-    from rig.lights.flash import Flashed
+    from rig.lights.flash import BoardFile, Flashed
 
 __all__ = ["flash"]
 
@@ -46,7 +46,7 @@ def flash(
     if to is not None and port is not None:
         raise InputError("--to and --port are both given; give one of them")
     files = board_files()
-    flashed = _flash(to, port, force, dry_run)
+    flashed = _flash(files, to, port, force, dry_run)
     new = firmware_version(files[0].data)
     if as_json:
         listed = [
@@ -62,10 +62,13 @@ def flash(
     )
 
 
-def _flash(to: Path | None, port: str | None, force: bool, dry_run: bool) -> Flashed:
+def _flash(
+    files: tuple[BoardFile, ...], to: Path | None, port: str | None, force: bool, dry_run: bool
+) -> Flashed:
+    """Write the files to the drive `to` or the board at `port`, or else to the only one found."""
     from rig.errors import LightControllerError
     from rig.lights.discovery import list_serial_ports
-    from rig.lights.flash import board_files, find_board, find_drives, flash_folder, flash_port
+    from rig.lights.flash import find_board, find_drives, flash_folder, flash_port
 
     if to is None and port is None:
         try:
@@ -76,6 +79,6 @@ def _flash(to: Path | None, port: str | None, force: bool, dry_run: bool) -> Fla
                 raise
             to = drives[0]
     if port is not None:
-        return flash_port(port, board_files(), dry_run=dry_run)
+        return flash_port(port, files, dry_run=dry_run)
     assert to is not None
-    return flash_folder(to, board_files(), force=force, dry_run=dry_run)
+    return flash_folder(to, files, force=force, dry_run=dry_run)

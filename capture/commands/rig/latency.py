@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["latency"]
 
-_MOST_STEPS = 1000
+_MAX_STEPS = 1000
 
 
 @reported
@@ -25,7 +25,7 @@ def latency(
     rig: options.Rig = "rig.toml",
     led: Annotated[int, typer.Option(min=0, help="The LED that is switched.")] = 0,
     steps: Annotated[
-        int, typer.Option(min=5, max=_MOST_STEPS, help="Number of times it is switched on and off.")
+        int, typer.Option(min=5, max=_MAX_STEPS, help="Number of times it is switched on and off.")
     ] = 40,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print the results and store nothing.")
@@ -34,10 +34,10 @@ def latency(
 ) -> None:
     """Measure the camera's timing, and store it in rig.toml.
 
-    An LED is switched on and off at all phases of the camera's frames, until each change is in a
-    frame. That shows what the driver's time stamps mean, so that fewer frames must be discarded.
-    The camera must see something bright under the LED, and no other light that changes. Run it
-    again after a change of exposure, frame rate, size or format.
+    It switches an LED on and off at all phases of the camera's frames, and finds each change in
+    the frames. The result relates the driver's time stamps to the exposures, so that captures
+    discard fewer frames. The camera must see a bright surface under the LED, and no other light
+    that changes. Run it again after a change of exposure, frame rate, size or format.
     """
     from rig import ConfigError, open_rig
     from rig.config.rig import config_of

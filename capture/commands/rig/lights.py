@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["lights"]
 
-# Time between two checks that the LED is still on, and time of each LED in turn.
+# Time between two checks that the LED is still on. With cycle, each LED is on for this time.
 _CHECK_S = 1.0
 
 
@@ -29,9 +30,9 @@ def lights(
     ] = 100,
     rig: options.Rig = "rig.toml",
 ) -> None:
-    """Switch an LED by hand until Ctrl-C, or all LEDs in turn with cycle.
+    """Light one LED, or with cycle one LED after the other, until Ctrl-C.
 
-    The camera is not opened. The LEDs are out at the end, whatever ends the command.
+    The camera is not opened. All LEDs are out when the command has ended.
     """
     from rig import ConfigError
     from rig.config.rig import config_of
@@ -41,23 +42,24 @@ def lights(
     if led not in ("cycle", "off") and not led.isdecimal():
         raise ConfigError(f"LED {led!r} is unknown; give a number, cycle or off")
     config = config_of(rig)
+    simulation = None
     if config.is_simulated:
-        # Somebody watches the LEDs, so real time must pass.
+        # An LED stays on until Ctrl-C, so real time must pass.
         config = config.with_changes(simulation={"clock": "real"})
-    simulation = Simulation(config) if config.is_simulated else None
+        simulation = Simulation(config)
     try:
         with open_lights(config, simulation) as opened:
             if led == "off":
                 opened.put_out()
                 out.print(f"all LEDs of {opened.identity.serial_number} are out")
                 return
-            number = None if led == "cycle" else int(led)
-            if number is not None and number >= opened.led_count:
+            leds = range(opened.led_count) if led == "cycle" else [int(led)]
+            if leds[0] >= opened.led_count:
                 raise ConfigError(
                     f"LED {led}: the controller has {opened.led_count}, counted from 0"
                 )
             try:
-                _hold(opened, number, level)
+                _hold(opened, leds, level)
             except KeyboardInterrupt:  # the ordinary end
                 opened.put_out()
                 out.print("all LEDs are out")
@@ -66,11 +68,10 @@ def lights(
             simulation.close()
 
 
-def _hold(opened: LightController, number: int | None, level: int) -> NoReturn:
-    """Light LED `number`, or with None each LED in turn, until somebody interrupts."""
+def _hold(opened: LightController, leds: Sequence[int], level: int) -> NoReturn:
+    """Light the LEDs, one at a time, until an interrupt."""
     from rig.signals import signals_held_back
 
-    leds = range(opened.led_count) if number is None else (number,)
     for led in leds:
         opened.set_level(led, level)
     while True:

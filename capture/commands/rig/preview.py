@@ -21,7 +21,7 @@ def preview(
         int, typer.Option(min=0, max=65535, help="Port of the page; 0 chooses a free one.")
     ] = _PORT,
 ) -> None:
-    """Show what the camera sees under each LED, live, on a page of this machine.
+    """Show live images under each LED on a page of this machine.
 
     Each image has a histogram, saturated pixels in red, a focus score and its age; an image that is
     too old is blanked. Errors of the rig are shown, and the rig is opened again. Ctrl-C ends the

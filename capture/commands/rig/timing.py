@@ -19,11 +19,11 @@ def timing(
     sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,
     as_json: options.Json = False,
 ) -> None:
-    """Measure the time of a set and of a switch of the lights.
+    """Measure the time that a set and a switch of the lights take.
 
     Sets are captured by software and, if the rig is configured so, by the controller alone. The
     simulated rig is measured in all modes, at 30 and 60 frames per second, on the virtual and on
-    the real clock. No set can take less than one frame period per image.
+    the real clock. A set takes at least one frame period per image.
     """
     from capture.acquisition.timing import compared_configs, measure_set_timing
     from rig.config.rig import config_of
@@ -36,24 +36,18 @@ def timing(
     if as_json:
         print_json([asdict(one) for one in timings])
         return
-    table = new_table(
-        "Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected"
-    )
+    columns = ("Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected")
+    table = new_table(*columns)
     for one in timings:
-        table.add_row(
-            f"{one.frame_rate_hz:.0f}",
-            one.synchronisation,
-            one.clock,
-            _rounded(one.switch_ms, 2),
-            *(_rounded(ms, 0) for ms in (one.median_ms, one.worst_ms, one.exposures_ms)),
-            _rounded(one.limit_ms, 0),
-            f"{one.rejected} of {one.accepted + one.rejected}",
-        )
+        mode = (f"{one.frame_rate_hz:.0f}", one.synchronisation, one.clock)
+        sets_ms = (one.median_ms, one.worst_ms, one.exposures_ms, one.limit_ms)
+        times = (_rounded(one.switch_ms, 2), *(_rounded(time_ms, 0) for time_ms in sets_ms))
+        table.add_row(*mode, *times, f"{one.rejected} of {one.accepted + one.rejected}")
     print_table(table)
     out.print(
-        "Times in ms. Switch: of the lights, after the command or the end of exposure. Set: from "
-        "asking for it to having it, the median and the worst. In all: from the first exposure's "
-        "beginning to the last one's end. Limit: a frame period for each image.",
+        "Times in ms. Switch: from the command or the end of exposure to the light. Set, worst: "
+        "median and longest time from the request of a set to its last image. In all: from the "
+        "start of the first exposure to the end of the last. Limit: one frame period per image.",
         soft_wrap=True,
     )
 
