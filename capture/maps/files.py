@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,9 @@ _PAGE = "index.html"
 
 
 def write_maps(
-    captured: CapturedSet,
-    surface: SurfaceEstimate,
-    folder: Path,
-    *,
-    light: Lighting = RELIT_LIGHT,
+    captured: CapturedSet, surface: SurfaceEstimate, folder: Path, *, light: Lighting = RELIT_LIGHT
 ) -> list[Path]:
-    """Write all maps of a surface, and `index.html` that shows them.
+    """Write all maps of a surface, and an `index.html` that shows them.
 
     As TIFF: p, q, albedo, normals, height, raised, mean and Gaussian curvature, relit, residual.
     As PNG: shadow, dropped, specular, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
@@ -86,37 +81,25 @@ def write_maps(
         "valid": pictures.grey(surface.valid, top=1.0),
         "preview": pictures.contact_sheet(preview),
     }
+    roughness = {
+        "valid_pixels": int(np.count_nonzero(surface.valid)),
+        "note": ROUGHNESS_NOTE,
+        "parameters": roughness_parameters(maps.roughness),
+    }
     texts = {
-        "roughness.json": json.dumps(origin | _roughness(maps), indent=2, allow_nan=False),
+        "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
         _PAGE: map_page(captured, maps, views),
     }
     names = [*(f"{name}.tif" for name in tiffs), *(f"{name}.png" for name in pngs), *texts]
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, about) in tiffs.items():
-            _write_tiff(temporary / f"{name}.tif", values, json.dumps(origin | about))
+            tifffile.imwrite(
+                temporary / f"{name}.tif", values.astype(np.float32, copy=False), metadata=None,
+                photometric="rgb" if values.ndim == 3 else "minisblack",
+                description=json.dumps(origin | about),
+            )  # fmt: skip
         for name, picture in pngs.items():
             (temporary / f"{name}.png").write_bytes(pictures.png_bytes(picture))
         for name, text in texts.items():
             (temporary / name).write_text(text, encoding="utf-8")
     return [folder / name for name in names]
-
-
-def _roughness(maps: SurfaceMaps) -> dict[str, Any]:
-    parameters = {each.symbol: asdict(each) for each in roughness_parameters(maps.roughness)}
-    for values in parameters.values():
-        del values["symbol"]
-    return {
-        "valid_pixels": int(np.count_nonzero(maps.surface.valid)),
-        "note": ROUGHNESS_NOTE,
-        "parameters": parameters,
-    }
-
-
-def _write_tiff(path: Path, values: npt.NDArray[np.float32], about: str) -> None:
-    tifffile.imwrite(
-        path,
-        values.astype(np.float32, copy=False),
-        photometric="rgb" if values.ndim == 3 else "minisblack",
-        description=about,
-        metadata=None,
-    )

@@ -106,10 +106,10 @@ def _swatches(legend: tuple[tuple[Sequence[int], str], ...]) -> str:
 
 def _roughness_table(maps: SurfaceMaps) -> str:
     rows = "".join(
-        f"<tr><td><b>{each.symbol}</b></td><td>{each.name}{' (relative)' * each.relative}</td>"
-        f'<td class="value">{"-" if each.value is None else _number(each.value)}'
-        f"{'' if each.unit == '1' else ' ' + each.unit}</td></tr>"
-        for each in roughness_parameters(maps.roughness)
+        f"<tr><td><b>{symbol}</b></td><td>{each['name']}{' (relative)' * each['relative']}</td>"
+        f'<td class="value">{"-" if each["value"] is None else _number(each["value"])}'
+        f"{'' if each['unit'] == '1' else ' ' + each['unit']}</td></tr>"
+        for symbol, each in roughness_parameters(maps.roughness).items()
     )
     return (
         '<div class="wide"><b>Roughness</b> <code>roughness.json</code>'

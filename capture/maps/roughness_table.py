@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 from classify import Roughness
 
-__all__ = ["ROUGHNESS_NOTE", "Parameter", "roughness_parameters"]
+__all__ = ["ROUGHNESS_NOTE", "roughness_parameters"]
 
 ROUGHNESS_NOTE = (
     "ISO 25178-2 over the valid pixels, at the scale of a pixel; noise raises all of them. Sa and "
     "Sq come from relative height without its mean plane and are not lengths: compare them only "
     "between images of one size and magnification."
 )
+_PARAMETERS = (
+    ("Sdq", "root mean square gradient", "sdq", "1", False),
+    ("Sdr", "developed interfacial area ratio", "sdr_percent", "%", False),
+    ("Sa", "arithmetical mean height", "sa_px", "px", True),
+    ("Sq", "root mean square height", "sq_px", "px", True),
+)
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter; `value` is None if no pixel is valid.
+def roughness_parameters(roughness: Roughness | None) -> dict[str, dict[str, Any]]:
+    """Return name, value and unit of each parameter by symbol, and whether it is relative.
 
-    `relative` is true if it comes from integrated height and not from the gradients themselves.
+    A value is None if no pixel is valid. Unit 1 means dimensionless. Relative parameters come from
+    the integrated height, the others from the gradients themselves.
     """
-
-    symbol: str
-    name: str
-    value: float | None
-    unit: str
-    relative: bool
-
-
-def roughness_parameters(roughness: Roughness | None) -> list[Parameter]:
-    """Return the parameters in the order of the table; unit 1 means dimensionless."""
-    sdq, sdr, sa, sq = (
-        (roughness.sdq, roughness.sdr_percent, roughness.sa_px, roughness.sq_px)
-        if roughness is not None
-        else (None,) * 4
-    )
-    return [
-        Parameter("Sdq", "root mean square gradient", sdq, "1", relative=False),
-        Parameter("Sdr", "developed interfacial area ratio", sdr, "%", relative=False),
-        Parameter("Sa", "arithmetical mean height", sa, "px", relative=True),
-        Parameter("Sq", "root mean square height", sq, "px", relative=True),
-    ]
+    return {
+        symbol: {
+            "name": name, "value": getattr(roughness, field, None), "unit": unit,
+            "relative": relative,
+        }
+        for symbol, name, field, unit, relative in _PARAMETERS
+    }  # fmt: skip

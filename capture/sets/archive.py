@@ -1,4 +1,4 @@
-"""Many captured sets: finding them, and naming a folder for the results of each."""
+"""Find captured sets below folders, and name a folder for the results of each."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
     """Return a folder for the results of each captured set of `places`.
 
-    For one set, given as a file, this is `output`. Of several sets each has a folder of its own
-    name. It lies below `output` as the set lies below the common folder of all `places`, so that
-    two sets of one name have different folders.
+    A single set given as a file has `output` itself. Otherwise each set has a folder named after
+    it, whose path below `output` is that of the set below the common folder of all `places`. So
+    sets with equal names have different folders.
 
     Raises
     ------
@@ -60,5 +60,5 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
 
 
 def _absolute(path: Path) -> Path:
-    # Without ".." in the path. Links are not followed: they may lead out of the common folder.
+    # Remove "..", but follow no links: they may lead out of the common folder.
     return Path(os.path.normpath(path.absolute()))

@@ -27,8 +27,6 @@ class CapturedSet:
         (N, H, W) uint16 light images in the order of the lighting; pixel values of the camera.
     ambient
         (H, W) uint16 image with all LEDs off, or None.
-    metadata
-        `SetMetadata`.
 
     Raises
     ------
@@ -72,13 +70,9 @@ class CapturedSet:
         least_squares for more.
         """
         return photometric_stereo(
-            self.images,
-            self.lighting,
-            method,
-            ambient=self.ambient,
-            full_scale=self.metadata.full_scale,
-            noise=self.noise,
-        )
+            self.images, self.lighting, method, ambient=self.ambient,
+            full_scale=self.metadata.full_scale, noise=self.noise,
+        )  # fmt: skip
 
     @property
     def noise(self) -> SensorNoise | None:
@@ -90,12 +84,12 @@ class CapturedSet:
         return image_noise(camera, self.metadata.bit_depth, self.metadata.full_scale, frames)
 
     def save(self, path: str | Path) -> None:
-        """Write one ``.ome.tif``, whole or not at all; an existing file is replaced.
+        """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
 
         Raises
         ------
         InputError
-            If the name ends otherwise, or the file cannot be written.
+            If the name does not end in ``.ome.tif``, or the file cannot be written.
         """
         ome_tiff.write(Path(path), self.images, self.ambient, self.metadata)
 

@@ -34,7 +34,7 @@ def import_images(
     ambient: Path | None = None,
     label: str | None = None,
 ) -> CapturedSet:
-    """Make a captured set of photographs: PNG, JPEG or TIFF, 8 or 16 bit, grey or colour.
+    """Make a captured set from photographs: PNG, JPEG or TIFF, 8 or 16 bit, grey or colour.
 
     Linear grey images keep their pixel values. All others are made linear, reduced to luminance and
     stored with 16 bits. A pixel with any channel at full scale is stored at full scale, so that the
@@ -45,15 +45,15 @@ def import_images(
     paths
         One photograph per light, in the order of `lighting`.
     gamma
-        Response of the photographs, ``linear`` (the default) or ``srgb``. An 8-bit JPEG does not
-        state it, so it must be given.
+        Response of the photographs, ``linear`` (the default) or ``srgb``. It must be given for
+        JPEG, which does not state it.
     ambient
         Photograph with all lights off.
 
     Raises
     ------
     InputError
-        If a file is missing, damaged or of another kind, sizes or depths differ, or `gamma` is
+        If a file is missing, damaged or of another format, sizes or depths differ, or `gamma` is
         missing for a JPEG.
     """
     if label is not None:
@@ -78,26 +78,27 @@ def import_images(
         for path in files:
             if path.suffix.lower() in (".jpg", ".jpeg"):
                 raise InputError(
-                    f"{path}: a JPEG does not say how brightness was coded; give --gamma srgb "
+                    f"{path}: a JPEG does not state its response; give --gamma srgb "
                     "(an ordinary camera) or --gamma linear"
                 )
-    full_scale = 255 if first.dtype == np.uint8 else 65535
     if gamma == "srgb" or any(photograph.ndim == 3 for photograph in photographs):
         planes = [_linear_luminance(photograph, gamma == "srgb") for photograph in photographs]
         full_scale = 65535
     else:
         planes = [photograph.astype(np.uint16) for photograph in photographs]
+        full_scale = int(np.iinfo(first.dtype).max)
     images = np.stack(planes[: len(lighting)])
     ambient_image = None if ambient is None else planes[-1]
-    records = [
-        ImageRecord(light=light if light < len(paths) else None, source_file=_text(path.name))
-        for light, path in enumerate(files)
-    ]
+    # Bytes of a file name that are not UTF-8 are escaped.
+    names = [path.name.encode("utf-8", "backslashreplace").decode() for path in files]
+    records = [ImageRecord(light=k, source_file=name) for k, name in enumerate(names)]
+    if ambient is not None:
+        records[-1] = ImageRecord(light=None, source_file=names[-1])
     metadata = SetMetadata(
         label=label,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
         simulated=False,
-        bit_depth=8 if first.dtype == np.uint8 else 16,
+        bit_depth=8 * first.dtype.itemsize,
         full_scale=full_scale,
         lighting=LightingRecord.of(lighting),
         images=tuple(records),
@@ -114,19 +115,12 @@ def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[n
     if srgb:
         levels = linear_from_srgb(levels)
     linear = levels[photograph]
+    saturated = photograph == top
     if photograph.ndim == 3:
-        saturated = (photograph == top).any(axis=2)
-        linear = luminance(linear)
-    else:
-        saturated = photograph == top
+        linear, saturated = luminance(linear), saturated.any(axis=2)
     stored: npt.NDArray[np.uint16] = np.rint(linear * np.float32(65535.0)).astype(np.uint16)
     stored[saturated] = 65535
     return stored
-
-
-def _text(name: str) -> str:
-    """Return a file name with bytes that are not UTF-8 escaped."""
-    return name.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _size(image: npt.NDArray[Any]) -> str:

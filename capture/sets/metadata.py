@@ -29,20 +29,20 @@ UNPROTECTED = (
     "capture cannot be noticed"
 )
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-# Wider than for any camera, and small enough that squares and quotients stay finite in float32.
+# Wider than the range of any camera; squares and quotients stay finite in float32.
 Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
 def _printable(label: str | None) -> str | None:
-    # Sets labelled "unknown" were written before `classify.labels` refused that, and are read.
+    # "unknown", which `checked_label` refuses, is accepted: older sets may have that label.
     if label is not None and not label.isprintable():
         raise ValueError("use printable characters only")
     return label
 
 
 class _Record(BaseModel):
-    # The aliases are the keys in files; some are older than the names here.
+    # The aliases are the keys in files. Some keep an older word than the attribute.
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
@@ -77,11 +77,11 @@ class ImageRecord(_Record):
     """Where an image comes from: frames under one light, or a file.
 
     `light` is the index into the lighting, None for the ambient image. `led_acknowledged_s` and
-    `controller_time_us` say when the light was switched, on the rig's and the controller's clock;
-    `led_level_percent` is how bright the LED was driven. `stale_frames` were older than the switch
-    and thrown away, `repeated_frames` came twice, `lost_frames` are gaps in the sequence after it.
-    In a sequence of the controller's, `exposures_us` are the edges of the strobe for each frame and
-    `triggers_us` its triggers, on the controller's clock.
+    `controller_time_us` are the time of the switch on the clocks of rig and controller.
+    `led_level_percent` is the drive level of the LED. `stale_frames` were exposed before the switch
+    and left out, `repeated_frames` came twice, `lost_frames` are gaps in the sequence numbers. With
+    a sequence of the controller, `exposures_us` are the edges of the strobe for each frame and
+    `triggers_us` the triggers, on the controller's clock.
     """
 
     light: int | None
@@ -126,24 +126,23 @@ class ControllerRecord(_Record):
 
 
 class ChecksRecord(_Record):
-    """What the images of a set say about their lights.
+    """Results of the checks of the lights from the images of a set.
 
     Attributes
     ----------
     ambient_change
-        Between two images with all LEDs off, as a share of an LED's light; None if there was
-        only one.
+        Change between two ambient images, as a share of an LED's light; None for one image.
     redundancy_residual
-        rms share of the signal by which the light images contradict one another beyond noise;
-        None without four lights in general position.
+        rms residual beyond noise, as a share of the signal; None without four lights in general
+        position.
     light_levels, light_levels_error
         LED levels that explain the light images, and their standard error; None if no levels do.
     retaken
-        Whether the light images were captured a second time, and found the same.
+        Whether the light images agreed with a retake; False if there was none.
     light_order
-        By the shading: ``confirmed``, or ``undecided``.
+        Order of the lights by the shading: ``confirmed`` or ``undecided``.
     undecided
-        Reasons for the retake: what the light images alone could not confirm.
+        Reasons for the retake: checks that the light images alone left undecided.
     """
 
     ambient_change: FiniteFloat | None
@@ -167,13 +166,11 @@ class SetMetadata(_Record):
     orientation_deg
         Orientation of the part, None if unknown.
     placement
-        The simulated part, None for a real one.
+        Placement of the simulated part, None for a real one.
     synchronisation
-        Who switched from light to light, see `rig.toml`.
-    checks
-        What the images say about their lights.
+        As ``lights.synchronisation`` in rig.toml; None for imported images.
     failed_attempts
-        Why each earlier attempt at the set failed.
+        Reason for the failure of each earlier attempt.
     gamma
         Response of imported photographs that was undone: ``linear`` or ``srgb``.
     calibration_ids
@@ -204,7 +201,7 @@ class SetMetadata(_Record):
 
     @property
     def is_protected(self) -> bool:
-        """True if the file has a hash over its metadata: from schema version 2 on."""
+        """Whether the file has a hash over its metadata: from schema version 2 on."""
         return self.schema_version > 1
 
 

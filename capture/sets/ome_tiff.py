@@ -1,8 +1,4 @@
-"""A captured set as one multi-page 16-bit OME-TIFF that Fiji, QuPath and tifffile open.
-
-The light images come in order, then the ambient image. The metadata are JSON in a structured
-annotation of the OME-XML, so that they can be read without this program.
-"""
+"""A captured set as one multi-page 16-bit OME-TIFF that Fiji, QuPath and tifffile open."""
 
 from __future__ import annotations
 
@@ -24,7 +20,7 @@ from rig.set_file import (
     pixels_sha256,
     read_set_file,
     read_set_header,
-)
+)  # fmt: skip
 
 from .metadata import SetMetadata
 
@@ -50,15 +46,10 @@ def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetad
     planes = images if ambient is None else np.concatenate([images, ambient[None]])
     with durable_file(path) as temporary:
         tifffile.imwrite(
-            temporary,
-            planes,
-            byteorder="<",
-            photometric="minisblack",
-            planarconfig=None,
-            description=_ome_xml(images.shape[1:], metadata),
-            metadata=None,
+            temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
+            description=_ome_xml(images.shape[1:], metadata), metadata=None,
             software=f"ps4rig {metadata.software_version}",
-        )
+        )  # fmt: skip
 
 
 def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
@@ -110,19 +101,10 @@ def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
     ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc
     pixels = ET.SubElement(
-        image,
-        "Pixels",
-        ID="Pixels:0",
-        DimensionOrder="XYCZT",
-        Type="uint16",
-        SignificantBits=str(max(1, metadata.full_scale.bit_length())),
-        SizeX=str(columns),
-        SizeY=str(rows),
-        SizeC=str(len(metadata.images)),
-        SizeZ="1",
-        SizeT="1",
-        BigEndian="false",
-    )
+        image, "Pixels", ID="Pixels:0", DimensionOrder="XYCZT", Type="uint16",
+        SignificantBits=str(metadata.full_scale.bit_length()), SizeX=str(columns), SizeY=str(rows),
+        SizeC=str(len(metadata.images)), SizeZ="1", SizeT="1", BigEndian="false",
+    )  # fmt: skip
     tilts_deg = metadata.lighting.to_lighting().tilts_deg
     for index, record in enumerate(metadata.images):
         name = "ambient" if record.light is None else f"tilt {tilts_deg[record.light]:g} deg"
@@ -134,7 +116,7 @@ def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
         annotations, "CommentAnnotation", ID="Annotation:0", Namespace=NAMESPACE
     )
     fields = metadata.model_dump(mode="json", by_alias=True)
-    if metadata.is_protected:  # a set of schema 1 stays one: nobody checked its metadata
+    if metadata.is_protected:  # the metadata of a set of schema 1 were never verified
         fields["sha256"] = fields_sha256(fields)
     ET.SubElement(comment, "Value").text = json.dumps(fields)
     # ASCII with character references: a TIFF description has no other encoding to rely on.

@@ -256,7 +256,7 @@ def test_a_wrong_photograph_is_one_line(
         ("small.png", "small.png: 5 x 5 px, but"),
         ("cut.png", "cut.png: not a complete PNG image"),
         ("nan.tif", "nan.tif: float32 pixels"),
-        ("a.jpg", "a.jpg: a JPEG does not say"),
+        ("a.jpg", "a.jpg: a JPEG does not state its response"),
         ("none.png", "none.png: no such file"),
     ):
         line = refused("import", *photographs[:3], tmp_path / name, "--slant", 45, out)

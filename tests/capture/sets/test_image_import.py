@@ -143,7 +143,7 @@ def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_pa
 
 def test_a_jpeg_needs_gamma(four: Photographs) -> None:
     paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
-    with pytest.raises(InputError, match=r"image0\.jpg: a JPEG does not say .* --gamma srgb"):
+    with pytest.raises(InputError, match=r"image0\.jpg: a JPEG .* response; give --gamma srgb"):
         import_images(paths, RING)
     assert (import_images(paths, RING, gamma="linear").images == 128).all()
     expected = round(65535 * float(srgb(np.array(128 / 255))))
