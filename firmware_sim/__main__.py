@@ -31,20 +31,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
             fall_ms=options.fall_ms,
         )
         controller = SimulatedController(board, clock, resets_on_open=options.resets_on_open)
-        server, hint = _serve(controller, options)
+        server, address = _serve(controller, options)
     except ValueError as error:
         return _fail(str(error))
     except OSError as error:
         where = options.unix or options.pty or f"port {options.tcp}"
         return _fail(f"cannot serve at {where}: {error.strerror or error}")
     with server:
-        print(f"simulated LED controller {board.serial_number}: {hint}", flush=True)
+        print(f"simulated LED controller {board.serial_number}: {address}", flush=True)
         signal.sigwait(ending)
     return 0
 
 
 def _serve(controller: SimulatedController, options: argparse.Namespace) -> tuple[Server, str]:
-    """Serve as the options say; return the server, and a hint how to talk to it."""
+    """Serve as the options say; return the server, and its address with a command to try."""
     if options.unix is not None:
         server = serve_unix(controller, options.unix)
         return server, f"unix socket {server.address}, try: socat - UNIX-CONNECT:{server.address}"

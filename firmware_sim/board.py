@@ -39,18 +39,18 @@ class Board(Protocol):
         """Drive one LED at 0 to 100 percent; return the `micros` at which it changed."""
 
     def max_on_ms(self, index: int) -> int:
-        """The longest that an LED may be on without a pause, in milliseconds, at least 1."""
+        """Longest time in milliseconds that an LED may be on without a pause, at least 1."""
 
     def max_duty_percent(self, index: int) -> int:
-        """The largest share of the time that an LED may be on in the long run, 1 to 99."""
+        """Largest share of the time that an LED may be on in the long run, 1 to 99 percent."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
         """Return the edges of the camera's strobe since the last call, oldest first; never wait.
 
         Each edge is its time in `micros`, taken in an interrupt or in hardware, and the level after
-        it: True while the camera exposes, whatever the polarity of the wire. At most
-        STROBE_BUFFER_EDGES of `firmware` are kept and later ones dropped, so in a list of that
-        length edges may be missing.
+        it: True while the camera exposes, for either polarity of the wire. At most
+        `firmware.STROBE_BUFFER_EDGES` edges are kept and later ones are dropped, so edges may be
+        missing from a list of that length.
         """
 
     def trigger(self) -> int:
@@ -69,22 +69,22 @@ class SimulatedBoard:
     Parameters
     ----------
     clock
-        Its time, real or virtual.
+        The board's clock, real or virtual.
     led_count, serial_number
-        What the firmware reports as model and serial number.
+        Number of LEDs and serial number, which the firmware reports in its identity.
     rise_ms, fall_ms
         10 % to 90 % times of the LEDs' exponential approach; 0 switches at once.
     max_on_ms, max_duty_percent
         Limits of each LED, which the firmware enforces. The defaults allow 1024 frames under one
         LED at 9 frames per second, and any order of four LEDs.
     leds
-        The `led_count` LEDs; LEDs with `rise_ms` and `fall_ms` if left out.
+        The `led_count` LEDs; by default LEDs with `rise_ms` and `fall_ms`.
 
     Raises
     ------
     ValueError
-        Without an LED, or for a serial number that would break the protocol, a time that is
-        negative or not finite, or limits without light.
+        If there is no LED, the serial number would break the protocol, a time is negative or not
+        finite, or a limit allows no light.
     """
 
     def __init__(
@@ -123,9 +123,9 @@ class SimulatedBoard:
         self._received = b""
         self._sent = b""
         self._strobe_edges: list[tuple[int, bool]] = []
-        self._triggered: Callable[[], object] = _nobody
+        self._triggered: Callable[[], object] = lambda: None
 
-    # The firmware's side
+    # Interface to the firmware
 
     def micros(self) -> int:
         return self._micros_at(self._clock.now_s())
@@ -139,7 +139,7 @@ class SimulatedBoard:
 
     def write(self, data: bytes) -> None:
         with self._lock:
-            # a host that never reads loses whole lines, not memory and not halves of lines
+            # If a host never reads, whole lines are dropped and memory stays bounded.
             if len(self._sent) + len(data) <= _OUTPUT_BYTES:
                 self._sent += data
 
@@ -167,7 +167,7 @@ class SimulatedBoard:
         self._triggered()
         return triggered_us
 
-    # The side of host and camera
+    # Interface to host and camera
 
     def receive(self, data: bytes) -> None:
         """Receive bytes from the host."""
@@ -235,7 +235,3 @@ class SimulatedBoard:
         now_s = self._clock.now_s()
         if at_s > now_s + _CLOCK_ROUNDING_S:
             raise ValueError(f"the light at {at_s:.6f} s is not known yet: it is {now_s:.6f} s")
-
-
-def _nobody() -> None:
-    """Receive triggers without a camera."""

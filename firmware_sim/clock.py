@@ -1,4 +1,4 @@
-"""Clocks of the simulation: the real one, and a virtual one on which sleeping takes no time."""
+"""Clocks of the simulation: the real clock, and a virtual clock whose sleeps take no time."""
 
 import heapq
 import itertools
@@ -19,7 +19,7 @@ class Clock(Protocol):
         """Time since an arbitrary start; never goes back. May be called with any lock held."""
 
     def sleep_s(self, duration_s: float) -> None:
-        """Return after the duration; at once if it is zero or negative."""
+        """Return after the duration, or at once if it is zero or negative."""
 
     def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
         """Call `callback` once at `at_s`, or as soon as possible if that has passed.
@@ -108,7 +108,7 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock on which time passes only while somebody sleeps, and then immediately.
+    """A clock on which time passes only during sleeps, which return immediately.
 
     A sleep advances the time in steps of at most 1 ms and calls every tick callback after each
     step, so that a main loop with its watchdog runs at its simulated time. Callbacks of `call_at`

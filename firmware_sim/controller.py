@@ -20,7 +20,7 @@ class SimulatedController:
     board
         The simulated board, on the same clock.
     clock
-        Its time, real or virtual.
+        The controller's clock, real or virtual.
     resets_on_open
         Whether opening the port resets the board, as with an Arduino and not with a Pico.
     boot_ms
@@ -55,14 +55,14 @@ class SimulatedController:
         self._firmware: Firmware | None = Firmware(board)  # None while it boots
 
     def connect(self) -> None:
-        """A host has opened the port; output from before is lost."""
+        """Handle a host that opens the port: drop earlier output, reset if configured so."""
         with self._lock:
             self._board.take_output()
         if self._resets_on_open:
             self.reset()
 
     def reset(self) -> None:
-        """Power cycle: LEDs off at once, the banner after the boot time."""
+        """Simulate a power cycle: LEDs off at once, the banner after the boot time."""
         with self._lock:
             self._firmware = None
             self._board.reset()
@@ -76,7 +76,7 @@ class SimulatedController:
         self._arrive(rest)
 
     def poll(self) -> None:
-        """Run one pass of the main loop, unless passes are timed. Never wait."""
+        """Run one pass of the main loop without waiting, unless the clock times the passes."""
         with self._lock:
             if not self._in_loop:
                 self._turn()
@@ -110,7 +110,7 @@ class SimulatedController:
                 return False
             self._firmware = Firmware(self._board)
         if self._firmware.stopped:
-            return False  # a real board would be at its prompt; this one waits for a reset
+            return False  # a real board would be at MicroPython's prompt
         self._firmware.poll()
         if self._firmware.sequence.running and not self._in_loop:
             self._in_loop = True

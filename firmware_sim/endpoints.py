@@ -10,7 +10,6 @@ import socket
 import termios
 import tty
 from pathlib import Path
-from typing import Protocol
 
 __all__ = [
     "Endpoint",
@@ -22,40 +21,46 @@ __all__ = [
 ]
 
 
-class Endpoint(Protocol):
-    """One place to connect to, for one host at a time."""
+class Endpoint:
+    """A place to connect to, for one host at a time.
 
-    @property
-    def address(self) -> str:
-        """The address that a host opens."""
+    Attributes
+    ----------
+    address
+        The address that a host opens.
+    listener_fd
+        Descriptor that becomes readable when a host connects; None: poll `accept`.
+    """
 
-    @property
-    def listener_fd(self) -> int | None:
-        """Descriptor that becomes readable when a host connects; None: poll `accept`."""
+    address: str
+    listener_fd: int | None = None
 
     def accept(self) -> int | None:
-        """The non-blocking descriptor of a host that has connected, or None."""
+        """Return the non-blocking descriptor of a host that has connected, or None."""
+        raise NotImplementedError
 
     def refuse(self) -> None:
         """Reject a host that connects while another is connected."""
 
     def hang_up(self) -> None:
-        """Prepare for the next host, after that of the last `accept` has gone."""
+        """Prepare for the next host after the last one has gone."""
 
     def close(self) -> None:
-        """Close everything and remove the files that were made."""
+        """Close all descriptors and remove the files that were made."""
 
 
-class PtyEndpoint:
+class PtyEndpoint(Endpoint):
     """A raw pseudo-terminal, optionally with a symbolic link to it.
 
     Parameters
     ----------
     link
         A path that does not exist yet.
-    """
 
-    listener_fd = None  # a pty does not announce that it has been opened
+    Notes
+    -----
+    A pty does not announce that it has been opened, so `accept` must be polled.
+    """
 
     def __init__(self, link: Path | None = None) -> None:
         self._master, slave = os.openpty()
@@ -82,9 +87,6 @@ class PtyEndpoint:
             self._was_open = True
             return None
         return self._master
-
-    def refuse(self) -> None:
-        pass
 
     def hang_up(self) -> None:
         self._was_open = False
@@ -116,7 +118,7 @@ class PtyEndpoint:
             os.close(slave)
 
 
-class TtyEndpoint:
+class TtyEndpoint(Endpoint):
     """A real serial device: this end of a null modem, or of a USB gadget's line.
 
     Such a line does not tell whether its other end is open, so a host counts as connected while
@@ -137,8 +139,6 @@ class TtyEndpoint:
         For a speed that serial devices do not have.
     """
 
-    listener_fd = None
-
     def __init__(self, path: Path, baud: int) -> None:
         self.address = str(path)
         try:
@@ -154,9 +154,6 @@ class TtyEndpoint:
             except OSError:
                 return None  # unplugged
         return self._fd
-
-    def refuse(self) -> None:
-        pass
 
     def hang_up(self) -> None:
         self.close()
@@ -188,7 +185,7 @@ class TtyEndpoint:
         return fd
 
 
-class SocketEndpoint:
+class SocketEndpoint(Endpoint):
     """A listening socket.
 
     Parameters

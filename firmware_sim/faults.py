@@ -3,10 +3,11 @@
 import itertools
 import math
 import random
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from .board import SimulatedBoard
 from .clock import Clock
 from .controller import SimulatedController
 from .led import Led, LedLight
@@ -30,12 +31,12 @@ class When:
     Attributes
     ----------
     nth, times
-        The first affected event from `from_s` on, counted from 1, and their number; None affects
-        all.
+        Number of the first affected event from `from_s` on, counted from 1, and number of affected
+        events. None affects all.
     from_s, until_s
-        On the simulation's clock, which starts at 0.
+        Time on the simulation's clock, which starts at 0.
     probability
-        Of each such event.
+        Probability with which each of these events is affected.
     """
 
     nth: int | None = None
@@ -53,11 +54,11 @@ class When:
         _require(0.0 < self.probability <= 1.0, f"probability is {self.probability:g}")
 
     def covers(self, at_s: float) -> bool:
-        """Whether `at_s` is within its time."""
+        """Whether `at_s` is between `from_s` and `until_s`."""
         return self.from_s <= at_s < self.until_s
 
-    def befalls(self, number: int, rng: random.Random) -> bool:
-        """Whether the fault affects event `number`, counted from 1 within its time."""
+    def affects(self, number: int, rng: random.Random) -> bool:
+        """Whether the fault affects event `number`, counted from 1 at `from_s`."""
         if self.nth is not None and not self.nth <= number < self.nth + self.times:
             return False
         return self.probability == 1.0 or rng.random() < self.probability
@@ -76,7 +77,7 @@ class LineFault:
     direction
         ``to_controller`` for commands, ``to_host`` for replies.
     containing
-        Only commands with this text, and the replies to them.
+        Text of the affected commands, or of the commands whose replies are affected.
     """
 
     kind: Literal[
@@ -146,7 +147,7 @@ class LedFault:
         return 1.0 - self.share * missing
 
     def least(self, at_s: float) -> float:
-        """The light that the LED gives at least at a time."""
+        """The smallest light that the LED gives at a time."""
         stuck = self.kind == "stuck_on" and self.from_s <= at_s < self.until_s
         return self.share if stuck else 0.0
 
@@ -161,11 +162,9 @@ class FaultyLed:
         self._started_s = started_s
 
     def drive(self, percent: int, at_s: float) -> None:
-        """Set the drive, see `Led.drive`."""
         self._led.drive(percent, at_s)
 
     def output(self, at_s: float) -> float:
-        """The output at a time."""
         gain, least = self._at(at_s)
         return max(least, gain * self._led.output(at_s))
 
@@ -197,7 +196,7 @@ class FaultyLed:
 
 
 class _Cabled:
-    """The LED in one place, and the LED that its pin drives, which differs with swapped cables."""
+    """The LED in one place, and the LED that its pin drives; swapped cables exchange them."""
 
     def __init__(self, light: LedLight, driven: LedLight) -> None:
         self.drive = driven.drive
@@ -221,70 +220,56 @@ def faulty_leds(
     return [_Cabled(light, result[driven]) for light, driven in zip(result, cabled, strict=True)]
 
 
-class FaultyLine:
-    """A controller behind a faulty line; it is served like the controller itself.
+class FaultyLine(SimulatedController):
+    """A simulated controller behind a faulty line.
 
     Parameters
     ----------
-    device
-        The controller behind the line.
+    board, clock, turn_us
+        As for `SimulatedController`.
     faults
         Faults of the line, applied one after the other.
     seed
-        Of the random faults.
+        Seed of the random faults.
     """
 
-    def __init__(self, device: SimulatedController, faults: Sequence[LineFault], seed: int) -> None:
-        self._device = device
+    def __init__(
+        self,
+        board: SimulatedBoard,
+        clock: Clock,
+        faults: Sequence[LineFault],
+        seed: int,
+        turn_us: tuple[float, float] = (50.0, 200.0),
+    ) -> None:
+        super().__init__(board, clock, turn_us=turn_us)
         self._faults = faults
         self._rng = random.Random(seed)
-        self._started_s = device.clock.now_s()
+        self._started_s = clock.now_s()
         self._counts = [0] * len(faults)
         self._half_line = b""
         self._command = b""
         self._held: dict[str, bytes] = {"to_controller": b"", "to_host": b""}
         self._output = b""
 
-    @property
-    def clock(self) -> Clock:
-        """That of the controller."""
-        return self._device.clock
-
-    @property
-    def boot_remaining_s(self) -> float:
-        """That of the controller."""
-        return self._device.boot_remaining_s
-
     def connect(self) -> None:
-        """A host has opened the port."""
         self._half_line = self._output = b""
-        self._device.connect()
-
-    def reset(self) -> None:
-        """Power cycle of the controller."""
-        self._device.reset()
-
-    def poll(self) -> None:
-        """Run one pass of the controller's main loop."""
-        self._device.poll()
+        super().connect()
 
     def feed(self, data: bytes) -> None:
-        """Receive bytes from the host; return when every line that arrives has been executed."""
         *lines, self._half_line = (self._half_line + data).split(b"\n")
         for line in lines:
             self._collect_output()
             self._command = line
-            self._device.feed(self._through("to_controller", line + b"\n"))
+            super().feed(self._through("to_controller", line + b"\n"))
             self._collect_output()
 
     def take_output(self) -> bytes:
-        """Return the device's output since the last call, as it arrives at the host."""
         self._collect_output()
         output, self._output = self._output, b""
         return output
 
     def _collect_output(self) -> None:
-        for line in self._device.take_output().splitlines(keepends=True):
+        for line in super().take_output().splitlines(keepends=True):
             self._output += self._through("to_host", line)
 
     def _through(self, direction: str, line: bytes) -> bytes:
@@ -292,20 +277,20 @@ class FaultyLine:
         since_s = self.clock.now_s() - self._started_s
         late = False
         for index, fault in enumerate(self._faults):
-            told = fault.direction == direction and fault.containing.encode() in self._command
-            if not (told and fault.when.covers(since_s)):
+            affected = fault.direction == direction and fault.containing.encode() in self._command
+            if not (affected and fault.when.covers(since_s)):
                 continue
             self._counts[index] += 1
-            if not fault.when.befalls(self._counts[index], self._rng):
+            if not fault.when.affects(self._counts[index], self._rng):
                 continue
             if fault.kind == "reboot":
-                self._device.reset()
+                self.reset()
             elif fault.kind == "delay":
                 self.clock.sleep_s(fault.delay_ms / 1000.0)
             elif fault.kind == "late":
                 late = True
             else:
-                line = _DAMAGE[fault.kind](line, self._rng)
+                line = _damaged(line, fault.kind, self._rng)
         under_way, self._held[direction] = self._held[direction], b""
         if late:
             self._held[direction] = under_way + line
@@ -313,41 +298,22 @@ class FaultyLine:
         return under_way + line
 
 
-def _lose(_line: bytes, _rng: random.Random) -> bytes:
-    return b""
-
-
-def _garble(line: bytes, rng: random.Random) -> bytes:
-    damaged = bytearray(line)
-    for _ in range(rng.randint(1, 3)):
-        # The line end stays; `truncate` joins lines.
-        damaged[rng.randrange(max(1, len(line) - 1))] ^= rng.randint(1, 255)
-    return bytes(damaged)
-
-
-def _truncate(line: bytes, rng: random.Random) -> bytes:
-    return line[: rng.randrange(len(line))]
-
-
-def _double(line: bytes, _rng: random.Random) -> bytes:
-    return line + line
-
-
-def _lose_byte(line: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(line))
-    return line[:at] + line[at + 1 :]
-
-
-def _double_byte(line: bytes, rng: random.Random) -> bytes:
-    at = rng.randrange(len(line))
-    return line[: at + 1] + line[at:]
-
-
-_DAMAGE: dict[str, Callable[[bytes, random.Random], bytes]] = {
-    "lose": _lose,
-    "garble": _garble,
-    "truncate": _truncate,
-    "double": _double,
-    "lose_byte": _lose_byte,
-    "double_byte": _double_byte,
-}
+def _damaged(line: bytes, kind: str, rng: random.Random) -> bytes:
+    match kind:
+        case "double":
+            return line + line
+        case "garble":
+            damaged = bytearray(line)
+            for _ in range(rng.randint(1, 3)):
+                # The line end stays; `truncate` joins lines.
+                damaged[rng.randrange(max(1, len(line) - 1))] ^= rng.randint(1, 255)
+            return bytes(damaged)
+        case "truncate":
+            return line[: rng.randrange(len(line))]
+        case "lose_byte":
+            at = rng.randrange(len(line))
+            return line[:at] + line[at + 1 :]
+        case "double_byte":
+            at = rng.randrange(len(line))
+            return line[: at + 1] + line[at:]
+    return b""  # "lose"

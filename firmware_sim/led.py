@@ -44,10 +44,10 @@ class LedLight(Protocol):
         """Set the drive; `at_s` must not be earlier than that of the last call."""
 
     def output(self, at_s: float) -> float:
-        """The relative output at a time."""
+        """Return the relative output at a time."""
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
-        """The integral of the output over an interval, in seconds of full output."""
+        """Return the integral of the output over an interval, in seconds of full output."""
 
 
 class Led:
@@ -66,7 +66,6 @@ class Led:
         self._history = deque([_Segment(-math.inf, 0.0, 0.0, 0.0)], maxlen=_HISTORY_EVENTS)
 
     def drive(self, percent: int, at_s: float) -> None:
-        """Set the drive; `at_s` must not be earlier than that of the last call."""
         before = self._history[-1]
         target = percent / 100.0
         if target == before.target:
@@ -76,14 +75,12 @@ class Led:
         self._history.append(_Segment(at_s, start, target, tau_s))
 
     def output(self, at_s: float) -> float:
-        """The output at a time; the last drive holds for all later times."""
         for segment in reversed(self._history):
             if segment.since_s <= at_s:
                 return segment.output(at_s)
         raise self._forgotten(at_s)
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
-        """The exact integral of the output over an interval, in seconds of full output."""
         total_s = 0.0
         for segment in reversed(self._history):
             if segment.since_s < end_s:

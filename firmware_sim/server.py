@@ -5,61 +5,34 @@ import select
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
-from .clock import Clock, VirtualClock
+from .clock import VirtualClock
+from .controller import SimulatedController
 from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
 
-__all__ = ["Device", "Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
+__all__ = ["Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
 
 _POLL_MS = 5  # longest time between two polls; the watchdog is late by this at most
 _READ_BYTES = 256  # few lines at a time, so that stop() does not wait for many link delays
 
 
-class Device(Protocol):
-    """A device that can be served: a `SimulatedController`, or one behind a faulty line."""
-
-    @property
-    def clock(self) -> Clock:
-        """Its time, real or virtual."""
-
-    @property
-    def boot_remaining_s(self) -> float:
-        """Time until it has booted."""
-
-    def connect(self) -> None:
-        """A host has opened the port."""
-
-    def reset(self) -> None:
-        """Power cycle."""
-
-    def feed(self, data: bytes) -> None:
-        """Receive bytes from the host; return when every line in them has been executed."""
-
-    def poll(self) -> None:
-        """Run one pass of its main loop. Never wait."""
-
-    def take_output(self) -> bytes:
-        """Return the bytes that it has sent since the last call."""
-
-
-def serve_pty(controller: Device, link: str | Path | None = None) -> "Server":
+def serve_pty(controller: SimulatedController, link: str | Path | None = None) -> "Server":
     """Serve on a pseudo-terminal; `link` is a path for a symbolic link to it."""
     return Server(controller, PtyEndpoint(None if link is None else Path(link)))
 
 
-def serve_tty(controller: Device, path: str | Path, baud: int = 115_200) -> "Server":
+def serve_tty(controller: SimulatedController, path: str | Path, baud: int = 115_200) -> "Server":
     """Serve on a serial device: this end of a null modem, or of a USB gadget's line."""
     return Server(controller, TtyEndpoint(Path(path), baud))
 
 
-def serve_unix(controller: Device, path: str | Path) -> "Server":
+def serve_unix(controller: SimulatedController, path: str | Path) -> "Server":
     """Serve on a unix socket; the path must not exist yet."""
     return Server(controller, unix_endpoint(Path(path)))
 
 
-def serve_tcp(controller: Device, port: int = 0) -> "Server":
+def serve_tcp(controller: SimulatedController, port: int = 0) -> "Server":
     """Serve on a TCP port of 127.0.0.1; 0 chooses a free one."""
     return Server(controller, tcp_endpoint(port))
 
@@ -75,13 +48,15 @@ class Server:
         Where it is served; closed by `stop`.
     """
 
-    def __init__(self, controller: Device, endpoint: Endpoint) -> None:
+    def __init__(self, controller: SimulatedController, endpoint: Endpoint) -> None:
         self._controller = controller
         self._endpoint = endpoint
         self._wake_read, self._wake_write = os.pipe()
         self._stopping = threading.Event()
         self._stop_lock = threading.Lock()
-        self._unregister = _run_on_ticks(controller)
+        self._unregister: Callable[[], None] = lambda: None
+        if isinstance(controller.clock, VirtualClock):
+            self._unregister = controller.clock.on_tick(controller.poll)
         self._thread = threading.Thread(target=self._run, name="simulated controller", daemon=True)
         self._thread.start()
 
@@ -109,12 +84,7 @@ class Server:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _run(self) -> None:
@@ -165,16 +135,10 @@ class Server:
         return dict(poll.poll(_POLL_MS))
 
     def _boot_in_virtual_time(self) -> None:
-        # A host may wait for the banner, and nobody else would advance the clock.
+        # A host that waits for the banner does not advance the clock.
         clock = self._controller.clock
         if isinstance(clock, VirtualClock):
             clock.sleep_s(self._controller.boot_remaining_s)
-
-
-def _run_on_ticks(controller: Device) -> Callable[[], None]:
-    if isinstance(controller.clock, VirtualClock):
-        return controller.clock.on_tick(controller.poll)
-    return lambda: None
 
 
 def _write(fd: int, data: bytes) -> bytes:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from .config.camera import PIXEL_FORMAT_BITS
 from .config.lights import AUTO
 from .errors import LightControllerError
-from .lights.discovery import SerialPort, who_is_there
+from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
 from .v4l2.camera_list import ListedCamera
 from .v4l2.pixel_formats import PIXEL_FORMATS
@@ -33,7 +33,7 @@ _MOST_COLUMNS = 1280
 
 
 def answering_controllers(
-    ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = who_is_there
+    ports: Sequence[SerialPort], ask: Callable[[str], ControllerIdentity] = identify
 ) -> list[tuple[SerialPort, ControllerIdentity]]:
     """The light controllers that answer at `ports`, in their order.
 

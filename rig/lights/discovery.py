@@ -1,4 +1,4 @@
-"""Find the port of the light controller: by serial number, by USB id, or by asking."""
+"""Find the port of the light controller by serial number, USB id, or asking ``*IDN?``."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 __all__ = [
     "SerialPort",
     "find_controller",
+    "identify",
     "known_port",
     "list_serial_ports",
     "ports_to_try",
-    "who_is_there",
 ]
 
 _BY_ID = Path("/dev/serial/by-id")
@@ -52,15 +52,15 @@ class SerialPort:
     Attributes
     ----------
     device
-        The kernel's name, which depends on the order of plugging.
+        Name given by the kernel, which depends on the order of plugging.
     usb_id
         Vendor and product, such as ``2e8a:0005``; None for a port that is not on USB.
     serial_number
-        Of the USB device; None without one.
+        Serial number of the USB device, None without one.
     description
-        As the device reports it.
+        Name that the device reports.
     by_id
-        Its name in ``/dev/serial/by-id``, which does not change.
+        Name in ``/dev/serial/by-id``, which does not depend on the order of plugging.
     """
 
     device: str
@@ -75,8 +75,8 @@ class SerialPort:
         return self.usb_id is not None and self.usb_id[:4] in _VENDORS
 
     def __str__(self) -> str:
-        said = (self.usb_id, self.serial_number and f"serial number {self.serial_number}")
-        known = ", ".join(part for part in said if part)
+        parts = (self.usb_id, self.serial_number and f"serial number {self.serial_number}")
+        known = ", ".join(filter(None, parts))
         return f"{self.device} ({known})" if known else self.device
 
 
@@ -101,24 +101,24 @@ def list_serial_ports() -> list[SerialPort]:
     return sorted(ports, key=lambda port: port.device)
 
 
-def who_is_there(
+def identify(
     device: str, baud: int = 115_200, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS
 ) -> ControllerIdentity:
-    """Open a port, ask ``*IDN?`` and close it; nothing else is written but an empty line.
+    """Open a port, ask for the identity of the controller there, and close it.
+
+    Only an empty line and ``*IDN?`` are written.
 
     Raises
     ------
     LightControllerError
-        If another program has the port, or no light controller answers there.
+        If another program has the port open, or no light controller answers there.
     """
     link = ControllerLink(device, baud, timeouts)
     link.close()
     return link.identity
 
 
-def find_controller(
-    lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = who_is_there
-) -> str:
+def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask = identify) -> str:
     """Find the device name of the controller for ``lights.port = "auto"``.
 
     The configured USB serial number and USB id select ports; without a USB id only ports of known
@@ -130,14 +130,14 @@ def find_controller(
     lights
         The configuration, with or without `serial_number` and `usb_id`.
     ports
-        From `list_serial_ports`.
+        The ports to choose from, see `list_serial_ports`.
     ask
         Identifies the controller at a device name.
 
     Raises
     ------
     LightControllerError
-        If there is none, or more than one; the message lists the ports and the key that decides.
+        If none or several are found; the message lists the ports and the key to set.
     """
     wanted = lights.serial_number
     if lights.usb_id is None:
@@ -170,7 +170,7 @@ def find_controller(
 
 
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
-    """Find a port among `ports` by any of its names; unlisted ports have only a name."""
+    """Find a port among `ports` by any of its names; an unlisted port gets only its name."""
     path = Path(port).resolve()
     same = (each for each in ports if Path(each.device).resolve() == path)
     return replace(next(same, SerialPort(port)), device=port)
@@ -200,21 +200,19 @@ def _ambiguous(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str
     named = ", ".join(f"{port.device} ({who.serial_number})" for port, who in answered)
     numbers = {who.serial_number.casefold() for _, who in answered}
     if len(numbers) == len(answered):
-        way_out = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
+        remedy = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
     else:
         first = answered[0][0]
-        way_out = f'set lights.port to one of them, such as "{first.by_id or first.device}"'
-    return f"{len(answered)} light controllers answer: {named}; {way_out}"
+        remedy = f'set lights.port to one of them, such as "{first.by_id or first.device}"'
+    return f"{len(answered)} light controllers answer: {named}; {remedy}"
 
 
 def _nothing(lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]) -> str:
-    asked = [
-        f"serial number {lights.serial_number}" if lights.serial_number else "",
-        f"USB id {lights.usb_id}" if lights.usb_id else "",
-    ]
-    which = " and ".join(filter(None, asked))
+    number, usb_id = lights.serial_number, lights.usb_id
+    keys = (number and f"serial number {number}", usb_id and f"USB id {usb_id}")
+    wanted = " and ".join(filter(None, keys))
     found = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
     return (
-        f'lights.port = "{AUTO}": no light controller{" with " + which if which else ""} was found '
-        f"({found}); is it plugged in? Or set lights.port to its device"
+        f'lights.port = "{AUTO}": no light controller{" with " + wanted if wanted else ""} was '
+        f"found ({found}); is it plugged in? Or set lights.port to its device"
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 from firmware_sim import Clock, RealClock
@@ -27,8 +26,7 @@ class Switch:
     """An acknowledged change of the lights.
 
     `led` is None for all off. `controller_time_us` is the time of the change on the controller's
-    own clock. `acknowledged_s` is the time of the acknowledge on the rig's clock; the change is
-    earlier.
+    clock, `acknowledged_s` the later time of the acknowledge on the rig's clock.
     """
 
     led: int | None
@@ -125,30 +123,30 @@ class LightController:
 
     def select(self, led: int) -> Switch:
         """Light LED `led`, counted from 0, and no other."""
-        shown, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
-        if shown != led:
-            raise self._failed(f"asked for LED {led}, it lit LED {shown}")
+        lit, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
+        if lit != led:
+            raise self._failed(f"asked for LED {led}, it lit LED {lit}")
         return Switch(led, time_us, self._clock.now_s())
 
     def off(self) -> Switch:
         """Put all LEDs out."""
-        shown, time_us = self._numbers(self._exchange("LED:OFF"), 2)
-        if shown != -1:
-            raise self._failed(f"asked for all off, LED {shown} is lit")
+        lit, time_us = self._numbers(self._exchange("LED:OFF"), 2)
+        if lit != -1:
+            raise self._failed(f"asked for all LEDs off, LED {lit} is lit")
         return Switch(None, time_us, self._clock.now_s())
 
     def set_level(self, led: int, percent: int) -> None:
         """Set the level of one LED when it is lit, 0 to 100 %."""
         if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
-            raise self._failed(f"level {percent} % of LED {led} did not hold")
+            raise self._failed(f"level {percent} % of LED {led} was not set")
         self._levels_percent[led] = percent
 
     def state(self) -> LightState:
-        """Ask the controller what is lit, which also keeps its watchdog quiet."""
+        """Ask the controller for the state of its LEDs, which also keeps its watchdog quiet."""
         return self._state_in(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
-        """Send any command whose reply is `count` numbers."""
+        """Send a command whose reply has `count` numbers."""
         sent_s = self._clock.now_s()
         numbers = self._numbers(self._exchange(command), count)
         return Answer(numbers, sent_s, self._clock.now_s())
@@ -159,29 +157,29 @@ class LightController:
         Raises
         ------
         LightControllerError
-            If another LED or none is lit, with the oldest entry of the controller's error queue:
-            its watchdog tripped, or the LED has been lit for as long as it may.
+            If the state differs. The message has the oldest entry of the controller's error queue,
+            such as a tripped watchdog or the time limit of the LED.
         """
         state = self.state()
         if state.led != led:
-            said = self._exchange("SYST:ERR?").text
+            cause = self._exchange("SYST:ERR?").text
             raise self._failed(
                 f"{_named(led)} should be lit but {_named(state.led)} is; "
-                f"its watchdog may have tripped (it says {said})"
+                f"its watchdog may have tripped (it says {cause})"
             )
         return state
 
     def trips_watchdog(self) -> bool:
         """Test whether the controller puts an LED out by itself when no command comes.
 
-        The watchdog is set to its shortest time for the test, and back to the ordinary time.
+        The watchdog has its shortest time during the test.
         """
-        with self._lock:  # no keep-alive meanwhile
+        with self._lock:  # excludes a keep-alive
             self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")
             self.select(0)
             self._clock.sleep_s(3.0 * WATCHDOG_MIN_MS / 1000.0)
             tripped = self.state().led is None
-            self._exchange("SYST:ERR?")  # removes the entry that this test has caused
+            self._exchange("SYST:ERR?")  # removes the entry of this test
             self.off()
             self._exchange(f"SYST:WDOG {self._watchdog_ms}")
         return tripped
@@ -194,9 +192,9 @@ class LightController:
     def keep_alive_if_due(self) -> float:
         """Keep the watchdog quiet if half its time has passed without a command.
 
-        That is done only while the program lives: the thread that used the lights last must still
-        run, it must have used them recently, and no exchange may have failed. The next exchange
-        raises the error of a keep-alive that failed.
+        Nothing is sent if the thread that used the lights last has ended, if the lights were not
+        used for a long time, or after a failed exchange. The next exchange raises the error of a
+        failed keep-alive.
 
         Returns
         -------
@@ -204,7 +202,7 @@ class LightController:
             Seconds until it should be called again.
         """
         if not self._lock.acquire(blocking=False):
-            return self._usage.period_s  # the exchange that is running has the same effect
+            return self._usage.period_s  # the running exchange keeps the watchdog quiet
         try:
             if (due_s := self._usage.due_in_s) > 0.0:
                 return due_s
@@ -221,8 +219,8 @@ class LightController:
     def recover(self) -> None:
         """After a failed exchange, find the same controller again and put its LEDs out.
 
-        The port is opened again, remains of earlier exchanges are discarded, and levels that were
-        set are set again. Without a failure nothing is done.
+        The port is opened again, remains of earlier exchanges are discarded, and levels are set
+        again. Without a failure nothing is done.
 
         Raises
         ------
@@ -278,12 +276,7 @@ class LightController:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _prepare(self) -> None:
@@ -292,7 +285,7 @@ class LightController:
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
     def _state_in(self, reply: Reply) -> LightState:
-        # The first state, at opening, tells how many LEDs there are.
+        # The number of LEDs is that of the first state, at opening.
         count = max(3, reply.text.count(",") + 1)
         led, *levels, time_us = self._numbers(reply, count)
         if self.led_count not in (0, len(levels)):
@@ -315,7 +308,7 @@ class LightController:
             self._usage.mark_used()
             if self._missed_keep_alive is not None:
                 missed, self._missed_keep_alive = self._missed_keep_alive, None
-                raise LightControllerError(f"while nobody switched: {missed}") from missed
+                raise LightControllerError(f"keep-alive failed: {missed}") from missed
             reply = self._ask(command)
         if not reply.ok:
             raise LightControllerError(f"{self.port}: {command!r} was refused: {reply.text}")

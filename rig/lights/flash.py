@@ -1,7 +1,7 @@
 """Flash the firmware: over MicroPython's prompt, or into the folder of a board's drive.
 
-Files are written beside the old ones, read back, and renamed at the end, `main.py` last. A copy
-that breaks off leaves the old program or none, and never half of one.
+Files are written beside the old ones, read back, and renamed at the end, `main.py` last. An
+interrupted copy leaves the old program or none, and never half of a program.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import firmware_sim
+from classify.durable_file import sync
 from classify.errors import InputError
 from rig.errors import LightControllerError
 
-from .discovery import SerialPort, list_serial_ports
+from .discovery import SerialPort, identify, list_serial_ports
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
 
@@ -41,10 +42,9 @@ __all__ = [
 T = TypeVar("T")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"
 _UNFINISHED = ".new"
-# Longest time of one step of mpremote. Copying all files takes a few seconds; a board that hangs
-# is reported after this.
+# Longest time of one step of mpremote; copying all files takes a few seconds.
 _STEP_TIMEOUT_S = 60.0
-# After a reset the USB port goes and comes back: time until it has gone, and until it answers.
+# After a reset the USB port disappears for about a second, and then comes back.
 _RESET_S = 1.0
 _RESTART_TIMEOUT_S = 15.0
 # Files that identify a drive.
@@ -70,7 +70,7 @@ class BoardFile:
 
 @dataclass(frozen=True)
 class Flashed:
-    """Where the firmware was put, and its version before and after; None if there was none."""
+    """The board or folder of the firmware, and its version before and after; None without one."""
 
     where: str
     before: str | None
@@ -78,14 +78,14 @@ class Flashed:
 
 
 def board_files() -> tuple[BoardFile, ...]:
-    """The files for a Raspberry Pi Pico, in the order in which they are renamed."""
+    """Return the files for a Raspberry Pi Pico, in the order in which they are renamed."""
     folder = Path(firmware_sim.__file__).parent
     paths = (folder / "firmware.py", folder / "pico" / "pico_board.py", folder / "pico" / "main.py")
     return tuple(BoardFile(path.name, path, path.read_bytes()) for path in paths)
 
 
 def firmware_version(source: bytes) -> str | None:
-    """The version in the source of a firmware file, None if it has none."""
+    """Return the version in the source of a firmware file, None without one."""
     found = _VERSION.search(source)
     return found[1].decode() if found else None
 
@@ -103,20 +103,20 @@ def flash_folder(
     Parameters
     ----------
     folder
-        It must hold the firmware already, or be one of `drives`.
+        A folder that holds the firmware already, or one of `drives`.
     files
-        From `board_files`.
+        The files to write, see `board_files`.
     drives
-        Mounted drives of boards; `find_drives` if left out.
+        Mounted drives of boards, by default those of `find_drives`.
     force
         Accept any other folder too.
     dry_run
-        Only check, and write nothing.
+        Check, and write nothing.
 
     Raises
     ------
     InputError
-        If the folder is no such drive; the message says what to do.
+        If the folder is another drive or folder; the message says what to do.
     LightControllerError
         If the files that are read back differ.
     """
@@ -139,16 +139,14 @@ def flash_folder(
     _compare(files, [hashlib.sha256(data).hexdigest() for data in read])
     for file in files:
         (folder / (file.name + _UNFINISHED)).replace(folder / file.name)
-        _sync(folder)
+        sync(folder)
     return Flashed(str(folder), before, _version_in(folder))
 
 
-def flash_port(
-    port: str, files: Sequence[BoardFile], *, baud: int = 115_200, dry_run: bool = False
-) -> Flashed:
+def flash_port(port: str, files: Sequence[BoardFile], *, dry_run: bool = False) -> Flashed:
     """Put files on the MicroPython board at a serial port, and start them.
 
-    A light controller that runs there is stopped first, any other program is interrupted.
+    A running light controller is stopped first; any other program is interrupted.
 
     Raises
     ------
@@ -164,11 +162,12 @@ def flash_port(
         raise LightControllerError(f"{port}: in use by {holders[0]}; close that first")
     # The device's number may change when the board resets.
     port = next((each.by_id or port for each in list_serial_ports() if each.device == port), port)
-    running = _running_controller(port, baud, stop=not dry_run)
+    running = _running_controller(port, stop=not dry_run)
     before = running.firmware_version if running else None
     if dry_run:
         return Flashed(port, before, before)
-    _wait_for_prompt(port)
+    time.sleep(_RESET_S)
+    _until_ready(lambda: _on_board(port, "exec", "pass"))
     try:
         _put(port, files)
     except LightControllerError:
@@ -177,18 +176,18 @@ def flash_port(
         raise
     _on_board(port, "reset")
     time.sleep(_RESET_S)
-    return Flashed(port, before, _started(port, baud).firmware_version)
+    return Flashed(port, before, _until_ready(lambda: identify(port)).firmware_version)
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:
-    """The port of the only Raspberry Pi Pico with MicroPython among `ports`.
+    """Return the port of the only Raspberry Pi Pico with MicroPython among `ports`.
 
     Other boards are never chosen, because flashing interrupts the program that runs there.
 
     Raises
     ------
     LightControllerError
-        If there is no such board, or more than one.
+        If no Pico or more than one is found.
     """
     boards = [port for port in ports if port.usb_id == _PICO_WITH_MICROPYTHON]
     if len(boards) == 1:
@@ -206,7 +205,7 @@ def find_board(ports: Sequence[SerialPort]) -> str:
 
 
 def find_drives(mounts: Path = Path("/proc/self/mounts")) -> list[Path]:
-    """Mounted drives of boards, boot loaders included; empty if the system lists no mounts."""
+    """List mounted drives of boards, boot loaders included; empty if mounts are not listed."""
     try:
         lines = mounts.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
@@ -241,10 +240,10 @@ def _compare(files: Sequence[BoardFile], read_back: Sequence[str]) -> None:
         )
 
 
-def _running_controller(port: str, baud: int, *, stop: bool) -> ControllerIdentity | None:
+def _running_controller(port: str, *, stop: bool) -> ControllerIdentity | None:
     """Identify the light controller that runs at a port, and stop it if asked; None without one."""
     try:
-        link = ControllerLink(port, baud, any_protocol=True)
+        link = ControllerLink(port, any_protocol=True)
     except LightControllerError:
         return None  # MicroPython's prompt or another program, which mpremote handles
     try:
@@ -253,20 +252,6 @@ def _running_controller(port: str, baud: int, *, stop: bool) -> ControllerIdenti
     finally:
         link.close()
     return link.identity
-
-
-def _wait_for_prompt(port: str) -> None:
-    time.sleep(_RESET_S)
-    _until_ready(lambda: _on_board(port, "exec", "pass"))
-
-
-def _started(port: str, baud: int) -> ControllerIdentity:
-    def ask() -> ControllerIdentity:
-        link = ControllerLink(port, baud)
-        link.close()
-        return link.identity
-
-    return _until_ready(ask)
 
 
 def _until_ready(attempt: Callable[[], T]) -> T:
@@ -298,10 +283,10 @@ def _on_board(port: str, *words: str) -> str:
             "service pin low, plug it in and flash it again"
         ) from None
     if done.returncode != 0:
-        said = (done.stdout + done.stderr).strip().splitlines()
+        lines = (done.stdout + done.stderr).strip().splitlines()
         raise LightControllerError(
             f"{port}: no MicroPython for a Raspberry Pi Pico answers, or it refused: "
-            f"{said[-1] if said else 'mpremote failed'}"
+            f"{lines[-1] if lines else 'mpremote failed'}"
         )
     return done.stdout
 
@@ -312,11 +297,10 @@ def _refuse_other_drives(folder: Path) -> None:
     if (folder / _BOOT_LOADER).exists():
         raise InputError(
             f"{folder} is a board's boot loader, which takes UF2 files only. Copy MicroPython's "
-            "UF2 for your board (https://micropython.org/download/) there; the drive goes, a "
-            "serial port comes, and ps4rig rig flash finds it"
+            "UF2 for your board (https://micropython.org/download/) there; a serial port appears "
+            "in place of the drive, and ps4rig rig flash finds it"
         )
-    boot_out = folder / _CIRCUIT_PYTHON
-    if boot_out.exists():
+    if (folder / _CIRCUIT_PYTHON).exists():
         raise InputError(
             f"{folder} is a board with CircuitPython, on which the firmware does not run. Hold "
             "its BOOTSEL button while you plug it in, and copy MicroPython's UF2 for your board "
@@ -335,11 +319,3 @@ def _is_boards(folder: Path) -> bool:
 def _version_in(folder: Path) -> str | None:
     path = folder / "firmware.py"
     return firmware_version(path.read_bytes()) if path.exists() else None
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

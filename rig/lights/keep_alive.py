@@ -1,4 +1,4 @@
-"""Keeping a controller's watchdog quiet while the program lives, in real and simulated time."""
+"""Keep a controller's watchdog quiet while the program lives, in real and simulated time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _INSTANT_S = 1e-9
 
 
 class LightUsage:
-    """When a program last used its lights, and so whether they should stay on.
+    """The time at which a program last used its lights, and whether they should stay on.
 
     Parameters
     ----------
@@ -26,7 +26,8 @@ class LightUsage:
     watchdog_ms
         Silence after which the controller puts the LEDs out; a command is due after half of it.
     unused_s
-        Time without use after which the program has forgotten its lights, or hangs.
+        Time without use after which no keep-alive is sent: the program has forgotten its lights,
+        or hangs.
     """
 
     def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
@@ -84,9 +85,8 @@ class Heartbeat:
 class KeepAliveClock:
     """A clock whose sleeps also keep a controller alive, for simulated time.
 
-    A thread cannot do it there: simulated time passes at once, and a tick of a virtual clock must
-    not wait for an answer that itself takes simulated time. The simulated hardware uses the inner
-    clock.
+    A thread would be too slow, since simulated time passes at once. A tick of a virtual clock must
+    not wait for a reply that takes simulated time. The simulated hardware uses the inner clock.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class KeepAliveClock:
         self._keep_alive: KeepAlive | None = None
 
     def keep_alive_with(self, keep_alive: KeepAlive | None) -> None:
-        """Call `keep_alive` in every sleep, as often as it asks; None ends that."""
+        """Call `keep_alive` in every sleep, as often as it asks; None stops the calls."""
         self._keep_alive = keep_alive
 
     def now_s(self) -> float:

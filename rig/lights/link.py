@@ -48,9 +48,9 @@ class ControllerLink:
     baud
         Bits per second; USB serial ports ignore it.
     timeouts
-        How long to wait for the first answer, a restart of the board included, and for replies.
+        Time-outs of the first answer, which may follow a restart of the board, and of replies.
     any_protocol
-        Whether to accept another version of the protocol, as is needed to renew the firmware.
+        Whether to accept another version of the protocol, so that old firmware can be renewed.
 
     Raises
     ------
@@ -61,7 +61,7 @@ class ControllerLink:
     def __init__(
         self,
         port: str,
-        baud: int,
+        baud: int = 115_200,
         timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
         *,
         any_protocol: bool = False,
@@ -102,27 +102,27 @@ class ControllerLink:
         self._line.close()
 
     def _identify(self, timeout_s: float) -> ControllerIdentity:
-        """Ask who is there, also through a restart that opening the port may have caused."""
+        """Ask for the identity until it comes, since opening the port may restart the board."""
         deadline_s = time.monotonic() + timeout_s
-        # Ends whatever half line a previous program left in the controller.
+        # Ends a half line that a previous program may have left in the controller.
         self._line.write(b"\n")
-        heard = b""
+        last_line = b""
         while (now_s := time.monotonic()) < deadline_s:
             sequence = self._send("*IDN?")
             try_until_s = min(deadline_s, now_s + self._reply_s)
             while (line := self._line.read_line(try_until_s)) is not None:
-                heard = line
+                last_line = line
                 if line.startswith(BANNER):
-                    break  # it has just started: what was sent before is lost, ask again
+                    break  # it has just started, and earlier commands are lost: ask again
                 with suppress(Garbled):
                     reply = decode_reply(line)
                     if reply.sequence == sequence and reply.ok:
                         return self._checked_identity(reply.text)
-        if heard:
-            said = heard[:40].decode("ascii", "replace")
+        if last_line:
+            text = last_line[:40].decode("ascii", "replace")
             raise LightControllerError(
                 f"{self.port}: no intact answer to *IDN? in {timeout_s:g} s; this is not a "
-                f"light controller, or the line is bad (it said {said!r})"
+                f"light controller, or the line is bad (it sent {text!r})"
             )
         raise LightControllerError(
             f"{self.port}: no answer in {timeout_s:g} s; is this the light controller, and "
@@ -164,8 +164,8 @@ class ControllerLink:
                 raise LightControllerError(
                     f"{self.port}: garbled reply to {command!r}: {line[:40]!r}"
                 ) from error
-            # Another sequence number belongs to the late reply to an exchange that was given up.
-            # A refusal without one answers a command that arrived damaged.
+            # A late reply to an earlier exchange has another sequence number. A refusal without a
+            # number answers a command that arrived damaged.
             if reply.sequence == sequence or (reply.sequence is None and not reply.ok):
                 return reply
         raise LightControllerError(

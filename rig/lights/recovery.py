@@ -14,7 +14,7 @@ from .timeouts import LinkTimeouts
 __all__ = ["Whereabouts", "find_again"]
 
 Whereabouts = Callable[[], Iterable[str]]
-"""The ports on which a controller may be now, the likeliest first."""
+"""The ports on which a controller may be now, the most likely one first."""
 
 _PAUSE_S = 0.1  # between two rounds through the ports; short against the second that USB takes
 
@@ -22,7 +22,7 @@ _PAUSE_S = 0.1  # between two rounds through the ports; short against the second
 def find_again(
     wanted: ControllerIdentity, whereabouts: Whereabouts, baud: int, timeouts: LinkTimeouts
 ) -> ControllerLink:
-    """Open the line to the controller with the same serial number, on whichever port it is.
+    """Open the line to the controller with the same serial number, on any of the ports.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def find_again(
             link.close()
             failure = LightControllerError(
                 f"{port}: light controller {found} is there in place of {wanted.serial_number}; "
-                "plug that in again, or open the rig anew to use this one"
+                f"plug {wanted.serial_number} in again, or open the rig again to use {found}"
             )
         if time.monotonic() >= deadline_s:
             raise failure or LightControllerError(

@@ -24,7 +24,7 @@ _DRIFT = 2e-4
 
 
 def start_command(plan: SequencePlan) -> str:
-    """The command that starts a sequence."""
+    """Return the command that starts a sequence."""
     verb = "TRIG" if plan.triggers else "ARM"
     order = ",".join(str(DARK if light is None else light) for light in plan.lights)
     return f"SEQ:{verb} {plan.settle_us},{plan.wait_us},{order}"
@@ -44,8 +44,8 @@ def _status(lights: LightController) -> Answer:
 class ClockRelation:
     """The controller's microseconds on the rig's clock, with their uncertainty.
 
-    An event that the controller stamped lies between sending the command and receiving the answer,
-    so each exchange bounds the difference of the clocks from both sides.
+    The controller stamps an event after the command is sent and before the answer is received, so
+    each exchange bounds the difference of the clocks from both sides.
     """
 
     offset_s: float
@@ -53,7 +53,7 @@ class ClockRelation:
 
     @classmethod
     def of(cls, answers: list[tuple[int, Answer]]) -> ClockRelation:
-        """Relate the clocks by exchanges in which the controller told its time in microseconds.
+        """Relate the clocks by exchanges that contain the controller's time in microseconds.
 
         Raises
         ------
@@ -120,14 +120,14 @@ class RunningSequence:
         answer = lights.ask(start_command(plan), 1)
         self.asked_s = answer.sent_s
         self._started_us = answer.numbers[0]
-        self._told = [(self._started_us, answer)]
+        self._stamped = [(self._started_us, answer)]
         self._status: tuple[int, ...] = ()
 
     def is_running(self) -> bool:
-        """Ask whether it still runs, which also keeps the watchdog quiet."""
+        """Ask whether the sequence still runs, which also keeps the watchdog quiet."""
         answer = _status(self._lights)
         self._status = answer.numbers
-        self._told.append((answer.numbers[6], answer))
+        self._stamped.append((answer.numbers[6], answer))
         if answer.numbers[4] != self._started_us:
             raise LightControllerError(
                 f"{self._lights.port}: the controller does not know the sequence that was started; "
@@ -136,7 +136,7 @@ class RunningSequence:
         return bool(answer.numbers[0])
 
     def report(self) -> SequenceReport:
-        """The record as of the last `is_running`."""
+        """Return the record as of the last `is_running`."""
         runs, begun, _, code, started_us, passed_us, _ = self._status
         cause = "it still runs" if runs else None
         if code:
@@ -145,7 +145,7 @@ class RunningSequence:
             steps=tuple(self._step(index) for index in range(begun)),
             cause=cause,
             ended_us=started_us + passed_us,
-            clock=ClockRelation.of(self._told),
+            clock=ClockRelation.of(self._stamped),
         )
 
     def _step(self, index: int) -> LightStep:

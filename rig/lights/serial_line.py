@@ -1,7 +1,6 @@
 """Whole lines over a serial port, each with a deadline.
 
-pyserial's own `readline` returns half a line at a time-out, and the rest in the next call. Here
-bytes are collected until a line is complete.
+Bytes are collected until a line is complete; pyserial's own `readline` may return half a line.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from .port_holders import port_holders
 __all__ = ["SerialLine"]
 
 _READ_SLICE_S = 0.05  # longest blocking read, and so the error of a deadline
-_MAX_LINE_BYTES = 512  # replies have at most 100 bytes; with more this is not a controller
+_MAX_LINE_BYTES = 512  # replies have at most 100 bytes
 _IN_USE = "in use by {}; close that first"
 
 
@@ -32,7 +31,10 @@ class SerialLine:
         self.port = port
         self._buffer = bytearray()
         try:
-            _refuse_if_held(port)
+            # A program that has not locked the port would otherwise share it.
+            for holder in [] if "://" in port else port_holders(port):
+                if holder.pid != os.getpid():
+                    raise LightControllerError(f"{port}: {_IN_USE.format(holder)}")
             self._serial: Any = serial.serial_for_url(
                 port,
                 baudrate=baud,
@@ -42,7 +44,8 @@ class SerialLine:
             )
         except (OSError, ValueError) as error:
             raise LightControllerError(f"{port}: {_why_not_open(error)}") from error
-        _refuse_other_openers(self._serial)
+        # pyserial's lock only excludes programs that ask for a lock too.
+        self._terminal_control("TIOCEXCL")
 
     def write(self, data: bytes) -> None:
         """Send `data`; raise `LightControllerError` if the port is gone or accepts nothing."""
@@ -83,9 +86,19 @@ class SerialLine:
 
     def close(self) -> None:
         """Release the port; never raise."""
-        _admit_other_openers(self._serial)
+        # Otherwise a pseudo-terminal would stay exclusive while its master is open.
+        self._terminal_control("TIOCNXCL")
         with suppress(OSError):
             self._serial.close()
+
+    def _terminal_control(self, request: str) -> None:
+        try:
+            import fcntl
+            import termios
+        except ImportError:  # not a POSIX system, where a port can be opened only once
+            return
+        with suppress(OSError, AttributeError, NotImplementedError):
+            fcntl.ioctl(self._serial.fileno(), getattr(termios, request))
 
     def _lost(self, error: OSError) -> LightControllerError:
         return LightControllerError(
@@ -102,31 +115,3 @@ def _why_not_open(error: OSError | ValueError) -> str:
     if code in (errno.EBUSY, errno.EAGAIN):
         return _IN_USE.format("another program")
     return f"cannot be opened as a serial port ({error})"
-
-
-def _refuse_if_held(port: str) -> None:
-    """Refuse a port that another program has open without having locked it."""
-    holders = [] if "://" in port else port_holders(port)
-    for holder in holders:
-        if holder.pid != os.getpid():
-            raise LightControllerError(f"{port}: {_IN_USE.format(holder)}")
-
-
-def _refuse_other_openers(port: Any) -> None:
-    """Set TIOCEXCL, since pyserial's lock only excludes programs that ask for a lock too."""
-    _terminal_control(port, "TIOCEXCL")
-
-
-def _admit_other_openers(port: Any) -> None:
-    """Set TIOCNXCL, or a pseudo-terminal would stay exclusive while its master is open."""
-    _terminal_control(port, "TIOCNXCL")
-
-
-def _terminal_control(port: Any, request: str) -> None:
-    try:
-        import fcntl
-        import termios
-    except ImportError:  # not a POSIX system, where a port can be opened only once
-        return
-    with suppress(OSError, AttributeError, NotImplementedError):
-        fcntl.ioctl(port.fileno(), getattr(termios, request))

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from firmware_sim import Server, serve_pty, serve_tty
-from firmware_sim.server import Device
+from firmware_sim import Server, SimulatedController, serve_pty, serve_tty
 from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig, ReplayCameraConfig, V4l2CameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
@@ -136,11 +135,11 @@ def _pixel_format(camera: CameraConfig) -> str:
     return camera.pixel_format
 
 
-def _served_at(serial: str | None, config: RigConfig) -> Callable[[Device], Server]:
+def _served_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:
     if serial is None:
         return serve_pty
 
-    def serve(controller: Device) -> Server:
+    def serve(controller: SimulatedController) -> Server:
         try:
             return serve_tty(controller, serial, config.lights.baud)
         except BlockingIOError as error:

@@ -76,7 +76,7 @@ class FaultyCamera:
             if self._gone or not fault.when.covers(since_s):
                 continue
             self._counts[index] += 1
-            if not fault.when.befalls(self._counts[index], self._rng):
+            if not fault.when.affects(self._counts[index], self._rng):
                 continue
             if fault.kind == "gone":
                 self._gone = True

@@ -17,7 +17,6 @@ from firmware_sim import (
 )
 from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
-from firmware_sim.server import Device
 from rig.camera import Camera
 from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
 from rig.config.fault_plan import FaultPlan
@@ -65,7 +64,9 @@ class Simulation:
         The part below the camera, None if the camera replays a captured set.
     """
 
-    def __init__(self, config: RigConfig, serve: Callable[[Device], Server] = serve_pty) -> None:
+    def __init__(
+        self, config: RigConfig, serve: Callable[[SimulatedController], Server] = serve_pty
+    ) -> None:
         self._config = config
         self._serve = serve
         self._renderer = SceneRenderer(config)
@@ -90,18 +91,18 @@ class Simulation:
             if faults.leds
             else leds,
         )
-        controller = SimulatedController(
-            self.board, device_clock, turn_us=config.simulation.controller_turn_us
-        )
+        turn_us = config.simulation.controller_turn_us
         self.controller = (
-            FaultyLine(controller, faults.lines, faults.seed) if faults.lines else controller
+            FaultyLine(self.board, device_clock, faults.lines, faults.seed, turn_us)
+            if faults.lines
+            else SimulatedController(self.board, device_clock, turn_us=turn_us)
         )
         self.camera = SimulatedCamera(
             self.board,
             self.clock,
             scene,
             sensor,
-            self._exposures(controller.strobe),
+            self._exposures(self.controller.strobe),
             seed=placement.seed,
             reported=reported_timing(camera, config.simulation),
         )

@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock
+from firmware_sim import SimulatedBoard, VirtualClock
 from firmware_sim.faults import FaultyLine, LedFault, LineFault, When, faulty_leds
 from firmware_sim.led import Led
 
 
 def line_with(*faults: LineFault, seed: int = 1) -> FaultyLine:
     clock = VirtualClock()
-    line = FaultyLine(SimulatedController(SimulatedBoard(clock), clock), faults, seed)
+    line = FaultyLine(SimulatedBoard(clock), clock, faults, seed)
     line.connect()
     return line
 
 
-def said(line: FaultyLine, data: bytes) -> list[bytes]:
+def replies_to(line: FaultyLine, data: bytes) -> list[bytes]:
     line.feed(data)
     return line.take_output().splitlines()
 
@@ -30,12 +30,12 @@ def said(line: FaultyLine, data: bytes) -> list[bytes]:
 def test_nth_and_times_count_events_from_one() -> None:
     when = When(nth=2, times=3)
     rng = random.Random(1)
-    assert [n for n in range(1, 9) if when.befalls(n, rng)] == [2, 3, 4]
+    assert [n for n in range(1, 9) if when.affects(n, rng)] == [2, 3, 4]
 
 
 def test_a_probability_applies_to_each_event() -> None:
     rng = random.Random(1)
-    assert 250 < sum(When(probability=0.3).befalls(n, rng) for n in range(1000)) < 350
+    assert 250 < sum(When(probability=0.3).affects(n, rng) for n in range(1000)) < 350
 
 
 @pytest.mark.parametrize(
@@ -50,45 +50,45 @@ def test_impossible_conditions_are_refused(fields: dict[str, float]) -> None:
 
 
 def test_a_line_without_faults_is_not_changed() -> None:
-    assert said(line_with(), b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,50", b"OK 2,50"]
+    assert replies_to(line_with(), b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,50", b"OK 2,50"]
 
 
 def test_a_command_with_a_lost_reply_is_executed_and_a_lost_one_is_not() -> None:
     only = When(nth=1)
     lost = line_with(LineFault("lose", containing="LED:LEV 2", when=only))
-    assert said(lost, b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,100"]
+    assert replies_to(lost, b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,100"]
     unheard = line_with(LineFault("lose", "to_host", containing="LED:LEV 2", when=only))
-    assert said(unheard, b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,50"]
+    assert replies_to(unheard, b"LED:LEV 2,50\nLED:LEV? 2\n") == [b"OK 2,50"]
 
 
 def test_a_late_line_comes_before_the_next_one() -> None:
     late = line_with(LineFault("late", "to_host", containing="LEV? 1"))
-    assert said(late, b"LED:LEV? 1\n") == []
-    assert said(late, b"LED:LEV? 2\n") == [b"OK 1,100", b"OK 2,100"]
+    assert replies_to(late, b"LED:LEV? 1\n") == []
+    assert replies_to(late, b"LED:LEV? 2\n") == [b"OK 1,100", b"OK 2,100"]
 
 
 def test_a_doubled_command_is_executed_twice() -> None:
-    assert said(line_with(LineFault("double")), b"SYST:WDOG?\n") == [b"OK 5000"] * 2
+    assert replies_to(line_with(LineFault("double")), b"SYST:WDOG?\n") == [b"OK 5000"] * 2
 
 
 def test_a_truncated_command_runs_into_the_next() -> None:
-    replies = said(line_with(LineFault("truncate", when=When(nth=1))), b"LED:OFF\nLED:OFF\n")
+    replies = replies_to(line_with(LineFault("truncate", when=When(nth=1))), b"LED:OFF\nLED:OFF\n")
     assert len(replies) == 1
     assert replies != [b"OK -1,2000"]
 
 
 def test_a_delayed_line_takes_longer_by_its_delay() -> None:
-    (reply,) = said(line_with(LineFault("delay", delay_ms=40)), b"LED:SEL 1\n")
+    (reply,) = replies_to(line_with(LineFault("delay", delay_ms=40)), b"LED:SEL 1\n")
     assert reply == b"OK 1,41000"
 
 
 def test_a_reboot_puts_the_leds_out_and_sends_a_banner() -> None:
     line = line_with(LineFault("reboot", containing="STAT"))
-    assert said(line, b"LED:SEL 1\nLED:STAT?\n")[1:] == []
+    assert replies_to(line, b"LED:SEL 1\nLED:STAT?\n")[1:] == []
     line.clock.sleep_s(0.4)
     line.poll()
     assert line.take_output().startswith(b"READY ")
-    assert said(line, b"led:stat?\n")[0].startswith(b"OK -1,")
+    assert replies_to(line, b"led:stat?\n")[0].startswith(b"OK -1,")
 
 
 @given(
@@ -98,7 +98,7 @@ def test_a_reboot_puts_the_leds_out_and_sends_a_banner() -> None:
 def test_damage_changes_a_line_and_is_repeatable_by_seed(kind: str, seed: int) -> None:
     def replies() -> list[bytes]:
         line = line_with(LineFault(kind, "to_host"), seed=seed)  # type: ignore[arg-type]
-        return said(line, b"LED:LEV? 2\n" * 3)
+        return replies_to(line, b"LED:LEV? 2\n" * 3)
 
     damaged = replies()
     assert damaged == replies()

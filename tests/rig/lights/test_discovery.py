@@ -17,10 +17,10 @@ from rig.lights import discovery as discovery_module
 from rig.lights.discovery import (
     SerialPort,
     find_controller,
+    identify,
     known_port,
     list_serial_ports,
     ports_to_try,
-    who_is_there,
 )
 from rig.lights.driver import LightController
 from rig.lights.link import ControllerIdentity
@@ -86,7 +86,7 @@ def test_the_controller_that_answers_is_chosen_among_several_ports(
 ) -> None:
     master, silent = silent_port
     there = plug_in("A-1")
-    ask = partial(who_is_there, timeouts=LinkTimeouts(open_s=0.3))
+    ask = partial(identify, timeouts=LinkTimeouts(open_s=0.3))
     assert find_controller(auto(), [silent, there], ask) == there.device
     said = os.read(master, 4096)
     # Nothing but *IDN? was written to the other port.
@@ -142,7 +142,7 @@ def test_a_serial_port_of_an_unknown_vendor_is_never_asked(
 
     def ask(device: str) -> ControllerIdentity:
         asked.append(device)
-        return who_is_there(device)
+        return identify(device)
 
     find_controller(auto(serial_number="A-1"), [modem, there], ask)
     assert asked == [there.device]
@@ -180,7 +180,7 @@ def test_a_port_that_another_program_holds_is_not_written_to(
     pid = held(port.device)
     assert [holder.pid for holder in port_holders(port.device)] == [pid]
     with pytest.raises(LightControllerError, match=r"in use by .*process \d+.; close that first"):
-        who_is_there(port.device)
+        identify(port.device)
     with pytest.raises(BlockingIOError):
         os.read(master, 1)
     assert ports_to_try(SerialPort("/dev/ttyACM9", PICO), [port]) == ["/dev/ttyACM9"]

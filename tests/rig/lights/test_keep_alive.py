@@ -95,7 +95,7 @@ def test_the_next_exchange_raises_a_failed_keep_alive_once() -> None:
         rig.lights.select(0)
         rig.simulation.unplug_lights()
         rig.clock.sleep_s(1.0)
-        with pytest.raises(LightControllerError, match=r"while nobody switched: .*gone"):
+        with pytest.raises(LightControllerError, match=r"keep-alive failed: .*gone"):
             rig.lights.select(1)
         rig.simulation.replug_lights()
         rig.lights.recover()
@@ -110,7 +110,7 @@ def test_a_restart_without_a_banner_is_noticed(bench: Any) -> None:
         bench.clock.sleep_s(0.5)
         bench.controller.take_output()  # the banner is lost
         lights.keep_alive_if_due()
-        with pytest.raises(LightControllerError, match=r"while nobody switched: .*restarted"):
+        with pytest.raises(LightControllerError, match=r"keep-alive failed: .*restarted"):
             lights.select(1)
 
 
