@@ -12,14 +12,15 @@ from .clock import Clock
 from .controller import SimulatedController
 from .led import Led, LedLight
 
-__all__ = ["FaultyLed", "FaultyLine", "LedFault", "LineFault", "When", "faulty_leds"]
+__all__ = ["FaultyLine", "LedFault", "LineFault", "When", "faulty_leds", "require"]
 
 # Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
 # period is exact to rounding, since a sine sampled evenly sums to zero.
 _PIECES_PER_PERIOD = 16
 
 
-def _require(holds: bool, cause: str) -> None:
+def require(holds: bool, cause: str) -> None:
+    """Raise ValueError with a cause unless a condition holds."""
     if not holds:
         raise ValueError(cause)
 
@@ -48,10 +49,13 @@ class When:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
     def __post_init__(self) -> None:
-        _require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; it counts from 1")
-        _require(self.times >= 1, f"times is {self.times}; it must be 1 or more")
-        _require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
-        _require(0.0 < self.probability <= 1.0, f"probability is {self.probability:g}")
+        require(self.nth is None or self.nth >= 1, f"nth is {self.nth}; give 1 or more")
+        require(self.times >= 1, f"times is {self.times}; give 1 or more")
+        require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        require(
+            0.0 < self.probability <= 1.0,
+            f"probability is {self.probability:g}; give more than 0, up to 1",
+        )
 
     def covers(self, at_s: float) -> bool:
         """Whether `at_s` is between `from_s` and `until_s`."""
@@ -92,8 +96,8 @@ class LineFault:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        _require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}")
-        _require(
+        require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}; give 0 to 60000")
+        require(
             self.kind != "reboot" or self.direction == "to_controller",
             "a reboot happens at a line to the controller",
         )
@@ -123,11 +127,14 @@ class LedFault:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012
 
     def __post_init__(self) -> None:
-        _require(self.led >= 0, f"led is {self.led}; LEDs count from 0")
-        _require(0.0 <= self.share <= 1.0, f"share is {self.share:g}; it must be 0 to 1")
-        _require(0.001 <= self.frequency_hz <= 1e5, f"frequency_hz is {self.frequency_hz:g}")
-        _require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
-        _require(
+        require(self.led >= 0, f"led is {self.led}; give 0 or more")
+        require(0.0 <= self.share <= 1.0, f"share is {self.share:g}; give 0 to 1")
+        require(
+            0.001 <= self.frequency_hz <= 1e5,
+            f"frequency_hz is {self.frequency_hz:g}; give 0.001 to 1e5",
+        )
+        require(self.from_s < self.until_s, f"from_s {self.from_s:g} is not before until_s")
+        require(
             (self.kind == "swapped") == (self.other is not None),
             "other is the LED that this one is swapped with, and belongs to kind 'swapped'",
         )

@@ -1,7 +1,7 @@
-"""Acceptance levels of light images: what the doctor, a capture and the preview call good.
+"""Acceptance levels of light images, shared by the doctor, captures and the preview.
 
-One table, so that a rig without a fault in the doctor's report delivers sets that are accepted.
-Shares without a further word are of full scale. The fault matrix in
+A rig without a fault in the doctor's report therefore delivers sets that are accepted. Shares are
+of full scale unless stated otherwise. The fault matrix in
 ``tests/capture/acquisition/test_fault_matrix.py`` holds the upper limits (no set with wrong light
 is accepted), ``test_clean_sets.py`` beside it holds the lower ones (no good set is rejected).
 """
@@ -28,18 +28,18 @@ __all__ = [
 DEAD_LED_SHARE = 0.1
 # Below this share of the other LEDs' signal an LED is weak: its noise is at least twice theirs.
 WEAK_LED_SHARE = 0.5
-# Least signal of an LED: 8 of 4095 at 12 bit. With less there is nothing to divide by.
+# Least signal of an LED: 8 of 4095 at 12 bit. A weaker signal is lost in the rounding.
 MIN_SIGNAL_SHARE = 0.002
 # Share of the pixels of a light image at full scale. The solver masks a few specular glints.
 MAX_SATURATED_SHARE = 0.01
-# Mean of the ambient image: worth a warning from the first on, since it adds shot noise to every
-# light image; beyond the second less than half of the range is left for the LEDs.
+# Mean of the ambient image. Above the first value its shot noise in every light image is worth a
+# warning; above the second the LEDs have less than half of the range.
 HIGH_AMBIENT_SHARE = 0.1
 MAX_AMBIENT_SHARE = 0.5
 
 # The limits below are rms shares of the signal, or relative LED levels. At slant 45 degrees an LED
-# level that is wrong by 2 % turns the mean normal by 1.6 degrees, one of 5 % by 4.0 degrees;
-# 2 % of ambient light left in, by 1.4 degrees.
+# level that is wrong by 2 % tilts the mean normal by 1.6 degrees, one of 5 % by 4.0 degrees;
+# 2 % of ambient light that is not subtracted, by 1.4 degrees.
 # Difference of the two ambient images of a set.
 MAX_AMBIENT_CHANGE = 0.02
 # Redundancy residual of four light images; above it they are compared with a retake.
@@ -48,11 +48,10 @@ MAX_REDUNDANCY_RESIDUAL = 0.02
 MAX_RETAKE_CHANGE = 0.02
 # Relative level of one LED against the others.
 MAX_LED_LEVEL_DIFFERENCE = 0.04
-# Estimated levels count as known up to this standard error, and only a difference of so many
-# standard errors counts.
+# Largest standard error of a known level, and least significant difference in standard errors.
 MAX_LED_LEVEL_ERROR = 0.01
 LED_LEVEL_STANDARD_ERRORS = 4.0
 # Levels within this of the configured ones need no correction: half of what a capture accepts.
 EQUAL_LED_LEVELS = 0.02
-# Share of rows in which all four light images were compared; a row that was not may be torn.
+# Share of rows in which all four light images are compared; another row may be torn.
 MIN_COMPARED_ROWS = 1.0

@@ -44,7 +44,7 @@ class ControlFault:
     control
         Name of the control.
     seen
-        The configured value and the value found, with the name.
+        Name, configured value and found value.
     advice
         What to do.
     """

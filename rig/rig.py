@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from classify import Lighting
@@ -32,7 +31,7 @@ class Rig:
     Attributes
     ----------
     config
-        The configuration that it was opened with.
+        The rig's configuration.
     clock
         The clock of frames and acknowledges.
     lights, camera
@@ -70,12 +69,7 @@ class Rig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -85,7 +79,7 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
     Parameters
     ----------
     rig
-        Which rig.
+        The rig to open.
     timeouts
         How long to wait for the light controller.
 
@@ -146,23 +140,23 @@ def open_lights(
 
 
 def clock_of(simulation: Simulation | None) -> Clock:
-    """The clock of frames and acknowledges."""
+    """Return the clock of frames and acknowledges."""
     return RealClock() if simulation is None else simulation.clock
 
 
 def port_of(config: RigConfig) -> str:
-    """The port of a real rig's light controller; see `find_controller`."""
+    """Return the port of a real rig's light controller, see `find_controller`."""
     if config.lights.port != AUTO:
         return config.lights.port
     return find_controller(config.lights, list_serial_ports())
 
 
 def _whereabouts(port: str, simulation: Simulation | None) -> Whereabouts:
-    """Make the search for the controller that is at `port` now, should its line fail."""
+    """Return a search for the ports of the controller at `port`, for use after its line failed."""
     if simulation is not None:
         return lambda: simulation.ports
-    was = known_port(port, list_serial_ports())
-    return lambda: ports_to_try(was, list_serial_ports())
+    previous = known_port(port, list_serial_ports())
+    return lambda: ports_to_try(previous, list_serial_ports())
 
 
 def open_camera(config: RigConfig, simulation: Simulation | None) -> Camera:

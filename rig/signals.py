@@ -1,4 +1,4 @@
-"""Finishing what must not be interrupted, such as putting LEDs out, when signals arrive."""
+"""Hold signals back during actions that must not be interrupted, such as putting LEDs out."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 def uninterrupted(action: Callable[[], object]) -> None:
     """Run `action` to its end, and deliver signals that end a program only afterwards.
 
-    An interrupt that arrives before the signals are held back makes `action` run again, so it
-    must be harmless to repeat.
+    An interrupt that arrives before the signals are held back runs `action` again.
 
     Parameters
     ----------
     action
-        It needs deadlines of its own: Ctrl-C does not end it.
+        A function that may be repeated. It needs its own deadlines, since Ctrl-C does not end it.
     """
     try:
         with signals_held_back():
@@ -34,10 +33,10 @@ def uninterrupted(action: Callable[[], object]) -> None:
 
 @contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Note ending signals instead of handling them; handle them at the end of the block.
+    """Hold back signals that end a program, and handle them at the end of the block.
 
-    Masking them in this thread is not enough, since the kernel then delivers them to another
-    thread and Python runs the handler here all the same. So the handlers are exchanged as well.
+    The handlers are exchanged, because a mask is not enough: the kernel delivers a masked signal to
+    another thread, and Python then runs the handler in this one.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs handlers in the main thread only

@@ -43,7 +43,7 @@ PIXEL_FORMAT_BITS = {
 
 
 class CameraConfig(Section):
-    """What every kind of camera has.
+    """The keys of every kind of camera.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class CameraConfig(Section):
 
     @property
     def mode(self) -> str:
-        """The settings that frame timing depends on, in words."""
+        """The settings that determine the frame timing, as text."""
         return (
             f"{self._pixels} {self.width_px}x{self.height_px}, {self.frame_rate_hz:g} Hz, "
             f"{self.exposure_ms:g} ms"
@@ -90,19 +90,19 @@ class StampedCameraConfig(CameraConfig):
     Attributes
     ----------
     timestamp_marks
-        What the time stamp marks: ``frame_end``, never later than the truth; ``driver``, what the
-        driver claims; ``writer``, for a loopback device, the frame's end as told by the program
-        that writes it and counts the frames. None believes a simulated driver and no other.
+        Meaning of the time stamp: ``frame_end``, an early estimate; ``driver``, as the driver
+        claims; ``writer``, the frame's end by the program that writes into a loopback device. With
+        None only a simulated driver is believed.
     timestamp_offset_ms
-        Added to the driver's time stamp.
+        Correction, added to the driver's time stamp.
     timestamp_uncertainty_ms
-        By how much the corrected stamp may be too late; frames count as exposed earlier by it.
+        Largest delay of the corrected stamp; frames count as exposed earlier by this time.
     readout_ms
-        From the first row's exposure to the last row's. None is a whole frame period, the longest
-        readout of a rolling shutter.
+        Time from the first row's exposure to the last row's. None is a whole frame period, the
+        longest readout of a rolling shutter.
     timing_measured_at
-        The `mode` in which ``ps4rig rig latency`` found the four values above. The camera is not
-        opened in another mode.
+        The `mode` in which ``ps4rig rig latency`` measured the timing. The camera is not opened in
+        another mode.
     """
 
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = None
@@ -134,9 +134,9 @@ class DeviceCameraConfig(CameraConfig):
         A path, a name in ``/dev/v4l/by-id``, or the number of ``/dev/video...``. The names stay
         the same when cameras are plugged in another order.
     allow_compressed
-        Whether MJPG may be used. Its losses are in every slope.
+        Whether MJPG may be used, whose losses affect every slope.
     fixed_exposure
-        The camera has no exposure control, and always exposes for `exposure_ms`.
+        Whether the camera has no exposure control and always exposes for `exposure_ms`.
     gain, gamma
         In the camera's own units; None leaves them as they are.
     """
@@ -167,7 +167,7 @@ class ReplayCameraConfig(StampedCameraConfig):
 
 
 class OpencvCameraConfig(DeviceCameraConfig):
-    """A camera through OpenCV; `rig.opencv_camera.OpencvCamera` lists what it cannot do."""
+    """A camera through OpenCV; `rig.opencv_camera.OpencvCamera` lists its limitations."""
 
     kind: Literal["opencv"] = "opencv"
     bits: Literal[8] = 8
@@ -226,9 +226,9 @@ CAMERA_KINDS: dict[str, type[CameraConfig]] = {
 
 
 def without_idle_keys(values: dict[str, Any]) -> dict[str, Any]:
-    """Drop the keys that only other kinds have and that hold their default there.
+    """Drop the keys that belong to other kinds only and have their default value.
 
-    A ``rig.toml`` may so list every documented key, whichever kind it chooses.
+    A ``rig.toml`` may therefore list every documented key with any kind.
     """
     fields = {
         name: field for model in CAMERA_KINDS.values() for name, field in model.model_fields.items()

@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from firmware_sim.faults import LedFault, LineFault, When
+from firmware_sim.faults import LedFault, LineFault, When, require
 
 __all__ = ["FaultPlan", "FrameFault"]
 
-MOST_FRAMES_BACK = 4
+MAX_FRAMES_BACK = 4
 """Number of the simulated driver's buffers; a torn frame shows the old content of one."""
 
 
@@ -45,17 +45,11 @@ class FrameFault:
     __pydantic_config__ = {"extra": "forbid"}  # noqa: RUF012 - unknown keys are refused
 
     def __post_init__(self) -> None:
-        for holds, cause in (
-            (0.0 < self.row_share < 1.0, f"row_share is {self.row_share:g}; it is within 0 to 1"),
-            (
-                1 <= self.frames_back <= MOST_FRAMES_BACK,
-                f"frames_back is not 1 to {MOST_FRAMES_BACK}",
-            ),
-            (0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}"),
-            (math.isfinite(self.rate_per_s), f"rate_per_s is {self.rate_per_s:g}"),
-        ):
-            if not holds:
-                raise ValueError(cause)
+        back = self.frames_back
+        require(0.0 < self.row_share < 1.0, f"row_share is {self.row_share:g}; give 0 to 1")
+        require(1 <= back <= MAX_FRAMES_BACK, f"frames_back is {back}; give 1 to {MAX_FRAMES_BACK}")
+        require(0.0 <= self.delay_ms <= 60_000.0, f"delay_ms is {self.delay_ms:g}; give 0 to 60000")
+        require(math.isfinite(self.rate_per_s), f"rate_per_s is {self.rate_per_s:g}; give a number")
 
 
 class FaultPlan(BaseModel):
@@ -64,9 +58,9 @@ class FaultPlan(BaseModel):
     Attributes
     ----------
     seed
-        Seed of everything random.
+        Seed of all random faults.
     lines, leds, frames
-        Faults of the serial line, of the LEDs' light, of the camera's frames.
+        Faults of the serial line, of the LEDs' light and of the camera's frames.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -79,7 +73,7 @@ class FaultPlan(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _no_truth_values(cls, values: Any) -> Any:
-        """Refuse true and false, which the dataclasses of the plan would read as 1 and 0."""
+        """Refuse true and false, which the plan's dataclasses would read as 1 and 0."""
         for key in _truth_values(values, ""):
             raise ValueError(f"{key} is true or false; it must be a number or a text")
         return values

@@ -9,11 +9,7 @@ from pydantic import Field, FiniteFloat, field_validator, model_validator
 
 from classify import Lighting
 from classify.lighting import RING_TILTS_DEG
-from firmware_sim.firmware import (
-    WATCHDOG_DEFAULT_MS,
-    WATCHDOG_MAX_MS,
-    WATCHDOG_MIN_MS,
-)
+from firmware_sim.firmware import WATCHDOG_DEFAULT_MS, WATCHDOG_MAX_MS, WATCHDOG_MIN_MS
 
 from .section import Degrees, Section
 
@@ -34,7 +30,7 @@ class LightsConfig(Section):
     port
         A device (``/dev/ttyACM0``), a pyserial URL, ``auto`` or ``simulated``.
     serial_number, usb_id
-        With ``auto``: serial number, and USB vendor and product, of the controller to find.
+        Serial number, and USB vendor and product, of the controller to find with ``auto``.
     intensities
         Levels of the LEDs as built, relative to each other; equal if empty.
     settle_ms
@@ -42,7 +38,7 @@ class LightsConfig(Section):
     watchdog_ms
         Silence after which the controller puts the LEDs out.
     synchronisation
-        What steps from light to light: the ``software``; the controller at each edge of the
+        Part that steps from light to light: the ``software``; the controller at each edge of the
         camera's ``strobe``; or the controller by time, with a ``trigger`` for the camera.
     """
 

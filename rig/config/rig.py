@@ -1,4 +1,4 @@
-"""``rig.toml`` as a whole, and the conditions between its sections."""
+"""A whole ``rig.toml``, and the conditions between its sections."""
 
 from __future__ import annotations
 
@@ -144,13 +144,13 @@ class RigConfig(Section):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether its lights, and so its images, are simulated."""
+        """Whether the lights, and therefore the images, are simulated."""
         return self.lights.port == SIMULATED
 
     def with_changes(self, **sections: dict[str, Any]) -> RigConfig:
-        """A copy with some fields of some sections replaced, validated as a whole.
+        """Return a copy with some fields of some sections replaced, validated as a whole.
 
-        Another ``camera["kind"]`` keeps only the fields that the new kind has.
+        A change of ``camera["kind"]`` keeps only the fields of the new kind.
 
         Raises
         ------
@@ -168,13 +168,7 @@ class RigConfig(Section):
 
 
 def config_of(rig: str | Path) -> RigConfig:
-    """The configuration of the rig ``"sim"``, or of a ``rig.toml`` at a path.
-
-    Raises
-    ------
-    ConfigError
-        As `load_config`.
-    """
+    """Return the configuration of the rig ``"sim"``, or of a ``rig.toml``; see `load_config`."""
     return RigConfig() if rig == "sim" else load_config(Path(rig))
 
 

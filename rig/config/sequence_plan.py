@@ -13,8 +13,8 @@ __all__ = ["SequencePlan", "plan_sequence"]
 # its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each
 # set measures the true one, and `ps4rig rig timing` prints it.
 REACTION_S = 0.0005
-# A strobe without an edge for this long beyond the frame period is not connected. It only delays
-# that error; a camera that stalls for longer would be reported as one.
+# A strobe without an edge for this long beyond the frame period counts as disconnected, and so does
+# that of a camera that stalls for longer.
 _STROBE_PATIENCE_S = 0.25
 
 
@@ -32,7 +32,7 @@ class SequencePlan:
     settle_us
         Least time from the change of a light to the exposure that counts.
     wait_us
-        With triggers, the time between two of them; otherwise the longest wait for a strobe edge.
+        Time between two triggers, or longest wait for a strobe edge.
     frames_per_step
         1, or more if a light cannot settle between two exposures.
     exposed_s
@@ -64,7 +64,7 @@ def plan_sequence(
     settle_s
         Time from the switch until the light is steady.
     period_s
-        The camera's frame period; with triggers, the least time between two.
+        Frame period of the camera, the least time between two triggers.
 
     Raises
     ------

@@ -51,10 +51,10 @@ class SimulationConfig(Section):
         Shortest and longest pass of the controller's main loop. It switches up to one pass after
         the end of an exposure.
     readout_ms
-        From the first row's exposure to the last row's; 0 for a global shutter.
+        Time from the first row's exposure to the last row's; 0 for a global shutter.
     stamp_lag_ms
-        None: the driver stamps each frame with its exact start of exposure. Otherwise the stamp is
-        later by this much, as with drivers that stamp the arrival of data.
+        Delay of the stamp after the start of exposure, for drivers that stamp the arrival of data;
+        None for the exact start.
     stamp_jitter_ms
         Largest random delay in addition to `stamp_lag_ms`.
     placement

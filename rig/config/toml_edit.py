@@ -1,4 +1,4 @@
-"""Change single values in a TOML file, and keep its comments and order."""
+"""Change single values in a TOML file, keeping its comments and order."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def with_values(text: str, section: str, values: Mapping[str, str | float]) -> s
     Raises
     ------
     ConfigError
-        If the text cannot be changed that way; the message has the lines to add by hand.
+        If the text cannot be changed in place; the message has the lines to add by hand.
     """
     # Not splitlines, which also splits at characters that TOML allows in comments.
     lines = text.removesuffix("\n").split("\n") if text else []

@@ -1,4 +1,4 @@
-"""One line for what is wrong with a ``rig.toml``: key, value and remedy."""
+"""Error messages of a wrong ``rig.toml``, in one line: key, value and remedy."""
 
 from __future__ import annotations
 
@@ -19,15 +19,7 @@ _MISSING = {
 
 
 def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
-    """The first error in one line, by the names of the file's keys.
-
-    Parameters
-    ----------
-    error
-        Raised by the validation of `root`.
-    root
-        The model whose fields are the file's sections.
-    """
+    """Describe the first error of the validation of `root`, a model of the file's sections."""
     first = error.errors(include_url=False)[0]
     location, value, cause = list(first["loc"]), first["input"], first["msg"]
     kind = str(location.pop(1)) if location[:1] == ["camera"] and len(location) > 1 else None
@@ -45,8 +37,8 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
             return f"camera.kind = {_toml(value['kind'])}: must be one of {kinds}"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{field} = {_toml(value)}: must be a table, [{field}]"
-    for said, meant in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
-        cause = cause.replace(said, meant)
+    for old, new in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
+        cause = cause.replace(old, new)
     cause = cause.replace("a integer", "an integer").replace("a valid", "a")
     return f"{field} = {_toml(value)}: {cause}"
 

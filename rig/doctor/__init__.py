@@ -1,4 +1,4 @@
-"""Everything that is looked at before a rig is trusted, and what to do about what is found.
+"""The checks of ``ps4rig rig doctor``: what is wrong with a rig, and what to do about it.
 
-`diagnosis` goes through it all; each other file looks at one thing. Nothing else needs any of it.
+`diagnosis` makes all checks in order; each other file holds the checks of one part.
 """

@@ -17,12 +17,12 @@ from .serial_ports import check_access
 
 __all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
 
-# Frames for the rate and the losses, fewer if they would take longer than this.
+# Number of frames for the rate and the losses, and the time after which fewer must do.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
 _RATE_TOLERANCE = 0.05
-_MOST_FORMATS = 6  # that a line of the report lists
+_MOST_FORMATS = 6  # limit of one line of the report
 
 
 def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) -> Iterator[Check]:
@@ -36,28 +36,22 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
             for offered in camera.formats[:_MOST_FORMATS]
         )
         more = len(camera.formats) - _MOST_FORMATS
-        yield Check(
-            "camera",
-            "ok",
-            f"{camera.name} ({camera.driver}) at {camera.device}: {formats}"
-            + (f" and {more} formats more" if more > 0 else ""),
-        )
+        more_formats = f" and {more} more formats" if more > 0 else ""
+        seen = f"{camera.name} ({camera.driver}) at {camera.device}: {formats}{more_formats}"
+        yield Check("camera", "ok", seen)
     if isinstance(config, DeviceCameraConfig):
         node = Path(device_path(config.device)).resolve()
         wanted = [camera for camera in cameras if camera.node.resolve() == node]
         if wanted:
             yield check_access("permission", str(wanted[0].node))
         else:
-            yield Check(
-                "camera.device",
-                "fault",
-                f"{config.device} is not among the {len(cameras)} cameras found",
-                "is it plugged in? Set camera.device to one of the names above",
-            )
+            seen = f"{config.device} is not among the {len(cameras)} cameras found"
+            advice = "is it plugged in? Set camera.device to one of the names above"
+            yield Check("camera.device", "fault", seen, advice)
 
 
 def check_controls(error: ControlError) -> Iterator[Check]:
-    """Make one fault of each control that prevents a camera from being opened."""
+    """Report each control that prevents a camera from being opened as one fault."""
     for fault in error.faults:
         yield Check(f"control {fault.control}", "fault", fault.seen, fault.advice)
 
@@ -84,31 +78,25 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     if abs(rate_hz / asked_hz - 1.0) <= _RATE_TOLERANCE:
         yield Check("frame rate", "ok", seen)
     else:
-        yield Check(
-            "frame rate",
-            "warning",
-            seen,
+        advice = (
             "set camera.frame_rate_hz to the rate reached; an exposure longer than a frame, a "
-            "dynamic frame rate in dim light, or a full USB bus slows a camera down",
+            "dynamic frame rate in dim light, or a full USB bus slows a camera down"
         )
+        yield Check("frame rate", "warning", seen, advice)
     lost = steps + 1 - len(taken)
     corrupt = sum(frame.flags != FrameFlag.GOOD for frame in taken)
     seen = f"{lost} lost and {corrupt} corrupt of {steps + 1}"
     if lost == 0 and corrupt == 0:
         yield Check("frames", "ok", seen)
     else:
-        yield Check(
-            "frames",
-            "warning",
-            seen,
-            "give the camera a USB port of its own, a shorter cable, or a lower frame rate",
-        )
+        advice = "give the camera its own USB port, a shorter cable, or a lower frame rate"
+        yield Check("frames", "warning", seen, advice)
 
 
 def longest_exposure_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
 ) -> float:
-    """The longest exposure that fits into a frame and the camera's exposure control."""
+    """Return the longest exposure that fits into a frame and the camera's exposure control."""
     longest_ms = 1e3 * camera.info.frame_period_s
     if not isinstance(config, DeviceCameraConfig):
         return longest_ms

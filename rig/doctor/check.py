@@ -8,7 +8,7 @@ from typing import Literal
 
 from classify.errors import Ps4rigError
 
-__all__ = ["Check", "Status", "answered"]
+__all__ = ["Check", "Status", "collected"]
 
 Status = Literal["ok", "warning", "fault", "unknown"]
 
@@ -27,7 +27,7 @@ class Check:
     seen
         What was found, with numbers.
     advice
-        What to do; empty if there is nothing to do.
+        What to do, or empty.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Check:
     advice: str = ""
 
 
-def answered(name: str, checks: Callable[[], Iterator[Check]]) -> list[Check]:
+def collected(name: str, checks: Callable[[], Iterator[Check]]) -> list[Check]:
     """Make some checks; an error that they raise becomes a fault called `name`."""
     made: list[Check] = []
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -19,14 +19,12 @@ from rig.simulation.rig import Simulation
 from rig.v4l2.camera_list import ListedCamera, list_cameras
 
 from .cameras import check_cameras, check_controls, check_frames, longest_exposure_ms
-from .check import Check, answered
+from .check import Check, collected
 from .light_images import capture_light_images, check_light_images
 from .lights import check_lights
 from .serial_ports import check_modem_manager, check_port, check_ports
 
 __all__ = ["check_kernel_cache", "diagnose"]
-
-Checks = Callable[[], Iterator[Check]]
 
 
 def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:
@@ -46,13 +44,12 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
     try:
         config = config_of(rig)
     except ConfigError as error:
-        yield Check(
-            "configuration", "fault", str(error), "ps4rig rig init writes one with all keys"
-        )
+        advice = "ps4rig rig init writes one with all keys"
+        yield Check("configuration", "fault", str(error), advice)
     else:
-        told = "simulated" if config.is_simulated else f"lights at {config.lights.port}"
-        yield Check("configuration", "ok", f"{config.name}: {told}, camera {config.camera.kind}")
-    yield from answered(
+        lights = "simulated" if config.is_simulated else f"lights at {config.lights.port}"
+        yield Check("configuration", "ok", f"{config.name}: {lights}, camera {config.camera.kind}")
+    yield from collected(
         "serial ports",
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
     )
@@ -64,7 +61,7 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
         cameras.extend(list_cameras())
         yield from check_cameras(cameras, None if config is None else config.camera)
 
-    yield from answered("cameras", find_cameras)
+    yield from collected("cameras", find_cameras)
     if config is not None:
         with ExitStack() as closing:
             yield from _diagnose_open(config, cameras, closing, timeouts)
@@ -72,22 +69,15 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
 
 def check_kernel_cache(folder: Path | None) -> Check:
     """Check that compiled kernels are kept between commands."""
-    name = "compiled kernels"
     if folder is not None:
-        return Check(name, "ok", f"are kept in {folder}")
-    return Check(
-        name,
-        "warning",
-        "are not kept, since no folder can be written: each command compiles them for some seconds",
-        "set the environment variable NUMBA_CACHE_DIR to a folder that you may write to",
-    )
+        return Check("compiled kernels", "ok", f"are kept in {folder}")
+    seen = "are not kept, since no folder can be written: each command compiles them for seconds"
+    advice = "set the environment variable NUMBA_CACHE_DIR to a folder that you may write to"
+    return Check("compiled kernels", "warning", seen, advice)
 
 
 def _diagnose_open(
-    config: RigConfig,
-    cameras: Sequence[ListedCamera],
-    closing: ExitStack,
-    timeouts: LinkTimeouts,
+    config: RigConfig, cameras: Sequence[ListedCamera], closing: ExitStack, timeouts: LinkTimeouts
 ) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
@@ -117,17 +107,16 @@ def _diagnose_open(
             return
         closing.callback(camera.close)
         info = camera.info
-        yield Check(
-            "measurement mode",
-            "ok",
+        seen = (
             f"{info.name}: {info.width_px} x {info.height_px} px of {info.bit_depth} bit, exposure "
-            f"{1e3 * info.exposure_s:g} ms; all controls were set and read back",
+            f"{1e3 * info.exposure_s:g} ms; all controls were set and read back"
         )
+        yield Check("measurement mode", "ok", seen)
         yield from check_frames(camera)
 
     def check_images() -> Iterator[Check]:
         if lights is None or camera is None:
-            yield Check("pictures", "unknown", "lights or camera did not open")
+            yield Check("light images", "unknown", "lights or camera did not open")
             return
         with suppress(HardwareError):
             lights.recover()
@@ -139,10 +128,6 @@ def _diagnose_open(
             longest_exposure_ms(camera, cameras, config.camera),
         )
 
-    groups: tuple[tuple[str, Checks], ...] = (
-        ("light controller", check_controller),
-        ("camera", check_camera),
-        ("pictures", check_images),
-    )
-    for name, checks in groups:
-        yield from answered(name, checks)
+    yield from collected("light controller", check_controller)
+    yield from collected("camera", check_camera)
+    yield from collected("light images", check_images)

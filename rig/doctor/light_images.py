@@ -29,11 +29,11 @@ from .check import Check, Status
 __all__ = ["LightImages", "capture_light_images", "check_light_images"]
 
 # The exposure is judged by this percentile, so that a few glints do not count. The proposed one
-# brings it to the target, which leaves room for a part that is a quarter brighter.
+# brings it to the target, so that a part may be a quarter brighter.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
 _GOOD_EXPOSURE = (0.4, 0.95)
-# A saturated image does not tell how much too long its exposure was; two such steps are enough for
-# an exposure six times too long.
+# The factor for a saturated image, whose excess is unknown. Applied twice, it corrects an exposure
+# that is six times too long.
 _SHORTER_WHEN_SATURATED = 0.4
 
 
@@ -44,9 +44,9 @@ class LightImages:
     Attributes
     ----------
     ambient
-        (H, W), with all LEDs off.
+        Shape (H, W), with all LEDs off.
     lights
-        (N, H, W), in the order of the LEDs.
+        Shape (N, H, W), in the order of the LEDs.
     full_scale
         Pixel value of saturation.
     """
@@ -82,7 +82,7 @@ def check_light_images(
     Parameters
     ----------
     images
-        Of any part with relief.
+        Images of any part with relief.
     lighting
         The configured lights.
     exposure_ms, longest_ms
@@ -106,21 +106,16 @@ def _ambient(share: float) -> Check:
     if share <= HIGH_AMBIENT_SHARE:
         return Check("ambient light", "ok", seen)
     status: Status = "fault" if share > MAX_AMBIENT_SHARE else "warning"
-    return Check(
-        "ambient light", status, seen, "shield the rig from other light; does an LED stay on?"
-    )
+    advice = "shield the rig from other light; does an LED stay on?"
+    return Check("ambient light", status, seen, advice)
 
 
 def _led(led: int, signal: float, brightest: float) -> Check:
     name = f"LED {led}"
     seen = f"{signal:.1%} of full scale above dark"
     if signal < MIN_SIGNAL_SHARE or signal < DEAD_LED_SHARE * brightest:
-        return Check(
-            name,
-            "fault",
-            f"{seen}: dead",
-            "check its wiring, its resistor and whether something stands before it",
-        )
+        advice = "check its wiring, its resistor and whether something stands before it"
+        return Check(name, "fault", f"{seen}: dead", advice)
     seen += f", {signal / brightest:.0%} of the brightest LED"
     if signal < WEAK_LED_SHARE * brightest:
         return Check(name, "warning", f"{seen}: weak", "clean or replace it, or lower the others")
@@ -168,53 +163,40 @@ def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Che
 
 def _levels(images: LightImages, lighting: Lighting) -> Check:
     """Compare the levels of the LEDs, estimated from four images independently of the part."""
-    name = "LED strengths"
+    name = "LED levels"
     if len(lighting) != 4:
         return Check(name, "unknown", "can be estimated for four LEDs only")
-    told = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
-    if told.levels is None or told.level_error > MAX_LED_LEVEL_ERROR:
-        return Check(
-            name,
-            "unknown",
-            "cannot be estimated from these images",
-            "put something matt with relief in all directions below the camera",
-        )
-    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in told.levels)
-    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in told.levels):
+    found = light_agreement(images.lights, lighting, images.ambient, images.full_scale, None)
+    if found.levels is None or found.level_error > MAX_LED_LEVEL_ERROR:
+        advice = "put something matt with relief in all directions below the camera"
+        return Check(name, "unknown", "cannot be estimated from these images", advice)
+    seen = "relative to the configured " + ", ".join(f"{each:.1%}" for each in found.levels)
+    if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in found.levels):
         return Check(name, "ok", seen)
-    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * told.levels)
-    return Check(
-        name, "warning", seen, f"if the LEDs are built so, set lights.intensities = [{line}]"
-    )
+    line = ", ".join(f"{each:.3f}" for each in lighting.intensities * found.levels)
+    advice = f"if the LEDs are built so, set lights.intensities = [{line}]"
+    return Check(name, "warning", seen, advice)
 
 
 def _order(images: LightImages, lighting: Lighting) -> Check:
     name = "LED order"
     if len(lighting) != 4:
         return Check(name, "unknown", "can be checked for four LEDs only")
-    told = light_order(
+    found = light_order(
         images.lights, lighting, ambient=images.ambient, full_scale=images.full_scale
     )
-    rotated = "; the images cannot tell whether all are rotated by 180 degrees"
-    if told.is_refuted:
+    if found.is_refuted:
         likely = [
-            _exchange(order) for order in sorted(told.plausible, key=_moved)[:2] if _moved(order)
+            _exchange(order) for order in sorted(found.plausible, key=_moved)[:2] if _moved(order)
         ]
-        return Check(
-            name,
-            "fault",
-            "the shading contradicts lights.tilts_deg: " + " or ".join(likely),
-            "exchange their plugs, or correct lights.tilts_deg",
-        )
-    if told.is_confirmed:
-        return Check(name, "ok", "the shading agrees with lights.tilts_deg" + rotated)
-    return Check(
-        name,
-        "unknown",
-        f"{len(told.plausible)} of 24 orders explain these images",
-        "put something with relief in all directions below the camera, such as a coin or a rough "
-        "stone",
-    )
+        seen = "the shading contradicts lights.tilts_deg: " + " or ".join(likely)
+        return Check(name, "fault", seen, "exchange their plugs, or correct lights.tilts_deg")
+    if found.is_confirmed:
+        seen = "the shading agrees with lights.tilts_deg; a rotation of all LEDs by 180 degrees "
+        return Check(name, "ok", seen + "does not show in images")
+    seen = f"{len(found.plausible)} of 24 orders explain these images"
+    advice = "put a coin or a rough stone below the camera, with relief in all directions"
+    return Check(name, "unknown", seen, advice)
 
 
 def _moved(order: Order) -> int:

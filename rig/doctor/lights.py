@@ -14,8 +14,8 @@ from .check import Check
 
 __all__ = ["check_lights"]
 
-# A slower switch comes from a timer in a USB chip (16 ms in an FTDI) or a loaded machine, and
-# adds to the time of each set.
+# A timer in a USB chip (16 ms in an FTDI) or a loaded machine causes slower switches, which add to
+# the time of each set.
 _SLOW_SWITCH_MS = 10.0
 
 
@@ -32,9 +32,9 @@ def check_lights(
     lights, clock
         The open controller, and the rig's clock.
     config
-        Its section of ``rig.toml``.
+        The section ``[lights]`` of ``rig.toml``.
     firmware_version
-        The version that this program brings along.
+        The version that ``ps4rig rig flash`` installs.
     """
     yield _identity(lights, firmware_version)
     yield _led_count(lights, config)
@@ -43,18 +43,14 @@ def check_lights(
 
 
 def _identity(lights: LightController, firmware_version: str) -> Check:
-    who = lights.identity
+    found = lights.identity
     seen = (
-        f"{who.model} {who.serial_number} on {lights.port}, firmware {who.firmware_version}, "
-        f"protocol {who.protocol_version}"
+        f"{found.model} {found.serial_number} on {lights.port}, firmware {found.firmware_version}, "
+        f"protocol {found.protocol_version}"
     )
-    if who.firmware_version != firmware_version:
-        return Check(
-            "light controller",
-            "warning",
-            f"{seen}; this program brings firmware {firmware_version}",
-            "ps4rig rig flash",
-        )
+    if found.firmware_version != firmware_version:
+        seen += f"; this program brings firmware {firmware_version}"
+        return Check("light controller", "warning", seen, "ps4rig rig flash")
     return Check("light controller", "ok", seen)
 
 
@@ -68,13 +64,9 @@ def _led_count(lights: LightController, config: LightsConfig) -> Check:
 
 def _watchdog(lights: LightController) -> Check:
     if lights.trips_watchdog():
-        return Check("watchdog", "ok", "an LED went out by itself when no command came, as it must")
-    return Check(
-        "watchdog",
-        "fault",
-        "an LED stayed on although no command came",
-        "renew the firmware with ps4rig rig flash",
-    )
+        return Check("watchdog", "ok", "an LED went out by itself when no command came")
+    seen = "an LED stayed on although no command came"
+    return Check("watchdog", "fault", seen, "renew the firmware with ps4rig rig flash")
 
 
 def _latency(lights: LightController, clock: Clock) -> Check:
@@ -86,11 +78,9 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     if found.median_ms <= _SLOW_SWITCH_MS:
         return Check("switch latency", "ok", seen)
     name = lights.port.rpartition("/")[2]
-    return Check(
-        "switch latency",
-        "warning",
-        seen,
+    advice = (
         "with an FTDI chip, lower its timer: "
-        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; else look for what "
-        "else loads the machine",
+        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer; otherwise end other "
+        "programs that load the machine"
     )
+    return Check("switch latency", "warning", seen, advice)

@@ -1,4 +1,4 @@
-"""Checks of serial ports: which there are, who may use them and who does."""
+"""Checks of serial ports: their list, permissions, and programs that use them."""
 
 from __future__ import annotations
 
@@ -12,40 +12,30 @@ from rig.lights.port_holders import port_holders
 
 from .check import Check
 
-__all__ = ["RULES_FILE", "check_modem_manager", "check_port", "check_ports", "installing_the_rules"]
+__all__ = ["RULES_FILE", "check_access", "check_modem_manager", "check_port", "check_ports"]
 
 RULES_FILE = Path(__file__).with_name("70-ps4rig.rules")
 _RULES_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))
 _PROC = Path("/proc")
-
-
-def installing_the_rules() -> str:
-    """The command that installs the udev rules of this program."""
-    return (
-        f"sudo install -m 644 {RULES_FILE} {_RULES_FOLDERS[0]}/ && "
-        "sudo udevadm control --reload && sudo udevadm trigger"
-    )
+_INSTALL_RULES = (
+    f"sudo install -m 644 {RULES_FILE} {_RULES_FOLDERS[0]}/ && "
+    "sudo udevadm control --reload && sudo udevadm trigger"
+)
 
 
 def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Check]:
     """List each serial port; warn if none can be a light controller's."""
     for port in ports:
         holders = ", ".join(map(str, port_holders(port.device)))
-        said = (
-            str(port),
-            port.description,
-            port.by_id and f"also {port.by_id}",
-            f"in use by {holders}" if holders else "not in use",
-        )
+        link = port.by_id and f"also {port.by_id}"
+        use = f"in use by {holders}" if holders else "not in use"
         kind = "may be a board" if port.may_be_a_microcontroller else "not known as a board"
-        yield Check("serial port", "ok", "; ".join(part for part in (*said, kind) if part))
+        parts = (str(port), port.description, link, use, kind)
+        yield Check("serial port", "ok", "; ".join(filter(None, parts)))
     if not is_simulated and not any(port.may_be_a_microcontroller for port in ports):
-        yield Check(
-            "serial ports",
-            "warning",
-            f"none of {len(ports)} belongs to a known board",
-            "plug the light controller in; with a charging cable no port appears",
-        )
+        seen = f"none of {len(ports)} belongs to a known board"
+        advice = "plug the light controller in; with a charging cable no port appears"
+        yield Check("serial ports", "warning", seen, advice)
 
 
 def check_port(device: str) -> Iterator[Check]:
@@ -54,22 +44,14 @@ def check_port(device: str) -> Iterator[Check]:
         yield Check("port", "ok", f"{device} is not a device of this machine")
         return
     if not Path(device).exists():
-        yield Check(
-            "port",
-            "fault",
-            f"{device} does not exist",
-            'is the controller plugged in? With lights.port = "auto" it is searched for',
-        )
+        advice = 'is the controller plugged in? With lights.port = "auto" it is searched for'
+        yield Check("port", "fault", f"{device} does not exist", advice)
         return
     yield check_access("permission", device)
     holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
     if holders:
-        yield Check(
-            "port in use",
-            "fault",
-            f"{device} is open in {', '.join(map(str, holders))}",
-            "close that program",
-        )
+        seen = f"{device} is open in {', '.join(map(str, holders))}"
+        yield Check("port in use", "fault", seen, "close that program")
     else:
         yield Check("port in use", "ok", f"no visible program has {device} open")
 
@@ -84,14 +66,10 @@ def check_access(name: str, device: str) -> Check:
     except KeyError:
         group = str(status.st_gid)
     own = "its group is one of yours, but " if status.st_gid in os.getgroups() else ""
-    return Check(
-        name,
-        "fault",
-        f"{device} belongs to group {group}, mode {status.st_mode & 0o777:o}; {own}you may not "
-        "read and write it",
-        f"sudo usermod -aG {group} $USER and log in again, or install the udev rules: "
-        + installing_the_rules(),
-    )
+    mode = f"{status.st_mode & 0o777:o}"
+    seen = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
+    usermod = f"sudo usermod -aG {group} $USER and log in again"
+    return Check(name, "fault", seen, f"{usermod}, or install the udev rules: {_INSTALL_RULES}")
 
 
 def check_modem_manager(
@@ -103,12 +81,8 @@ def check_modem_manager(
         return Check(name, "ok", "is not running")
     if any((folder / RULES_FILE.name).exists() for folder in rules_folders):
         return Check(name, "ok", f"is running, and {RULES_FILE.name} keeps it away from boards")
-    return Check(
-        name,
-        "warning",
-        "is running, and treats a board as a modem for some seconds after it is plugged in",
-        installing_the_rules(),
-    )
+    seen = "is running, and treats a board as a modem for some seconds after it is plugged in"
+    return Check(name, "warning", seen, _INSTALL_RULES)
 
 
 def _is_modem_manager(comm: Path) -> bool:

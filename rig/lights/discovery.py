@@ -176,8 +176,8 @@ def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
     return replace(next(same, SerialPort(port)), device=port)
 
 
-def ports_to_try(was: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
-    """List the ports on which the controller that was at `was` may be now.
+def ports_to_try(previous: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
+    """List the ports on which the controller of the port `previous` may be now.
 
     These are the same port, and ports with the same USB id and serial number that are not in use.
     """
@@ -185,11 +185,11 @@ def ports_to_try(was: SerialPort, ports: Iterable[SerialPort]) -> list[str]:
         port.device
         for port in ports
         if port.usb_id is not None
-        and (port.usb_id, port.serial_number) == (was.usb_id, was.serial_number)
-        and Path(port.device).resolve() != Path(was.device).resolve()
+        and (port.usb_id, port.serial_number) == (previous.usb_id, previous.serial_number)
+        and Path(port.device).resolve() != Path(previous.device).resolve()
         and not port_holders(port.device)
     ]
-    return [was.device, *others]
+    return [previous.device, *others]
 
 
 def _same(one: str | None, other: str) -> bool:

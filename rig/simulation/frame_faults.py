@@ -11,7 +11,7 @@ import numpy as np
 
 from firmware_sim import Clock
 from rig.camera import Camera, CameraInfo, Frame
-from rig.config.fault_plan import MOST_FRAMES_BACK, FrameFault
+from rig.config.fault_plan import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
 from .sensor import digital
@@ -43,7 +43,7 @@ class FaultyCamera:
         self._started_s = clock.now_s()
         self._counts = [0] * len(faults)
         self._gone = False
-        self._before: deque[Frame] = deque(maxlen=MOST_FRAMES_BACK)
+        self._before: deque[Frame] = deque(maxlen=MAX_FRAMES_BACK)
         self._again: Frame | None = None
 
     @property

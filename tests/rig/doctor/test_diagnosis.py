@@ -102,7 +102,7 @@ def test_a_failing_camera_does_not_prevent_the_other_checks(checks_of: Any) -> N
     checks = checks_of("[[simulation.faults.frames]]\nkind = 'gone'")
     assert checks["watchdog"].status == "ok"
     assert checks["camera"].status == "fault"
-    assert checks["pictures"].status == "fault"
+    assert checks["light images"].status == "fault"
 
 
 def test_a_missing_controller_does_not_prevent_the_camera_checks(checks_of: Any) -> None:
@@ -115,7 +115,7 @@ def test_a_missing_controller_does_not_prevent_the_camera_checks(checks_of: Any)
     assert checks["light controller"].status == "fault"
     assert checks["camera.device"].status == "fault"
     assert checks["camera"].status == "fault"
-    assert checks["pictures"].status == "unknown"
+    assert checks["light images"].status == "unknown"
 
 
 def test_an_unknown_surface_is_one_fault(checks_of: Any) -> None:
@@ -283,7 +283,7 @@ def test_cameras_are_listed_with_their_formats(tmp_path: Path) -> None:
     config = V4l2CameraConfig(device=str(node))
     first, second, permission = check_cameras(listed, config)
     assert "F0 640x480" in first.seen
-    assert "and 2 formats more" in first.seen
+    assert "and 2 more formats" in first.seen
     assert second.status == "warning"
     assert permission.status == "ok"
     *_, missing = check_cameras(listed, V4l2CameraConfig(device="/dev/video9"))
@@ -340,20 +340,20 @@ def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImag
 
 
 def test_unequal_led_levels_are_suggested_as_lights_intensities(images: LightImages) -> None:
-    alike = checked(images, 1.0)["LED strengths"]
+    alike = checked(images, 1.0)["LED levels"]
     assert alike.status == "ok"
     levels = np.array([1.0, 0.8, 1.0, 1.0])
     dark = images.ambient.astype(np.float64)
     lit = np.rint((images.lights - dark) * levels[:, None, None] + dark)
     weak = LightImages(images.ambient, lit.astype(np.uint16), images.full_scale)
     found = {check.name: check for check in check_light_images(weak, Lighting.ring(), 20.0, 33.0)}
-    unlike = found["LED strengths"]
+    unlike = found["LED levels"]
     assert unlike.status == "warning"
     told = [float(each) for each in unlike.advice.partition("[")[2].rstrip("]").split(",")]
     np.testing.assert_allclose(told, levels, atol=0.01)
     corrected = Lighting(Lighting.ring().directions, np.array(told))
     again = {check.name: check for check in check_light_images(weak, corrected, 20.0, 33.0)}
-    assert again["LED strengths"].status == "ok"
+    assert again["LED levels"].status == "ok"
 
 
 def test_the_order_is_unknown_on_a_flat_part_and_with_three_leds(images: LightImages) -> None:
@@ -378,4 +378,4 @@ def test_a_silent_controller_is_one_fault(checks_of: Any) -> None:
     checks = checks_of(lost, timeouts=LinkTimeouts(open_s=0.1))
     assert checks["light controller"].status == "fault"
     assert checks["frame rate"].status == "ok"
-    assert checks["pictures"].status == "unknown"
+    assert checks["light images"].status == "unknown"
