@@ -33,7 +33,7 @@ __all__ = [
 
 Picture = npt.NDArray[np.uint8]
 _PICTURE_PX = 512  # twice the width of a map on the page
-# Percentile of the values at the end of a colour scale: a few outliers do not pale the others.
+# Percentile of the values at the end of a colour scale, so that outliers do not pale the rest.
 _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
@@ -55,7 +55,7 @@ _BLUE_WHITE_RED = _blue_white_red()
 
 @dataclass(frozen=True, eq=False)
 class ColourScale:
-    """256 colours for the values from `low` to `high`; values beyond get the end colour."""
+    """256 colours for the values from `low` to `high`; values outside get the nearest colour."""
 
     low: float
     high: float
@@ -152,7 +152,7 @@ def reduced(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def thinned(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Reduce a map of names, which have no mean, by leaving pixels out."""
+    """Reduce a map of labels by leaving pixels out; labels have no mean."""
     return _resized(values, cv2.INTER_NEAREST)
 
 
@@ -172,12 +172,10 @@ def contact_sheet(pictures: dict[str, Picture]) -> Picture:
     rows_px, columns_px = next(iter(pictures.values())).shape[:2]
     scale = tile_px / max(rows_px, columns_px)
     size = (max(1, round(columns_px * scale)), max(1, round(rows_px * scale)))
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
     for name, picture in pictures.items():
-        smaller = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
         tile = np.full((size[1] + bar_px, tile_px, 3), 255, dtype=np.uint8)
-        tile[bar_px : bar_px + size[1], : size[0]] = cv2.resize(
-            picture, size, interpolation=smaller
-        )
+        tile[bar_px:, : size[0]] = cv2.resize(picture, size, interpolation=interpolation)
         cv2.putText(tile, name, (4, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
         tiles.append(tile)
     while len(tiles) % columns:

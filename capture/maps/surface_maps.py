@@ -19,18 +19,16 @@ from classify.surface.estimate import FloatMap
 
 __all__ = ["RELIT_LIGHT", "SurfaceMaps"]
 
-# From the upper left, as people expect in a picture, and between two lights of the ring.
+# From the upper left, as viewers expect, and between two lights of the ring.
 RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMaps:
-    """The maps that `ps4rig solve` writes and shows, each computed once.
+    """The maps that `ps4rig solve` writes and shows.
 
     Attributes
     ----------
-    surface
-        The solved surface.
     normals
         (H, W, 3) float32 unit normals.
     height
@@ -40,9 +38,8 @@ class SurfaceMaps:
     mean_curvature, gaussian_curvature
         (H, W) float32, 1/px and 1/px^2.
     relit
-        (H, W) float32, the surface under `light` without cast shadows, in units of the albedo.
-    light
-        One distant light, of `relit`.
+        (H, W) float32, the surface under the one distant `light` without cast shadows, in units
+        of the albedo.
     roughness
         None if no pixel is valid.
     """

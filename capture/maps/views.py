@@ -1,4 +1,4 @@
-"""The maps of a surface for people: a picture, its colours and a sentence for each."""
+"""The maps of a surface as shown on the page: a picture, its colours and a caption for each."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .surface_maps import SurfaceMaps
 
 __all__ = ["SHOWN_LIGHTS", "MapView", "map_views"]
 
-# The page shows this many light images; a dome may have hundreds.
+# Light images on the page; a dome may have hundreds.
 SHOWN_LIGHTS = 8
-# Entries of a legend: the most frequent values.
+# A legend lists this many of the most frequent values.
 _LEGEND_ENTRIES = 8
 # Not in the signed colour scale, so that an invalid pixel does not look flat.
 _INVALID_COLOUR = (200, 200, 200)
@@ -38,13 +38,13 @@ class MapView:
     file
         Name of the file with the values, None if there is only a picture.
     title, caption
-        Name of the map and a sentence, as plain text.
+        Name of the map and a description, as plain text.
     picture
         Reduced to the size at which it is shown.
     scale, unit
         Colours and unit of a map of measured values; the unit is empty for dimensionless ones.
     legend
-        Colours and names of the values of a map that has only a few.
+        Colours and names of the values, for a map that has few.
     """
 
     file: str | None
@@ -61,17 +61,15 @@ def map_views(captured: CapturedSet, maps: SurfaceMaps) -> dict[str, list[MapVie
     lights = len(captured.images)
     part = f" (the first {SHOWN_LIGHTS} of {lights})" if lights > SHOWN_LIGHTS else ""
     return {
-        f"Light images{part}": _light_images(captured),
+        f"Light images{part}": [
+            MapView(None, name, "", picture)
+            for name, picture in pictures.light_images(captured, SHOWN_LIGHTS).items()
+        ],
         "Surface": _surface(maps),
         "Slopes and height": _relief(maps),
         "Curvature": _curvature(maps),
         "Quality": _quality(maps, captured.lighting.tilts_deg),
     }
-
-
-def _light_images(captured: CapturedSet) -> list[MapView]:
-    shown = pictures.light_images(captured, SHOWN_LIGHTS)
-    return [MapView(None, name, "", picture) for name, picture in shown.items()]
 
 
 def _surface(maps: SurfaceMaps) -> list[MapView]:

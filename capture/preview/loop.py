@@ -1,4 +1,4 @@
-"""The rig's side of the preview: it shows one light after the other, and recovers from errors."""
+"""The loop of the preview: show light after light, and open the rig again after an error."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .preview_image import PreviewImage, preview_image
 
 __all__ = ["Preview", "run_preview"]
 
-# Long enough for a cable to be plugged in again, short enough to wait for.
-RETRY_S = 2.0
-# Leaves processor time to the server and the browser.
+# Time to plug in a cable again.
+_RETRY_S = 2.0
+# Processor time for the server and the browser.
 _PAUSE_S = 0.05
-# A glance: whoever turns the lens must not turn it by an image older than this.
+# A person who focuses the lens must not rely on an image older than this.
 _MIN_STALE_S = 3.0
 
 
 @dataclass
 class Preview:
-    """The newest image under each light; one thread writes it, others read it.
+    """The newest image under each light, written by one thread and read by others.
 
     Attributes
     ----------
     stale_after_s
-        Age at which the page blanks an image.
+        Age in seconds at which the page blanks an image.
     now_s
         The clock of the frames' exposure times.
     """
@@ -60,18 +60,18 @@ class Preview:
             self.stale_after_s = max(_MIN_STALE_S, 2.0 * round_s)
 
     def shown(self, light: int, image: PreviewImage) -> None:
-        """Replace the image under a light by a newer one."""
+        """Store the newest image under a light."""
         with self._lock:
             self._images[light] = image
             self._error = None
 
     def failed(self, error: HardwareError) -> None:
-        """Note an error; the last images stay, and age."""
+        """Note an error; the last images stay."""
         with self._lock:
             self._error = str(error)
 
     def png(self, light: int) -> bytes | None:
-        """Return the newest image under a light, or None if there is none yet."""
+        """Return the newest image under a light, None before the first."""
         with self._lock:
             image = self._images.get(light)
         return None if image is None else image.png
@@ -93,35 +93,30 @@ class Preview:
 
 
 def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) -> None:
-    """Show the rig until `stopping` is set; the LEDs are off when this returns or raises.
+    """Show each light in turn until `stopping` is set, then switch the LEDs off.
 
     A hardware error is shown, and the rig is opened again two seconds later.
 
     Raises
     ------
     InputError
-        If the configuration cannot be used at all.
+        If the configuration cannot be used.
     """
-    # The LEDs are switched from here, and the age of an image is shown to people.
-    config = config.with_changes(
-        lights={"synchronisation": "software"}, simulation={"clock": "real"}
-    )
+    # This loop switches the LEDs, and the page shows ages in real time.
+    real_time = {"lights": {"synchronisation": "software"}, "simulation": {"clock": "real"}}
+    config = config.with_changes(**real_time)
     while not stopping.is_set():
         try:
             with open_rig(config) as rig:
                 preview.opened(rig)
                 while not stopping.is_set():
-                    _show_each_light(rig, preview, stopping)
+                    for light in range(len(rig.lighting)):
+                        preview.shown(light, preview_image(fresh_frame(rig, light)))
+                        if stopping.wait(_PAUSE_S):
+                            break
         except HardwareError as error:
             preview.failed(error)
-            stopping.wait(RETRY_S)
-
-
-def _show_each_light(rig: Rig, preview: Preview, stopping: threading.Event) -> None:
-    for light in range(len(rig.lighting)):
-        preview.shown(light, preview_image(fresh_frame(rig, light)))
-        if stopping.wait(_PAUSE_S):
-            return
+            stopping.wait(_RETRY_S)
 
 
 def _figures(name: str, image: PreviewImage | None, now_s: float) -> dict[str, Any]:

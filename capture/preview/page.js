@@ -1,7 +1,7 @@
 "use strict";
 
 const POLL_MS = 250;
-const TIMEOUT_MS = 3000; // as long as an image may be shown without renewal
+const TIMEOUT_MS = 3000; // the least age at which an image is blanked
 
 const figures = [];
 let state = null;
@@ -10,7 +10,7 @@ let linkError = null;
 
 const byId = (id) => document.getElementById(id);
 
-// `age_s` is from when the answer was sent.
+// `age_s` is the age when the answer was sent.
 const age = (light) => light.age_s + (performance.now() - receivedMs) / 1000;
 
 function figureOf(index) {
@@ -50,7 +50,7 @@ function show(light, index) {
   find(".focus").textContent = light.focus.toPrecision(3);
 }
 
-// Runs without the server too, so that an image that is not renewed ages and is blanked.
+// Also runs when the server does not answer, so that its last images age and are blanked.
 function refreshAges() {
   const error = linkError ?? state?.error;
   byId("error").hidden = !error;

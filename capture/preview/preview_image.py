@@ -1,4 +1,4 @@
-"""What the preview shows of one frame: an image, a histogram and a few figures."""
+"""The preview of one frame: an image, a histogram and a few figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig import Frame
 
 __all__ = ["PreviewImage", "preview_image"]
 
-# Enough to judge focus and framing on a page with four images.
+# Enough to judge focus and framing where the page shows four images.
 _LONGEST_SIDE_PX = 800
 _BINS = 64  # 2^6, see the shift by bit_depth - 6
 # BGR; every other pixel is grey.
@@ -21,7 +21,7 @@ _SATURATED_COLOUR = (40, 40, 255)
 
 @dataclass(frozen=True, eq=False)
 class PreviewImage:
-    """The last frame under one light, ready to be sent.
+    """One frame as the page shows it.
 
     Attributes
     ----------
@@ -32,12 +32,12 @@ class PreviewImage:
     exposed_s
         Start of exposure on the rig's clock.
     mean_share, saturated_share
-        Mean pixel value and number of saturated pixels, each from 0 to 1.
+        Mean pixel value and share of saturated pixels, each from 0 to 1.
     focus
-        Variance of the Laplacian over the squared mean. It is highest where the image is sharp;
-        values of different parts or lights cannot be compared.
+        Variance of the Laplacian over the squared mean. It is highest when the image is sharp.
+        Values of different parts or lights cannot be compared.
     histogram
-        Share of the pixels in each of 64 equal parts of the range.
+        Share of the pixels in each of 64 equal parts of the range of pixel values.
     """
 
     png: bytes
@@ -50,7 +50,7 @@ class PreviewImage:
 
 
 def preview_image(frame: Frame) -> PreviewImage:
-    """Return what the preview shows of a frame."""
+    """Return the preview of a frame."""
     full_scale = (1 << frame.bit_depth) - 1
     pixels = frame.pixels
     saturated = pixels >= full_scale
@@ -79,7 +79,7 @@ def _png(
     if scale < 1.0:
         size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
-        # A single saturated pixel stays visible: any share of it makes the smaller pixel red.
+        # A smaller pixel with any saturated share is red, so a single one stays visible.
         shares = cv2.resize(saturated.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         saturated = shares > 0
     colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)

@@ -18,10 +18,10 @@ from .loop import Preview
 
 __all__ = ["MAX_REQUESTS", "PreviewServer", "serving"]
 
-ADDRESS = "127.0.0.1"
-# Requests at a time, each with a thread; a page makes up to six. More are turned away.
+_ADDRESS = "127.0.0.1"
+# Simultaneous requests, each with a thread; a page makes up to six. Further ones are closed.
 MAX_REQUESTS = 32
-# A page on this machine asks and is answered within milliseconds.
+# A request of a page on this machine takes milliseconds.
 _DEADLINE_S = 5.0
 _HERE = Path(__file__).parent
 _FILES = {
@@ -41,30 +41,17 @@ _HEADERS = {
 
 
 class PreviewServer(ThreadingHTTPServer):
-    """Answers up to `MAX_REQUESTS` requests at a time, each in a thread of its own.
-
-    Parameters
-    ----------
-    port
-        0 takes any that is free.
-    deadline_s
-        A request that is not finished by then is cut off, however its client spends the time.
-
-    Raises
-    ------
-    InputError
-        If the port is not free.
-    """
+    """A server that answers up to `MAX_REQUESTS` requests at a time, each in its own thread."""
 
     daemon_threads = True
     request_queue_size = MAX_REQUESTS
 
-    def __init__(self, preview: Preview, port: int, deadline_s: float = _DEADLINE_S) -> None:
+    def __init__(self, preview: Preview, port: int, deadline_s: float) -> None:
         self.preview = preview
         self._deadline_s = deadline_s
         self._open: dict[socket.socket, float] = {}
         try:
-            super().__init__((ADDRESS, port), _Request)
+            super().__init__((_ADDRESS, port), _Request)
         except OSError as error:
             raise InputError(
                 f"port {port} cannot be used: {error.strerror}; give another with --port"
@@ -73,12 +60,7 @@ class PreviewServer(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         """Address of the page."""
-        return f"http://{ADDRESS}:{self.server_port}/"
-
-    @property
-    def hosts(self) -> tuple[str, ...]:
-        """Values of the Host header that are answered."""
-        return (f"{ADDRESS}:{self.server_port}", f"localhost:{self.server_port}")
+        return f"http://{_ADDRESS}:{self.server_port}/"
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if len(self._open) < MAX_REQUESTS:
@@ -92,15 +74,15 @@ class PreviewServer(ThreadingHTTPServer):
         self._open.pop(request, None)
 
     def service_actions(self) -> None:
-        # A time-out of the socket alone begins again with each byte of a slow client.
+        # A socket's own time-out restarts with each byte of a slow client.
         now_s = time.monotonic()
         for request, deadline_s in list(self._open.items()):
             if now_s > deadline_s:
-                with suppress(OSError):  # it has just been closed
+                with suppress(OSError):  # it may be closed already
                     request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        # A viewer that leaves in the middle of an answer is no error.
+        # A viewer that disconnects during an answer is not an error.
         pass
 
 
@@ -110,8 +92,9 @@ class _Request(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
-        # A site that points its own name at 127.0.0.1 (DNS rebinding) is refused by this header.
-        if self.headers.get("Host") not in self.server.hosts:
+        # Another site may resolve its own name to 127.0.0.1 (DNS rebinding).
+        hosts = [f"{name}:{self.server.server_port}" for name in (_ADDRESS, "localhost")]
+        if self.headers.get("Host") not in hosts:
             self._answer(421, "text/plain", b"not the address of the preview\n")
             return
         path = self.path.partition("?")[0]
@@ -142,7 +125,7 @@ class _Request(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        # A line for every image would bury the messages of the command.
+        # A line for every image would hide the messages of the command.
         pass
 
 
@@ -150,7 +133,20 @@ class _Request(BaseHTTPRequestHandler):
 def serving(
     preview: Preview, port: int, deadline_s: float = _DEADLINE_S
 ) -> Iterator[PreviewServer]:
-    """Serve the page from a thread while the block runs; arguments as `PreviewServer`."""
+    """Serve the page from a thread while the block runs.
+
+    Parameters
+    ----------
+    port
+        0 chooses a free one.
+    deadline_s
+        A request that takes longer is cut off, even if its client goes on sending.
+
+    Raises
+    ------
+    InputError
+        If the port is not free.
+    """
     server = PreviewServer(preview, port, deadline_s)
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()

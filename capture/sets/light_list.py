@@ -18,7 +18,7 @@ from classify.regular_file import read_regular_file
 __all__ = ["LightList", "load_light_list"]
 
 _MAX_BYTES = 2**22  # 16 KiB a light
-_MAX_LIGHTS = 255  # of a captured set with an ambient image
+_MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
@@ -52,12 +52,12 @@ class LightList:
     vectors
         (x, y, z) towards each light; x right, y up, z to the camera.
     intensities
-        Relative intensity of each light.
+        Intensity of each light relative to the others.
 
     Raises
     ------
     InputError
-        For no light, more than 255, or a name that occurs twice.
+        For no light, more than 255 lights, or a name that occurs twice.
     """
 
     source: Path
@@ -84,24 +84,21 @@ class LightList:
         Raises
         ------
         InputError
-            If an image is not listed, the counts differ, or a light is impossible.
+            If an image is not listed, the counts differ, or `Lighting` refuses a light.
         """
         if not self.names and len(images) != len(self.vectors):
             raise InputError(
                 f"{self.source}: {len(self.vectors)} lights for {len(images)} images; "
                 "give one each, in the same order"
             )
-        missing = [image.name for image in images if self.names and image.name not in self.names]
-        if missing:
-            raise InputError(f"{self.source}: lists no light for {missing[0]}")
-        rows = [
-            self.names.index(image.name) if self.names else row for row, image in enumerate(images)
-        ]
+        rows = list(range(len(images)))
+        if self.names:
+            missing = [image.name for image in images if image.name not in self.names]
+            if missing:
+                raise InputError(f"{self.source}: lists no light for {missing[0]}")
+            rows = [self.names.index(image.name) for image in images]
         try:
-            return Lighting(
-                np.array([self.vectors[row] for row in rows]),
-                np.array([self.intensities[row] for row in rows]),
-            )
+            return Lighting(np.array(self.vectors)[rows], np.array(self.intensities)[rows])
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from error
 
