@@ -1,4 +1,4 @@
-"""The camera protocol: what the rest of the program knows of any camera."""
+"""The interface of all cameras, and the frames that they deliver."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class Frame:
     bit_depth
         True depth: the sensor saturates at 2^bit_depth - 1.
     exposure_start_s, exposure_end_s
-        On the rig's monotonic clock; of the first row, if rows are exposed one after the other.
+        Times on the rig's monotonic clock; with a rolling shutter, those of the first row.
     sequence
-        The camera's count. A gap is a lost frame.
+        Number by the camera's count. A gap is a lost frame.
     flags
         `FrameFlag`.
     """
@@ -66,7 +66,7 @@ class CameraInfo:
     frame_period_s, exposure_s
         As read back from the camera.
     queue_length
-        Frames that the driver keeps; as many may be stale after a switch.
+        Number of frames that the driver keeps; all of them may be stale after a switch.
     readout_s
         Longest time from the exposure of the first row to that of the last; None if unknown.
     start_known_to_s

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -16,7 +17,6 @@ from capture.sets.metadata import (
     CameraRecord,
     ChecksRecord,
     ControllerRecord,
-    ImageRecord,
     LightingRecord,
     SetMetadata,
     image_noise,
@@ -78,15 +78,14 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         checked_label(label)
     failures: list[Ps4rigError] = []
     while True:
-        created = datetime.now(UTC)
         try:
             rig.lights.recover()
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            attempt = _attempt(rig, average)
+            captured = _attempt(rig, label, average, failures)
             rig.lights.off()
-            break
+            return captured
         except (SetRejected, HardwareError) as error:
             _leds_off(rig)
             if len(failures) + 1 == MAX_ATTEMPTS:
@@ -96,47 +95,19 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         except BaseException:
             _leds_off(rig)
             raise
-    info = rig.camera.info
-    placement = None if rig.simulation is None else rig.simulation.placement
-    metadata = SetMetadata(
-        label=label,
-        created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
-        simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
-        bit_depth=info.bit_depth,
-        full_scale=attempt.images.full_scale,
-        lighting=LightingRecord.of(rig.lighting),
-        images=attempt.records,
-        orientation_deg=None if placement is None else placement.rotate_deg,
-        placement=placement,
-        rig_name=rig.config.name,
-        settle_ms=rig.config.lights.settle_ms,
-        synchronisation=rig.config.lights.synchronisation,
-        camera=_camera_record(info),
-        controller=ControllerRecord(**asdict(rig.lights.identity)),
-        checks=attempt.checks,
-        failed_attempts=tuple(map(str, failures)),
-        software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(attempt.images.images, attempt.images.ambient),
-    )
-    return CapturedSet(attempt.images.images, attempt.images.ambient, metadata)
 
 
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """Images that passed all checks, and their records: the light images', then the ambient's."""
-
-    images: LightImages
-    records: tuple[ImageRecord, ...]
-    checks: ChecksRecord
-
-
-def _attempt(rig: Rig, average: int) -> _Attempt:
-    info = rig.camera.info
+def _attempt(
+    rig: Rig, label: str | None, average: int, failures: Sequence[Ps4rigError]
+) -> CapturedSet:
+    """Capture and check a set once; `failures` are the errors of the attempts before."""
+    created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(RepeatDetector(), ExposureTimeline(info.frame_period_s))
     captured = _capture(rig, average, history)
     lights = _light_images(captured)
     ambient, *later = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
+    camera = _camera_record(info)
     images = LightImages(
         _stack(lights),
         ambient.pixels,
@@ -144,8 +115,35 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         rig.lighting,
         [light_name(rig, light) for light in range(len(rig.lighting))],
         full_scale,
-        image_noise(_camera_record(info), info.bit_depth, full_scale, average),
+        image_noise(camera, info.bit_depth, full_scale, average),
     )
+    checks = _check(rig, images, average, history)
+    placement = None if rig.simulation is None else rig.simulation.placement
+    metadata = SetMetadata(
+        label=label,
+        created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
+        bit_depth=info.bit_depth,
+        full_scale=full_scale,
+        lighting=LightingRecord.of(rig.lighting),
+        images=tuple(image.record for image in (*lights, ambient)),
+        orientation_deg=None if placement is None else placement.rotate_deg,
+        placement=placement,
+        rig_name=config.name,
+        settle_ms=config.lights.settle_ms,
+        synchronisation=config.lights.synchronisation,
+        camera=camera,
+        controller=ControllerRecord(**asdict(rig.lights.identity)),
+        checks=checks,
+        failed_attempts=tuple(map(str, failures)),
+        software_version=version("ps4rig"),
+        pixels_sha256=pixels_sha256(images.images, images.ambient),
+    )
+    return CapturedSet(images.images, images.ambient, metadata)
+
+
+def _check(rig: Rig, images: LightImages, average: int, history: FrameHistory) -> ChecksRecord:
+    """Check the images of a set, if need be with a retake; may raise SetRejected."""
     ambient_change = check_ambient(images)
     check_images(images)
     agreement = check_agreement(images)
@@ -154,7 +152,7 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         check_retake(images, _stack(retaken), agreement)
     found = agreement.found
     levels = None if found is None else found.levels
-    checks = ChecksRecord(
+    return ChecksRecord(
         ambient_change=ambient_change,
         redundancy_residual=None if found is None else found.redundancy_residual,
         light_levels=levels,
@@ -163,7 +161,6 @@ def _attempt(rig: Rig, average: int) -> _Attempt:
         light_order=check_order(images),
         undecided=agreement.undecided,
     )
-    return _Attempt(images, tuple(image.record for image in (*lights, ambient)), checks)
 
 
 def _capture(

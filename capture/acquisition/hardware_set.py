@@ -104,10 +104,10 @@ def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
     wanted = plan.frames_per_step * len(plan.lights)
     while len(frames.received) < wanted or sequence.is_running():
         if plan.triggers and len(frames.received) == wanted:
-            rig.clock.sleep_s(_POLL_S)  # the last step outlasts its frame
+            rig.clock.sleep_s(_POLL_S)  # the last step lasts longer than its frame
         elif not frames.take():
             sequence.is_running()
-            break  # the controller may know why
+            break  # the report may name the cause
     report = sequence.report()
     exposures_s, tolerance_s = _exposures_s(rig, plan, report), _tolerance_s(rig, report)
     last_s = exposures_s[-1] - tolerance_s
@@ -141,7 +141,7 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
     if report.clock.uncertainty_s > most_s:
         raise SetRejected(
             "set rejected: the controller's clock is known only to "
-            f"{1e3 * report.clock.uncertainty_s:.1f} ms, which does not tell frames apart: the "
+            f"{1e3 * report.clock.uncertainty_s:.1f} ms, too coarse to tell frames apart: the "
             "serial line or this computer is too slow; stop other programs"
         )
     camera = rig.config.camera
@@ -225,14 +225,14 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             f"{report.cause or 'the controller used another order'}; check the cables of strobe "
             "and trigger"
         )
-    blind = plan.triggers and all(step.exposures == 0 for step in report.steps)
+    without_strobe = plan.triggers and all(step.exposures == 0 for step in report.steps)
     least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
     most_us = 1e6 * plan.exposed_s * (1.0 + _PULSE_TOLERANCE) + _PULSE_TOLERANCE_US
     changes_us = [*(step.lit_us for step in report.steps[1:]), report.ended_us]
     begun_s: list[float] = []
     for step, changed_us in zip(report.steps, changes_us, strict=True):
         begun_us, ended_us = step.begun_us, step.ended_us
-        if blind and step.triggered_us is not None:
+        if without_strobe and step.triggered_us is not None:
             # No strobe is connected: the exposure starts at the trigger.
             begun_us, ended_us = step.triggered_us, step.triggered_us + round(1e6 * plan.exposed_s)
         name = light_name(rig, step.light)
@@ -252,7 +252,7 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
                 f"set rejected: the light changed during the exposure under {name}: the controller "
                 "was late, or the line is noisy; shorten the exposure, or check the strobe's cable"
             )
-        if begun_s and not blind and step.exposures != plan.frames_per_step:
+        if begun_s and not without_strobe and step.exposures != plan.frames_per_step:
             raise SetRejected(
                 f"set rejected: {step.exposures} exposures under {name} on the strobe line instead "
                 f"of {plan.frames_per_step}: the controller was late, or the line is noisy; "

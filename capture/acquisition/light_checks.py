@@ -43,8 +43,8 @@ __all__ = [
 Images = npt.NDArray[np.uint16]
 
 # Correlation of the ambient image with an LED's shading from which the LED is named as the one
-# that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It words a
-# message and rejects nothing.
+# that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It only changes
+# the wording of a message.
 _STAYS_ON_CORRELATION = 0.3
 
 
@@ -61,7 +61,7 @@ class LightImages:
     lighting, names
         The lights, and their names in messages.
     full_scale, noise
-        Pixel value of saturation; noise of the images, None if unknown.
+        Pixel value of saturation; noise model of the images, None if unknown.
     """
 
     images: Images
@@ -133,7 +133,7 @@ def check_agreement(images: LightImages) -> Agreement:
             images.images, images.lighting, images.ambient, images.full_scale, images.noise
         )
     except InputError:  # not four lights, or three of them in one plane
-        return Agreement(None, ("four lights in general position would confirm each other",))
+        return Agreement(None, ("the redundancy needs four lights in general position",))
     _check_levels(found, images)
     return Agreement(found, tuple(_undecided(found)))
 

@@ -2,15 +2,15 @@
 
 An LED is switched at a known time a, and the frames around it are averaged in bands of rows. A row
 that was exposed from S to S + e holds a share F of the step's light. For light that approaches its
-level exponentially with time constant tau, and x = S + e - a, the rest of the exposure after the
+level exponentially with time constant tau, and x = S + e - a, the part of the exposure after the
 switch,
 
     F = (G(x) - G(x - e)) / e,    G(x) = x+ - tau (1 - exp(-x+ / tau)),    x+ = max(x, 0),
 
 and the share after a step down is 1 - F. Band b, from 0 to 1, starts at S = s + D + b R, where s is
 the reported start of the exposure. D, R and both time constants are fitted to all bands of all
-frames. Each frame that caught a step then gives a D of its own; their scatter is the uncertainty of
-one stamp.
+frames. Each frame whose exposure contains a step then gives its own D; their scatter is the
+uncertainty of one stamp.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["StepFit", "Steps", "fit_steps", "lit_share"]
 
 Floats = npt.NDArray[np.float64]
 
-# Shares of light in a band that caught the step; beyond them noise would decide when it came.
+# Shares of light in a band whose exposure contains the step; beyond them noise dominates its time.
 _CAUGHT = (0.03, 0.97)
 # The fit starts from the best point of a grid over the first and the last band: D in steps of this
 # many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
@@ -34,7 +34,7 @@ _GRID_PERIODS = 0.04
 _GRID_READOUTS = 9
 _GRID_BANDS = [0, -1]
 _GRID_TAU_S = 0.0003
-# Far beyond any LED, so that the fit stays finite.
+# Time constants beyond those of any LED, so that the fit stays finite.
 _TAU_LIMITS_S = (1e-6, 0.1)
 # Residual from which a share has less weight (soft L1), several times the noise of a band: a frame
 # with a jittering stamp, or other light.
@@ -77,8 +77,8 @@ class StepFit:
     start_s
         From the reported to the true exposure start of the row that is exposed first.
     deviation_s
-        Largest deviation of a frame's own start from it, plus one standard deviation for frames
-        that were not measured.
+        Largest deviation of a frame's own start from `start_s`, plus one standard deviation for
+        frames that were not measured.
     readout_s, readout_error_s
         From the row that is exposed first to the last one, with its standard error.
     bottom_up
@@ -86,7 +86,7 @@ class StepFit:
     rise_s, fall_s
         10 % to 90 % times of the light.
     caught
-        Number of frames that caught a step.
+        Number of frames whose exposure contains a step.
     misfit
         Root mean square residual of the shares.
     """
@@ -171,7 +171,7 @@ def _misfit(steps: Steps, values: Floats) -> Floats:
 
 
 def _left_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
-    """(F, B) x of the module's formula: rest of each band's exposure after the step."""
+    """(F, B) x of the module's formula: part of each band's exposure after the step."""
     begins = steps.reported_s[:, None] + start_s + steps.bands * readout_s
     return begins + steps.exposure_s
 
@@ -179,7 +179,7 @@ def _left_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
 def _frame_offsets(
     steps: Steps, start_s: float, readout_s: float, rise_s: float, fall_s: float
 ) -> Floats:
-    """Offset of the start of each frame that caught a step, the median of its bands."""
+    """Offset of the start of each frame that contains a step: the median of its bands."""
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
     expected = _left_s(steps, start_s, readout_s)
     differences = []

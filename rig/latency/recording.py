@@ -25,12 +25,12 @@ Floats = npt.NDArray[np.float64]
 _BANDS = 32
 # Periods of frames recorded after a step, on top of stale frames: the step and its end.
 _PERIODS_AFTER = 2.0
-# Least change of a band's light as a share of the range: with less, noise decides.
+# Least change of a band's light as a share of the range: with less, noise dominates.
 _MIN_CONTRAST = 0.01
 # Drift of the controller's crystal against this computer's: common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
-# Exchanges before and after one whose bounds are combined: enough for a fast one among them, few
-# enough for drift.
+# Number of exchanges before and after each one whose bounds are combined: enough that one of them
+# is fast, few enough that the clocks hardly drift.
 _NEIGHBOURS = 8
 # The second half of the switches may miss an exposure by this share of it, because its ends are
 # known only roughly after the first half.

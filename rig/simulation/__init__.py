@@ -1,5 +1,5 @@
 """Simulated hardware of a rig: board and LEDs, camera and sensor, and their faults.
 
-The drivers above are the real ones. `scene` has the parts that the camera sees, `firmware_sim` the
-controller; `devices` puts the simulated rig behind real device files.
+The drivers are the same as for real hardware. `rig.scene` renders the parts, `firmware_sim` is the
+controller; `devices` connects the simulated rig to real device files.
 """

@@ -20,12 +20,12 @@ from .sensor import RecordedPixels, Sensor
 
 __all__ = ["LitScene", "ReportedTiming", "SimulatedCamera"]
 
-# A controller that switches at the end of an exposure first needs the processor.
+# Time after the exposure for which the processor is left to a controller that switches then.
 _SWITCH_S = 0.001
 
 
 class LitScene(Protocol):
-    """What the camera sees: (N, H, W) light of each LED, and (H, W) without any."""
+    """Light from a scene: (N, H, W) of each LED alone, and (H, W) with all LEDs off."""
 
     @property
     def lights(self) -> npt.NDArray[np.float32]: ...

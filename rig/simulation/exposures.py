@@ -13,8 +13,8 @@ from firmware_sim import Clock
 __all__ = ["TRANSFER_S", "Exposures", "FreeRunning", "Shutter", "Triggered"]
 
 TRANSFER_S = 0.004
-"""From the end of the last row's exposure to the frame in the driver's queue: about what
-1280 x 1024 px of 8 bit take over USB 3."""
+"""Time from the end of the last row's exposure to the frame in the driver's queue: about that of
+1280 x 1024 px of 8 bit over USB 3."""
 # How often a program that waits for a frame checks whether one was triggered.
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.

@@ -36,7 +36,7 @@ __all__ = ["Simulation"]
 
 
 class Simulation:
-    """Everything in a simulated rig that is hardware in a real one.
+    """The hardware of a simulated rig.
 
     Parameters
     ----------
@@ -48,10 +48,10 @@ class Simulation:
     Attributes
     ----------
     port
-        Where the light controller's firmware answers.
+        Address at which the light controller's firmware answers.
     ports
-        The same, for a program that looks for the controller; empty while it is unplugged,
-        because the system gives the name to another program's pty.
+        List that holds `port`, for discovery; empty while the controller is unplugged, because the
+        system may give its name to the pty of another program.
     controller
         The firmware, with the configured faults of its line.
     board
@@ -59,7 +59,7 @@ class Simulation:
     camera
         The camera above the part.
     frames
-        What a program reads: the camera's frames with the configured faults.
+        The camera with the configured faults, from which a program reads.
     placement
         The part below the camera, None if the camera replays a captured set.
     """

@@ -23,9 +23,9 @@ _CACHE_BYTES = 64_000_000
 
 
 def surface_names() -> tuple[str, ...]:
-    """Surfaces to start with: the four of the thesis, then the bundled materials.
+    """Names of built-in surfaces: the four of the thesis, then bundled materials.
 
-    They need no folder. The same holds for the other names in `SYNTHETIC_TEXTURES`.
+    The other names in `SYNTHETIC_TEXTURES` need no material folder either.
     """
     return (*SYNTHETIC_NAMES, *bundled_materials())
 
@@ -33,7 +33,7 @@ def surface_names() -> tuple[str, ...]:
 class SceneCache:
     """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig.
 
-    When all scenes together exceed `limit_bytes`, the least recently used ones go.
+    When all scenes together exceed `limit_bytes`, the least recently used ones are removed.
     """
 
     def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
@@ -57,15 +57,15 @@ _SHARED_CACHE = SceneCache()
 
 
 class SceneRenderer:
-    """Renders what the camera of one rig sees.
+    """Renders the scenes below one rig's camera.
 
     Parameters
     ----------
     config
         Lights, frame size and ambient light.
     cache
-        Where scenes of named surfaces are kept; by default one for the whole process. A material
-        folder is rendered anew, because its files may change.
+        Cache for the scenes of built-in surfaces; by default one for the whole process. A material
+        folder is rendered each time, because its files may change.
     """
 
     def __init__(self, config: RigConfig, cache: SceneCache = _SHARED_CACHE) -> None:
@@ -106,7 +106,7 @@ class SceneRenderer:
         key: tuple[object, ...] = (name,)
         if name in SYNTHETIC_TEXTURES:
             key = (name, placement.seed, size_px)
-        # The last one is kept, because a surface is often captured at many orientations.
+        # The last surface is kept, because it is often captured at many orientations.
         if self._surface is None or self._surface[0] != key:
             self._surface = (key, _load(name, placement.seed, size_px))
         return self._surface[1]

@@ -1,4 +1,4 @@
-"""Time stamps of a simulated camera's driver, and what the rig concludes from them."""
+"""Time stamps of a simulated driver, and the exposure times that the rig derives."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def reported_timing(
     """The timing that the rig derives from the stamps of a simulated driver.
 
     Without `stamp_lag_ms` the driver stamps the start of exposure and is believed. With it, the
-    stamps are late by the lag and a random jitter, and the configuration of the camera says what
-    is known of them.
+    stamps are late by the lag and a random jitter, and are evaluated as those of a real camera, by
+    the timing in its configuration.
 
     Raises
     ------

@@ -207,30 +207,18 @@ def with_counted_frames(rig: Rig, change: Callable[[Frame, int], Frame | None]) 
     return with_frames(rig, lambda frame: change(frame, next(numbers)))
 
 
-def lose(frame: Frame, number: int) -> Frame | None:
-    return None if number == 3 else frame
-
-
-def repeat(frame: Frame, number: int) -> Frame:
-    return replace(frame, sequence=frame.sequence - 1) if number == 3 else frame
-
-
-def spoil(frame: Frame, _number: int) -> Frame:
-    return replace(frame, flags=FrameFlag.CORRUPT)
-
-
-def stamp_early(frame: Frame, _number: int) -> Frame:
-    return frame.shifted(-0.012)
-
-
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        (lose, r"was lost|0 of 4 frames fit"),
-        (repeat, "came twice"),
-        (spoil, "is corrupt"),
-        (stamp_early, r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency"),
+        (lambda frame, n: None if n == 3 else frame, r"was lost|0 of 4 frames fit"),
+        (lambda frame, n: replace(frame, sequence=frame.sequence - (n == 3)), "came twice"),
+        (lambda frame, _: replace(frame, flags=FrameFlag.CORRUPT), "is corrupt"),
+        (
+            lambda frame, _: frame.shifted(-0.012),
+            r"nearest began -1[12]\.\d ms from it.*run ps4rig rig latency",
+        ),
     ],
+    ids=["lost", "repeated", "corrupt", "stamped early"],
 )
 def test_a_disturbed_frame_is_rejected_with_its_cause(rig: Rig, change, cause) -> None:
     try:

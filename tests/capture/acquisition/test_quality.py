@@ -19,32 +19,25 @@ def check(levels: tuple[float, ...], ambient: float = 80.0, saturated_pixels: in
     check_images(LightImages(images, dark, None, Lighting.ring(45.0), NAMES, TOP, None))
 
 
-def test_even_light_passes() -> None:
-    check((2000, 1800, 2100, 1500))
+def test_even_light_with_one_percent_of_saturated_pixels_passes() -> None:
+    check((2000, 1800, 2100, 1500), saturated_pixels=10)  # 1 % of 1000
 
 
-def test_one_percent_of_saturated_pixels_passes() -> None:
-    check((2000,) * 4, saturated_pixels=10)  # 1 % of 1000
-
-
-def test_more_saturated_pixels_are_rejected() -> None:
-    with pytest.raises(SetRejected, match=r"^set rejected: LED 1: 1\.1% of the pixels are satur"):
-        check((2000,) * 4, saturated_pixels=11)
-
-
-def test_darkness_is_measured_above_the_ambient_image() -> None:
-    with pytest.raises(SetRejected, match=r"LED 2: dark, 5\.0 of 4095 above ambient"):
-        check((2000, 2000, 1005, 2000), ambient=1000)
-
-
-def test_an_image_darker_than_the_ambient_image_is_dark() -> None:
-    with pytest.raises(SetRejected, match=r"LED 0: dark, -30\.0 of 4095"):
-        check((50, 2000, 2000, 2000))
-
-
-def test_an_led_far_weaker_than_the_brightest_is_named_with_its_share() -> None:
-    with pytest.raises(SetRejected, match=r"LED 3: only 5% of the brightest light"):
-        check((2080, 1080, 2080, 180))
+@pytest.mark.parametrize(
+    ("levels", "ambient", "saturated_pixels", "message"),
+    [
+        ((2000,) * 4, 80, 11, r"LED 1: 1\.1% of the pixels are saturated \(limit 1%\)"),
+        ((2000, 2000, 1005, 2000), 1000, 0, r"LED 2: dark, 5\.0 of 4095 above ambient"),
+        ((50, 2000, 2000, 2000), 80, 0, r"LED 0: dark, -30\.0 of 4095"),
+        ((2080, 1080, 2080, 180), 80, 0, r"LED 3: only 5% of the brightest light \(limit 10%\)"),
+    ],
+    ids=["saturated", "dark", "darker than the ambient image", "weak"],
+)
+def test_a_saturated_dark_or_weak_image_is_rejected_with_its_value(
+    levels: tuple[float, ...], ambient: float, saturated_pixels: int, message: str
+) -> None:
+    with pytest.raises(SetRejected, match=f"^set rejected: {message}"):
+        check(levels, ambient, saturated_pixels)
 
 
 def test_all_causes_are_named_at_once() -> None:

@@ -201,25 +201,26 @@ def test_a_triggered_rig_is_measured_by_software() -> None:
         check_stored_values(truth, measure_latency(rig))
 
 
-def test_an_led_that_the_camera_does_not_see_is_refused() -> None:
-    config = without_timing(RigConfig().with_changes(camera=SIZE))
+UNSTEADY = {"faults": {"leds": [{"kind": "unsteady", "led": 0}]}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "message"),
+    [
+        ({}, 0, "makes no difference in the frames; choose an LED"),
+        ({"camera": {"exposure_ms": 33.0}}, 100, r"saturated.*shorten"),
+        ({"simulation": UNSTEADY}, 100, r"do not follow LED 0: .* limit 8%; shield the rig"),
+    ],
+    ids=["LED out of sight", "saturated", "other light"],
+)
+def test_frames_that_do_not_show_the_led_are_refused(
+    changes: dict[str, dict[str, object]], level: int, message: str
+) -> None:
+    config = without_timing(RigConfig().with_changes(camera=SIZE).with_changes(**changes))
     with open_rig(config) as rig:
-        rig.lights.set_level(0, 0)
-        with pytest.raises(CameraError, match="makes no difference in the frames"):
-            measure_latency(rig, steps=5)
-
-
-def test_saturated_frames_are_refused() -> None:
-    config = without_timing(RigConfig().with_changes(camera={**SIZE, "exposure_ms": 33.0}))
-    with open_rig(config) as rig, pytest.raises(CameraError, match=r"saturated.*shorten"):
-        measure_latency(rig, steps=5)
-
-
-def test_other_light_that_changes_is_refused() -> None:
-    plan = {"leds": [{"kind": "unsteady", "led": 0}]}
-    config = without_timing(RigConfig().with_changes(camera=SIZE, simulation={"faults": plan}))
-    with open_rig(config) as rig, pytest.raises(CameraError, match="do not follow LED 0"):
-        measure_latency(rig, steps=10)
+        rig.lights.set_level(0, level)
+        with pytest.raises(CameraError, match=message):
+            measure_latency(rig, steps=10)
 
 
 def test_a_camera_without_time_stamps_is_refused() -> None:

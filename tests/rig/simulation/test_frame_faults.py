@@ -6,14 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig import CameraError, ConfigError, Frame, RigConfig, load_config, open_rig
+from rig import CameraError, ConfigError, Frame, Rig, RigConfig, load_config, open_rig
+
+
+def rig_with(*faults: dict[str, Any]) -> Rig:
+    camera = {"width_px": 48, "height_px": 32}
+    return open_rig(
+        RigConfig().with_changes(camera=camera, simulation={"faults": {"frames": faults}})
+    )
 
 
 def frames(count: int, *faults: dict[str, Any]) -> list[Frame]:
-    config = RigConfig().with_changes(
-        camera={"width_px": 48, "height_px": 32}, simulation={"faults": {"frames": faults}}
-    )
-    with open_rig(config) as rig:
+    with rig_with(*faults) as rig:
         rig.lights.select(0)
         return [rig.camera.read(1.0) for _ in range(count)]
 
@@ -66,11 +70,7 @@ def test_a_drifting_exposure_grows_by_its_rate() -> None:
 
 
 def test_a_camera_that_is_gone_stays_gone() -> None:
-    config = RigConfig().with_changes(
-        camera={"width_px": 48, "height_px": 32},
-        simulation={"faults": {"frames": [{"kind": "gone", "when": {"nth": 3}}]}},
-    )
-    with open_rig(config) as rig:
+    with rig_with({"kind": "gone", "when": {"nth": 3}}) as rig:
         assert [rig.camera.read(1.0).sequence for _ in range(2)] == [0, 1]
         for _ in range(3):
             with pytest.raises(CameraError, match="the camera is gone"):

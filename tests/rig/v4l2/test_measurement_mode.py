@@ -18,11 +18,8 @@ from rig.v4l2.controls import list_controls
 from rig.v4l2.device import V4l2Device
 from rig.v4l2.measurement_mode import check_measurement_mode, set_measurement_mode
 
-AUTO, TIME, PRIORITY = (
-    abi.CID_EXPOSURE_AUTO,
-    abi.CID_EXPOSURE_ABSOLUTE,
-    abi.CID_EXPOSURE_AUTO_PRIORITY,
-)
+AUTO, TIME = abi.CID_EXPOSURE_AUTO, abi.CID_EXPOSURE_ABSOLUTE
+PRIORITY = abi.CID_EXPOSURE_AUTO_PRIORITY
 APERTURE_PRIORITY = 3
 
 
