@@ -47,7 +47,7 @@ def reproduce(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
-    from capture.studies.reproduction.experiments import material_textures, plan_of
+    from capture.studies.reproduction.plan import material_textures, plan_of
     from capture.studies.reproduction.run import reproduce as run
 
     page = run(plan_of(quick, material_textures(materials)), output, workers, scheduler)

@@ -20,16 +20,9 @@ from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit
 
 __all__ = [
-    "Field",
-    "cells",
-    "crested",
-    "gaussian",
-    "inverted",
-    "phase_randomised",
-    "ridged",
-    "shaded",
+    "Field", "cells", "crested", "gaussian", "inverted", "phase_randomised", "ridged", "shaded",
     "shot_noise",
-]
+]  # fmt: skip
 
 Image = npt.NDArray[np.float64]
 Field = Callable[[np.random.Generator, int], Image]

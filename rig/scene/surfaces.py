@@ -16,14 +16,9 @@ from classify.threads import thread_count
 from .resampling import sample_rotated, spline_coefficients
 
 __all__ = [
-    "MAX_SIDE_PX",
-    "PeriodicSurface",
-    "SurfacePatch",
-    "periodic_height",
-    "rms_slope",
-    "round_band_limit",
-    "spectral_gradients",
-]
+    "MAX_SIDE_PX", "PeriodicSurface", "SurfacePatch", "periodic_height", "rms_slope",
+    "round_band_limit", "spectral_gradients",
+]  # fmt: skip
 
 FloatImage = npt.NDArray[np.float32]
 

@@ -37,15 +37,9 @@ from .random_fields import (
 from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
 
 __all__ = [
-    "ALBEDO",
-    "EQUAL_SPECTRUM_TWINS",
-    "RMS_SLOPE",
-    "SYNTHETIC_30",
-    "SYNTHETIC_NAMES",
-    "SYNTHETIC_TEXTURES",
-    "synthetic_surface",
-    "tile_side_px",
-]
+    "ALBEDO", "EQUAL_SPECTRUM_TWINS", "RMS_SLOPE", "SYNTHETIC_30", "SYNTHETIC_NAMES",
+    "SYNTHETIC_TEXTURES", "synthetic_surface", "tile_side_px",
+]  # fmt: skip
 
 RMS_SLOPE = 0.5
 """sqrt(mean(p^2 + q^2)) of the four; it gives sand its shadow counts."""

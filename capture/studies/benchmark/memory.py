@@ -19,13 +19,8 @@ from rig.simulation.simulated_set import SimulatedSet
 from .measurements import Measurement, Section
 
 __all__ = [
-    "Step",
-    "available_memory",
-    "classify_step",
-    "match_step",
-    "memory_section",
-    "solve_step",
-]
+    "Step", "available_memory", "classify_step", "match_step", "memory_section", "solve_step",
+]  # fmt: skip
 
 Step = Callable[[], Callable[[], object]]
 """Compiles a step with a call on little data, and returns the call to measure."""

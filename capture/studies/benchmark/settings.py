@@ -11,28 +11,14 @@ __all__ = ["FULL", "QUICK", "Settings"]
 
 @dataclass(frozen=True)
 class Settings:
-    """Sizes and numbers of rounds.
+    """Sizes and numbers of rounds; the defaults are those of the full benchmark."""
 
-    Attributes
-    ----------
-    solver_frame_px
-        Rows and columns for the solvers, by default those of a common sensor of five megapixels.
-    frames_px
-        Sides of the frames for the classification.
-    textures, texture_frame_px
-        Textures that the large libraries are mixed from, and side of their frames.
-    library_sizes
-        References of each library to search.
-    largest_library
-        References of one more library, in a file; None leaves it out.
-    """
-
-    solver_frame_px: tuple[int, int] = (1944, 2592)
-    frames_px: tuple[int, ...] = (512, 1024)
-    textures: tuple[str, ...] = SYNTHETIC_TEXTURES
+    solver_frame_px: tuple[int, int] = (1944, 2592)  # rows, columns: a sensor of five megapixels
+    frames_px: tuple[int, ...] = (512, 1024)  # sides of the frames to classify
+    textures: tuple[str, ...] = SYNTHETIC_TEXTURES  # the large libraries are mixed from these
     texture_frame_px: int = 512
-    library_sizes: tuple[int, ...] = (30, 1_000, 10_000)
-    largest_library: int | None = 100_000
+    library_sizes: tuple[int, ...] = (30, 1_000, 10_000)  # references
+    largest_library: int | None = 100_000  # references in a file; None leaves it out
     solver_rounds: int = 40
     numpy_rounds: int = 4
     pipeline_rounds: int = 60

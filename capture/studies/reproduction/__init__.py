@@ -1,9 +1,10 @@
 """Every figure and table of chapter 9 of the thesis, measured on simulated surfaces, and more.
 
-    plan, experiments -> training, testing    libraries, and matches of test patches (`patches`)
-                      -> sand                 shadow counts, spectra and maps of sand
-                      -> chapter_*, comparison, rejection    exhibits: text, numbers, drawing
-                      -> output               CSV, PNG, JSON, one HTML page
+    plan -> runs           libraries, and matches of test patches (`patches`)
+         -> timing         times of one classification
+         -> sand           shadow counts, spectra and maps of sand
+         -> chapter_*, comparison, rejection    exhibits: text, numbers, drawing
+         -> output         CSV, PNG, JSON, one HTML page
 
 Scene and sensor are those of the simulated rig, without the timing of LEDs and frames.
 """

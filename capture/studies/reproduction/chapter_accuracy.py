@@ -6,22 +6,10 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import partial
 
-from . import plots
+from . import plan, plots
 from .exhibit import Cell, Exhibit, Row
-from .plan import (
-    BEST_SOLVER,
-    OF_28_IMAGES,
-    OF_SPECTRA,
-    ONE_D,
-    ONE_SEGMENT,
-    OURS,
-    SOLVERS,
-    TEXTONS,
-    THESIS,
-    Protocol,
-)
 from .results import CLASSIFIER_TITLES, SOLVER_TITLES, Results
-from .testing import System
+from .runs import System
 
 __all__ = ["accuracy_exhibits"]
 
@@ -30,11 +18,14 @@ _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07
 _THESIS_TEXTONS, _THESIS_WORST_WITH_SHADOW = 100.0, 95.83
 _NOT_IN_THESIS = "not in it"
 
-_PROTOCOLS: dict[Protocol, str] = {"rotated": "same patch rotated", "disjoint": "disjoint patches"}
+_PROTOCOLS: dict[plan.Protocol, str] = {
+    "rotated": "same patch rotated",
+    "disjoint": "disjoint patches",
+}
 
 
 def accuracy_exhibits(results: Results) -> Iterator[Exhibit]:
-    """In the order of the chapter, after a summary."""
+    """Make a summary and the exhibits in the order of the chapter."""
     yield _summary(results)
     yield _by_slant(results)
     yield _by_texture(results)
@@ -65,15 +56,15 @@ def _columns_of_chapter(results: Results) -> list[str]:
 
 def _summary(results: Results) -> Exhibit:
     systems: tuple[tuple[str, str, str, str, Cell], ...] = (
-        ("PS3, 1D", "ps3a", ONE_D, ONE_SEGMENT, _THESIS_PS3_1D),
-        ("PS4, 1D", "ps4", ONE_D, ONE_SEGMENT, _THESIS_PS4_1D),
-        ("PS4, 2D", "ps4", THESIS, ONE_SEGMENT, _THESIS_PS4_2D),
-        ("PS4, 2D, averaged over segments", "ps4", THESIS, "", _NOT_IN_THESIS),
+        ("PS3, 1D", "ps3a", plan.ONE_D, plan.ONE_SEGMENT, _THESIS_PS3_1D),
+        ("PS4, 1D", "ps4", plan.ONE_D, plan.ONE_SEGMENT, _THESIS_PS4_1D),
+        ("PS4, 2D", "ps4", plan.THESIS, plan.ONE_SEGMENT, _THESIS_PS4_2D),
+        ("PS4, 2D, averaged over segments", "ps4", plan.THESIS, "", _NOT_IN_THESIS),
         (
             "Varma-Zisserman, 28 training images",
-            BEST_SOLVER, TEXTONS, OF_28_IMAGES, _THESIS_TEXTONS,
+            plan.BEST_SOLVER, plan.TEXTONS, plan.OF_28_IMAGES, _THESIS_TEXTONS,
         ),
-        ("ours: robust PS4, joint", BEST_SOLVER, OURS, "", _NOT_IN_THESIS),
+        ("ours: robust PS4, joint", plan.BEST_SOLVER, plan.OURS, "", _NOT_IN_THESIS),
     )  # fmt: skip
     return Exhibit(
         "summary",
@@ -88,8 +79,12 @@ def _by_slant(results: Results) -> Exhibit:
     tests = results.plan.slants.tests
     slants_deg = sorted({test.conditions.slant_deg for test in tests})
     systems = (
-        *((solver, name, ONE_SEGMENT) for name in (ONE_D, THESIS) for solver in ("ps3a", "ps4")),
-        (BEST_SOLVER, OURS, ""),
+        *(
+            (solver, name, plan.ONE_SEGMENT)
+            for name in (plan.ONE_D, plan.THESIS)
+            for solver in ("ps3a", "ps4")
+        ),
+        (plan.BEST_SOLVER, plan.OURS, ""),
     )
     rows: list[Row] = []
     panels = []
@@ -128,7 +123,10 @@ def _wrong_by_texture(results: Results, system: System) -> str:
 
 def _by_texture(results: Results) -> Exhibit:
     names = [texture.name for texture in results.plan.thirty.textures]
-    systems = (*((solver, ONE_D, ONE_SEGMENT) for solver in SOLVERS), (BEST_SOLVER, OURS, ""))
+    systems = (
+        *((solver, plan.ONE_D, plan.ONE_SEGMENT) for solver in plan.SOLVERS),
+        (plan.BEST_SOLVER, plan.OURS, ""),
+    )
     panels = []
     columns: dict[str, list[float | None]] = {}
     for slant_deg in results.plan.chapter_slants_deg:
@@ -136,7 +134,7 @@ def _by_texture(results: Results) -> Exhibit:
         for solver, classifier, suffix in systems:
             system = ("thirty", f"slant {slant_deg:g}{suffix}", solver, classifier)
             values = [results.accuracy_pct(*system, texture=name) for name in names]
-            colour = plots.OUR_COLOUR if classifier == OURS else plots.COLOURS[solver]
+            colour = plots.OUR_COLOUR if classifier == plan.OURS else plots.COLOURS[solver]
             groups.append((_title(solver, classifier), colour, values))
             columns[f"slant_{slant_deg:g}_{solver}_{classifier}_pct"] = values
         panels.append((f"slant {slant_deg:g}", groups))
@@ -152,15 +150,15 @@ def _by_texture(results: Results) -> Exhibit:
 
 def _one_against_two_dimensions(results: Results) -> Exhibit:
     systems = (
-        *((name, ONE_SEGMENT) for name in OF_SPECTRA),
-        *((name, "") for name in (*OF_SPECTRA, OURS)),
+        *((name, plan.ONE_SEGMENT) for name in plan.OF_SPECTRA),
+        *((name, "") for name in (*plan.OF_SPECTRA, plan.OURS)),
     )
     rows: list[Row] = []
     panels = []
     for protocol, title in _PROTOCOLS.items():
         for slant_deg in results.plan.chapter_slants_deg:
             groups = []
-            for solver in SOLVERS:
+            for solver in plan.SOLVERS:
                 values = []
                 for name, suffix in systems:
                     test = f"slant {slant_deg:g}{suffix}"
@@ -185,15 +183,15 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
 
 
 def _against_textons(results: Results) -> Exhibit:
-    thesis = {(THESIS, 4): _THESIS_PS4_2D, (TEXTONS, 28): _THESIS_TEXTONS}
+    thesis = {(plan.THESIS, 4): _THESIS_PS4_2D, (plan.TEXTONS, 28): _THESIS_TEXTONS}
     rows: list[Row] = [
         (
             CLASSIFIER_TITLES[cost.classifier],
             cost.training_images,
             cost.images,
             *_of_chapter(
-                results, BEST_SOLVER, cost.classifier,
-                OF_28_IMAGES if cost.training_images == 28 else "",
+                results, plan.BEST_SOLVER, cost.classifier,
+                plan.OF_28_IMAGES if cost.training_images == 28 else "",
             ),
             thesis.get((cost.classifier, cost.training_images), _NOT_IN_THESIS),
             cost.solve_ms,

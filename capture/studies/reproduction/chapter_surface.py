@@ -158,7 +158,7 @@ def _drawn_maps(
 
 
 def _gains(errors: Mapping[str, float]) -> dict[str, str]:
-    """Slant, and the error of PS3a over that of the others, for the text."""
+    """Slant, and ratios of the error of PS3a to those of PS4, for the text."""
     return {
         "slant": _SLANT,
         "gain_ps4": f"{errors['ps3a'] / errors['ps4']:.1f}",

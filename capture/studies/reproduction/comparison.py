@@ -14,7 +14,7 @@ from . import plots
 from .exhibit import Cell, Exhibit, Row
 from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS
 from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
-from .testing import System
+from .runs import System
 
 __all__ = ["comparison_exhibits"]
 
@@ -23,7 +23,7 @@ _SOLVER_COLUMNS = tuple(f"{SOLVER_TITLES[solver]}, %" for solver in SOLVERS)
 
 
 def comparison_exhibits(results: Results) -> Iterator[Exhibit]:
-    """In the order of the page."""
+    """Make the exhibits in the order of the page."""
     yield _synthetic(results)
     yield _twins_and_small(results)
     yield _materials(results)

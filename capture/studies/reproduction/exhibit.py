@@ -29,35 +29,19 @@ class Text(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Exhibit:
-    """A figure with its numbers, or a table.
+    """A figure with its numbers, or a table if `draw` is None."""
 
-    Attributes
-    ----------
-    key
-        Stem of its files, and of its text in ``notes.toml``.
-    columns, rows
-        The numbers, as in the CSV file. The name of a column includes its unit.
-    draw
-        Draws a figure; None for a table.
-    size_in
-        Width and height of the drawing, inches.
-    digits
-        Decimals of the numbers of a table.
-    values
-        Replace the $names in the text.
-    """
-
-    key: str
-    columns: Sequence[str]
+    key: str  # stem of its files, and name of its text in notes.toml
+    columns: Sequence[str]  # each name includes the unit
     rows: list[Row]
     draw: Callable[[Figure], None] | None = None
-    size_in: tuple[float, float] = (8.0, 4.0)
-    digits: int = 1
-    values: Mapping[str, object] = field(default_factory=dict)
+    size_in: tuple[float, float] = (8.0, 4.0)  # width and height of the drawing
+    digits: int = 1  # decimals in a table
+    values: Mapping[str, object] = field(default_factory=dict)  # replace the $names in the text
 
     @property
     def text(self) -> Text:
-        """Text beside it."""
+        """Text beside the exhibit."""
         section, title, notes = _texts()[self.key]
         filled = [" ".join(Template(note).substitute(self.values).split()) for note in notes]
         return Text(section, title, filled)

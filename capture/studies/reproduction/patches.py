@@ -1,4 +1,4 @@
-"""Patches of textures, rendered, exposed, solved and observed once under each condition."""
+"""Patches of textures: rendered, exposed, solved and observed under some conditions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 
 @lru_cache(maxsize=2)
 def load_surface(texture: Texture, seed: int, tile_px: int) -> PeriodicSurface:
-    """The surface that patches are cut from."""
+    """Read or generate the surface that patches are cut from."""
     if texture.folder is not None:
         return load_material(texture.folder)
     return synthetic_surface(texture.name, seed, tile_px)
@@ -45,7 +45,7 @@ def render_patch(
 
 
 def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSet:
-    """Pixel values of a scene under the conditions."""
+    """Expose a scene under the conditions."""
     return SimulatedSet.expose(
         scene,
         Lighting.ring(conditions.slant_deg),
@@ -82,17 +82,17 @@ class CachedPatch:
         self._observations: dict[Hashable, Observation] = {}
 
     def images(self, conditions: Conditions) -> SimulatedSet:
-        """Its image set. The noise depends on position and conditions only."""
+        """Image set of the patch; its noise depends on position and conditions only."""
         slant_deg = conditions.slant_deg
         if slant_deg not in self._scenes:
             self._scenes[slant_deg] = render_patch(self.position, slant_deg, self._frame_px)
         scene = self._scenes[slant_deg].cropped(conditions.size_px, conditions.size_px)
-        # Without the folder: the noise of a material does not depend on where it is stored.
+        # The seed of the noise must not depend on the folder in which a material is stored.
         position = replace(self.position, texture=Texture(self.position.texture.name))
         return expose(scene, conditions, zlib.crc32(f"{position} {conditions}".encode()))
 
     def surface(self, conditions: Conditions, method: Method) -> SurfaceEstimate:
-        """The surface as a solver estimates it."""
+        """Surface as a solver estimates it."""
         key = (conditions, method)
         if key not in self._surfaces:
             self._surfaces[key] = solve(self.images(conditions), method)

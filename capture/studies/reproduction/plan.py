@@ -1,34 +1,24 @@
-"""What a reproduction measures, as data: training runs, test runs, experiments, the plan."""
+"""What a reproduction measures: textures, conditions, training runs, test runs, experiments."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from classify.classifiers import classifier_named
-from classify.methods import Method
+from classify.errors import InputError
+from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import segment_for
+from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
+from rig.scene.material_folder import bundled_materials
 
 __all__ = [
-    "BEST_SOLVER",
-    "OF_28_IMAGES",
-    "OF_SPECTRA",
-    "ONE_D",
-    "ONE_SEGMENT",
-    "OURS",
-    "SOLVERS",
-    "TEXTONS",
-    "THESIS",
-    "Conditions",
-    "Experiment",
-    "PatchPosition",
-    "Plan",
-    "Protocol",
-    "TestRun",
-    "Texture",
-    "TrainingRun",
-]
+    "BEST_SOLVER", "OF_28_IMAGES", "OF_SPECTRA", "ONE_D", "ONE_SEGMENT", "OURS", "SOLVERS",
+    "TEXTONS", "THESIS", "Conditions", "Experiment", "PatchPosition", "Plan", "Protocol",
+    "TestRun", "Texture", "TrainingRun", "material_textures", "plan_of", "thirty_textures",
+]  # fmt: skip
 
 Protocol = Literal["disjoint", "rotated"]
 """Tests on patches that share no pixel with training, or on the training patch, rotated."""
@@ -44,6 +34,16 @@ BEST_SOLVER: Method = SOLVERS[-1]
 ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
 """Suffixes of the names of runs."""
 
+# Seven sets of four images are the 28 training images of each class in table 9.1.
+_ORIENTATIONS_OF_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
+# The other 22 of the 30 and the 8 bundled materials make the 30 textures of the chapter. Each of
+# these eight differs little from another one of the 30.
+_NOT_AMONG_22 = (
+    "rock_smooth", "malv_near", "ripples_near", "ripples_wavy", "lattice", "rock_speckled",
+    "sand_striped", "ridged_tinted",
+)  # fmt: skip
+_MATERIAL_MAPS = ("height.png", "normal.png", "normal.jpg")
+
 
 @dataclass(frozen=True)
 class Texture:
@@ -55,61 +55,36 @@ class Texture:
 
 @dataclass(frozen=True)
 class PatchPosition:
-    """Position and orientation of a patch on a texture.
-
-    Attributes
-    ----------
-    seed
-        Realisation of a synthetic texture.
-    half_tile_away
-        Whether the patch of a material, which is one tile, is shifted by half a tile.
-    rotate_deg
-        Rotation of the surface, anticlockwise.
-    """
+    """Position and orientation of a patch on a texture."""
 
     texture: Texture
-    seed: int
-    half_tile_away: bool
-    rotate_deg: float
+    seed: int  # realisation of a synthetic texture
+    half_tile_away: bool  # shift on a material, which is one tile
+    rotate_deg: float  # anticlockwise
 
 
 @dataclass(frozen=True)
 class Conditions:
     """Lighting and exposure of a set.
 
-    Attributes
-    ----------
-    size_px
-        Side of the frame; smaller frames are the middle of larger ones.
-    shadows
-        False renders light that passes through the relief, negative where the surface faces
-        away, and does not clip it. No camera can take such images.
-    exposure
-        Relative to the 20 ms that fill 85 % of the well for white.
-    weak_led
-        Level of the second LED, unknown to the solver.
+    Without `shadows`, light passes through the relief, is negative where the surface faces away,
+    and is not clipped. No camera can take such images.
     """
 
     slant_deg: float
-    size_px: int
+    size_px: int  # side of the frame; smaller frames are the middle of larger ones
     bits: int = 12
     shadows: bool = True
-    exposure: float = 1.0
-    weak_led: float = 1.0
+    exposure: float = 1.0  # relative to the 20 ms that fill 85 % of the well for white
+    weak_led: float = 1.0  # level of the second LED, unknown to the solver
 
 
 @dataclass(frozen=True)
 class TrainingRun:
     """Libraries trained on one or more sets of each texture under the same conditions.
 
-    Attributes
-    ----------
-    orientations_deg
-        Orientations of the training patch, one set each.
-    one_segment
-        Whether a spectrum is one periodogram of the whole frame, not an average over segments.
-    tests_unknown
-        Whether each test is also matched without its own class in the library.
+    With `one_segment`, a spectrum is one periodogram of the whole frame, not an average over
+    segments. With `tests_unknown`, each test is also matched without its own class.
     """
 
     name: str
@@ -117,7 +92,7 @@ class TrainingRun:
     conditions: Conditions
     classifiers: tuple[str, ...]
     solvers: tuple[Method, ...]
-    orientations_deg: tuple[float, ...] = (0.0,)
+    orientations_deg: tuple[float, ...] = (0.0,)  # of the training patch, one set each
     one_segment: bool = False
     tests_unknown: bool = False
 
@@ -160,42 +135,30 @@ class Experiment:
 
     @property
     def training(self) -> list[TrainingRun]:
-        """The training runs, each once."""
+        """All training runs."""
         return list(dict.fromkeys(test.training for test in self.tests))
 
     @property
     def textures(self) -> list[Texture]:
-        """The textures of all training runs, each once."""
+        """The textures of all training runs."""
         return list(dict.fromkeys(t for run in self.training for t in run.textures))
 
     @property
     def frame_px(self) -> int:
         """Side of the largest frame."""
-        conditions = [run.conditions for run in self.tests]
-        conditions += [run.conditions for run in self.training]
-        return max(each.size_px for each in conditions)
+        conditions = {test.conditions for test in self.tests}
+        return max(at.size_px for at in conditions | {run.conditions for run in self.training})
 
     @property
     def facts(self) -> dict[str, object]:
         """Numbers of the first training run for the text of exhibits."""
-        first = self.training[0]
+        first, tests = self.training[0], len(self.orientations_deg)
         return {
-            "classes": len(first.textures),
-            "size": first.conditions.size_px,
-            "tests": len(self.orientations_deg),
-        }
-
-    @property
-    def patches(self) -> int:
-        """Number of test patches."""
-        return len(self.textures) * len(self.protocols) * len(self.orientations_deg)
-
-    def training_position(self, texture: Texture, rotate_deg: float) -> PatchPosition:
-        """Position of the training patch."""
-        return PatchPosition(texture, 0, False, rotate_deg)
+            "classes": len(first.textures), "size": first.conditions.size_px, "tests": tests,
+        }  # fmt: skip
 
     def test_position(self, texture: Texture, number: int, protocol: Protocol) -> PatchPosition:
-        """Position of a test patch: another realisation or another place if disjoint."""
+        """Position of a test patch. The seed of the training patch is 0."""
         disjoint = protocol == "disjoint"
         seed = 1000 + number if disjoint else 0
         return PatchPosition(texture, seed, disjoint, self.orientations_deg[number])
@@ -216,5 +179,159 @@ class Plan:
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
-        """All of them."""
+        """All experiments."""
         return (self.slants, self.thirty, self.synthetic, self.materials, self.robustness)
+
+
+def spread_orientations_deg(count: int) -> tuple[float, ...]:
+    """Orientations over 180 degrees, unevenly spaced, none of them a multiple of 90."""
+    return tuple(7.0 + 180.0 * i / count + 1.3 * (i % 3) for i in range(count))
+
+
+def material_textures(folder: Path | None) -> tuple[Texture, ...]:
+    """The material folders in `folder`, by default the bundled ones.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two.
+    """
+    if folder is None:
+        return tuple(Texture(name, path) for name, path in bundled_materials().items())
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give one that holds material folders")
+    found = tuple(
+        Texture(path.name, path.absolute())
+        for path in sorted(folder.iterdir())
+        if any((path / name).is_file() for name in _MATERIAL_MAPS)
+    )
+    if len(found) < 2:
+        raise InputError(
+            f"{folder}: holds {len(found)} material folders; give at least two, each with a "
+            "height.png or a normal.png"
+        )
+    return found
+
+
+def thirty_textures(quick: bool) -> tuple[Texture, ...]:
+    """22 synthetic textures and the 8 bundled materials; every fourth of them if quick."""
+    synthetic = [name for name in SYNTHETIC_30 if name not in _NOT_AMONG_22]
+    textures = _synthetic_textures(synthetic) + material_textures(None)
+    return textures[::4] if quick else textures
+
+
+def plan_of(quick: bool, materials: tuple[Texture, ...]) -> Plan:
+    """The full plan, or a quick one that takes two minutes on two cores."""
+    frame_px, materials_px = (128, (128, 256)) if quick else (256, (128, 256, 320))
+    orientations_deg = spread_orientations_deg(12 if quick else 24)
+    slants_deg = (45.0, 65.0)  # little shadow and much
+    if quick:
+        materials = materials[:: -(-len(materials) // 6)]
+    return Plan(
+        quick=quick,
+        frame_px=frame_px,
+        chapter_slants_deg=slants_deg,
+        slants=_slants(frame_px, orientations_deg, quick),
+        thirty=_thirty(frame_px, orientations_deg, slants_deg, quick),
+        synthetic=_synthetic(frame_px, orientations_deg, quick),
+        materials=_materials(materials, materials_px, orientations_deg),
+        robustness=_robustness(2 * frame_px, spread_orientations_deg(12), quick),
+    )
+
+
+def _synthetic_textures(names: Iterable[str]) -> tuple[Texture, ...]:
+    return tuple(Texture(name) for name in names)
+
+
+def _same_conditions(runs: Iterable[TrainingRun]) -> tuple[TestRun, ...]:
+    """Tests under the conditions of the training."""
+    return tuple(TestRun(run.name, run, run.conditions) for run in runs)
+
+
+def _slants(frame_px: int, orientations_deg: tuple[float, ...], quick: bool) -> Experiment:
+    """Figure 9.1: the four surfaces of the thesis, with and without shadow."""
+    four = _synthetic_textures(SYNTHETIC_TEXTURES[:4])
+    runs = []
+    for slant_deg in (40, 60, 80) if quick else range(10, 90, 10):
+        for shadows in (False, True):
+            at = Conditions(float(slant_deg), frame_px, shadows=shadows)
+            name = f"slant {slant_deg} {'with' if shadows else 'without'} shadow"
+            spectra = TrainingRun(
+                name + ONE_SEGMENT, four, at, (ONE_D, THESIS), SOLVERS, one_segment=True
+            )
+            runs += [TrainingRun(name, four, at, (OURS,), SOLVERS), spectra]
+    return Experiment("slants", _same_conditions(runs), orientations_deg)
+
+
+def _thirty(
+    frame_px: int, orientations_deg: tuple[float, ...], slants_deg: Sequence[float], quick: bool
+) -> Experiment:
+    """Figures 9.11 and 9.13, table 9.1: the thirty textures of the chapter."""
+    textures, runs = thirty_textures(quick), []
+    for slant_deg in slants_deg:
+        at = Conditions(slant_deg, frame_px)
+        name = f"slant {slant_deg:g}"
+        runs += [
+            TrainingRun(name, textures, at, CLASSIFIER_NAMES, SOLVERS),
+            TrainingRun(name + ONE_SEGMENT, textures, at, OF_SPECTRA, SOLVERS, one_segment=True),
+            TrainingRun(
+                name + OF_28_IMAGES, textures, at, (TEXTONS,), SOLVERS[-1:],
+                _ORIENTATIONS_OF_28_IMAGES_DEG,
+            ),
+        ]  # fmt: skip
+    return Experiment("thirty", _same_conditions(runs), orientations_deg, ("rotated", "disjoint"))
+
+
+def _synthetic(frame_px: int, orientations_deg: tuple[float, ...], quick: bool) -> Experiment:
+    """All classifiers on the synthetic 30; some with the twins and on patches of half the side."""
+    chosen = {*(SYNTHETIC_30[::6] if quick else SYNTHETIC_30), *EQUAL_SPECTRUM_TWINS.values()}
+    textures = _synthetic_textures(name for name in SYNTHETIC_30 if name in chosen)
+    with_twins = textures + _synthetic_textures(EQUAL_SPECTRUM_TWINS)
+    compared = (OURS, THESIS, ONE_D)
+    runs = []
+    for slant_deg in (30, 50, 70):
+        large = Conditions(float(slant_deg), frame_px, bits=8)
+        small = Conditions(float(slant_deg), frame_px // 2, bits=8)
+        name = f"slant {slant_deg}"
+        runs += [
+            TrainingRun(name, textures, large, CLASSIFIER_NAMES, SOLVERS, tests_unknown=True),
+            TrainingRun(f"{name}, twins", with_twins, large, compared, SOLVERS),
+            TrainingRun(f"{name}, small", textures, small, compared, SOLVERS),
+        ]
+    return Experiment("synthetic", _same_conditions(runs), orientations_deg)
+
+
+def _materials(
+    textures: tuple[Texture, ...], sizes_px: Sequence[int], orientations_deg: tuple[float, ...]
+) -> Experiment:
+    """Scanned materials at slant 45, patches of several sizes, both protocols."""
+    runs = [
+        TrainingRun(
+            f"{size_px} px", textures, Conditions(45.0, size_px), (OURS, *OF_SPECTRA),
+            SOLVERS[1:], tests_unknown=size_px == 256,
+        )
+        for size_px in sizes_px
+    ]  # fmt: skip
+    tests = _same_conditions(runs)
+    return Experiment("materials", tests, orientations_deg, ("rotated", "disjoint"))
+
+
+def _robustness(size_px: int, orientations_deg: tuple[float, ...], quick: bool) -> Experiment:
+    """Tests under other conditions than training: slant 45, 16 bit."""
+    textures = _synthetic_textures(SYNTHETIC_30[::5] if quick else SYNTHETIC_30)
+    usual, half = Conditions(45.0, size_px, 16), Conditions(45.0, size_px // 2, 16)
+    large, small = (
+        TrainingRun(name, textures, at, (OURS, THESIS), SOLVERS[-1:])
+        for name, at in (("large", usual), ("small", half))
+    )
+    tests = (
+        TestRun("as trained", large, usual),
+        TestRun("exposure halved", large, Conditions(45.0, size_px, 16, exposure=0.5)),
+        TestRun("one LED 5 % weak", large, Conditions(45.0, size_px, 16, weak_led=0.95)),
+        TestRun("8 bit", large, Conditions(45.0, size_px, 8)),
+        TestRun(f"{size_px // 2} px, trained at {size_px} px", large, half),
+        TestRun(f"{size_px // 2} px, trained at this size", small, half),
+        TestRun("slant 40", large, Conditions(40.0, size_px, 16)),
+        TestRun("slant 50", large, Conditions(50.0, size_px, 16)),
+    )
+    return Experiment("robustness", tests, orientations_deg)

@@ -15,15 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "COLOURS",
-    "OUR_COLOUR",
-    "Line",
-    "draw_bars",
-    "draw_lines",
-    "draw_maps",
-    "draw_polar",
+    "COLOURS", "OUR_COLOUR", "Line", "draw_bars", "draw_lines", "draw_maps", "draw_polar",
     "draw_table",
-]
+]  # fmt: skip
 
 COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837", "truth": "#555555"}
 """One colour for each solver, in every figure."""

@@ -1,4 +1,4 @@
-"""Exhibits of textures that were not trained: how often they are accepted as a known class."""
+"""Exhibits of unknown textures: share of them that is accepted as a known class."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from . import plots
 from .exhibit import Exhibit, Row
 from .plan import OURS, THESIS
 from .results import Results
-from .testing import Outcome
+from .runs import Outcome
 
 __all__ = ["ScorePair", "accepted_pct", "rejection_curve", "rejection_exhibits"]
 
 _TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
-# False rejection of the table: one known part in a hundred.
+# Share of known tests that the limit of the table rejects.
 _REJECTED = 0.01
-# The CSV of the curves ends here: nobody can use a rig that rejects more of what it knows.
+# The CSV of the curves ends here: a rig that rejects more of its own classes is of no use.
 _LISTED_PCT = 20.0
 
 Groups = Mapping[str, Mapping[str, Sequence[Outcome]]]
@@ -48,7 +48,7 @@ def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
 
 
 def accepted_pct(pairs: Sequence[ScorePair], rejected: float) -> float:
-    """Percent of unknown accepted by a limit that rejects at most the share `rejected` of known."""
+    """Percent of unknown accepted when the limit rejects at most the share `rejected` of known."""
     known = np.sort([pair.known for pair in pairs])
     kept = math.ceil((1.0 - rejected) * len(known) - 1e-9)
     limit = known[max(kept, 1) - 1]

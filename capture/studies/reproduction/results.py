@@ -1,4 +1,4 @@
-"""All that was measured, before any of it is drawn."""
+"""Measurements of a reproduction, and numbers computed from them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from classify import Trial
 from classify.library.evaluation import nearest_accuracy, nearest_orientation_errors_deg
 
 from .plan import OURS, Plan, Protocol
+from .runs import Outcome, System
 from .sand import Polar, SandMaps
-from .testing import Outcome, System
 from .timing import Cost
 
 __all__ = ["CLASSIFIER_TITLES", "DIRECTIONAL_SHARPNESS", "SOLVER_TITLES", "Results", "percent"]
@@ -42,20 +42,16 @@ CLASSIFIER_TITLES = {
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Everything the exhibits show.
+    """Measurements that the exhibits show.
 
-    Attributes
-    ----------
-    shadow_shares
-        Share of pixels in shadow of a light at each tilt, by texture and slant in degrees.
-    polar
-        Polar spectra of sand by orientation in degrees.
+    `shadow_shares` holds the share of pixels in shadow of a light at each tilt, by texture and
+    slant in degrees.
     """
 
     plan: Plan
     outcomes: dict[System, list[Outcome]]
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
-    polar: dict[float, Polar]
+    polar: dict[float, Polar]  # spectra of sand by orientation in degrees
     maps: SandMaps
     costs: list[Cost]
 

@@ -1,4 +1,4 @@
-"""Measure a plan and write its files."""
+"""Measurement of a plan and its files."""
 
 from __future__ import annotations
 
@@ -25,16 +25,14 @@ from .output import page, write_exhibit, write_numbers, write_text
 from .plan import Plan
 from .rejection import rejection_exhibits
 from .results import Results
+from .runs import Outcome, System, match_patch, patch_tasks, train, training_tasks
 from .sand import polar_spectra, sand_maps, shadow_shares
-from .testing import Outcome, System, match_patch, patch_tasks
 from .timing import measured_costs
-from .training import train, training_tasks
 
 __all__ = ["exhibits_of", "measure", "reproduce"]
 
-# Slants of figures 9.2 and 9.3, orientations of figures 9.5 and 9.10.
-_SHADOW_SLANTS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
-_POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)
+_SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
+_POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 and 9.10
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -54,8 +52,7 @@ def reproduce(
     results = measure(plan, output, workers, scheduler)
     exhibits = list(exhibits_of(results))
     drawn = [
-        (exhibit, write_exhibit(exhibit, output))
-        for exhibit in progress(exhibits, len(exhibits), "draw")
+        (each, write_exhibit(each, output)) for each in progress(exhibits, len(exhibits), "draw")
     ]
     material_sizes = ", ".join(str(t.conditions.size_px) for t in plan.materials.tests)
     facts = {
@@ -63,7 +60,7 @@ def reproduce(
         f"{len(plan.materials.textures)} materials, {len(plan.thirty.textures)} of the chapter",
         "frames": f"{plan.frame_px} px; materials {material_sizes} px; "
         f"robustness {plan.robustness.frame_px} px",
-        "test patches": f"{sum(experiment.patches for experiment in plan.experiments)}",
+        "test patches": f"{sum(len(list(patch_tasks(e, output))) for e in plan.experiments)}",
         "answers": f"{sum(map(len, results.outcomes.values()))}",
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
@@ -77,9 +74,9 @@ def reproduce(
 def measure(
     plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
 ) -> Results:
-    """All numbers of a plan. The libraries are in a temporary folder in `output`."""
-    # Workers read this at start. With one worker on each core, more BLAS threads wait for each
-    # other: texton histograms then took eight times as long.
+    """Measure all numbers of a plan. The libraries are in a temporary folder in `output`."""
+    # Workers read this when they start. With one worker on each core, BLAS threads wait for each
+    # other, and texton histograms took eight times as long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with (
         tempfile.TemporaryDirectory(dir=output.absolute(), prefix=".libraries-") as libraries,
@@ -116,7 +113,7 @@ def measure(
 
 
 def exhibits_of(results: Results) -> Iterator[Exhibit]:
-    """All figures and tables in the order of the page."""
+    """Make all figures and tables in the order of the page."""
     summary, *accuracy = accuracy_exhibits(results)
     yield summary
     yield from sorted([*accuracy, *surface_exhibits(results)], key=lambda each: each.key)

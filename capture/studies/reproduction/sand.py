@@ -17,19 +17,12 @@ from .patches import expose, load_surface, render_patch, solve
 from .plan import SOLVERS, Conditions, PatchPosition, Texture
 
 __all__ = [
-    "POLAR_SOLVERS",
-    "SAND_SLANT_DEG",
-    "SHADOW_TILTS_DEG",
-    "TRUTH",
-    "Polar",
-    "SandMaps",
-    "polar_spectra",
-    "sand_maps",
-    "shadow_shares",
-]
+    "POLAR_SOLVERS", "SAND_SLANT_DEG", "SHADOW_TILTS_DEG", "TRUTH", "Polar", "SandMaps",
+    "polar_spectra", "sand_maps", "shadow_shares",
+]  # fmt: skip
 
 SAND_SLANT_DEG = 60.0
-"""A fifth of sand lies in shadow of each light there; the slant of the thesis is not known."""
+"""A fifth of sand is in shadow of each light at this slant; that of the thesis is unknown."""
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
 _SHADOW_PX = 512
@@ -50,26 +43,16 @@ def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SandMaps:
-    """Maps of one patch of sand by solver, and the true ones under `TRUTH`.
+    """(H, W) maps of one patch of sand by solver, and the true ones under `TRUTH`.
 
-    Attributes
-    ----------
-    relief
-        (H, W) relative height, px, without its mean.
-    albedo
-        (H, W) as a fraction. Those of the solvers are scaled to the mean of the truth over valid
-        pixels that all lights reach.
-    errors
-        For each solver rms errors of p, q and albedo over its valid pixels: all pixels, except for
-        robust PS4.
-    shadows
-        (H, W) number of lights in shadow.
+    Albedo is scaled to the mean of the truth over valid pixels that all lights reach. The errors
+    are rms errors of p, q and albedo over the valid pixels: all pixels, except for robust PS4.
     """
 
-    relief: dict[str, FloatMap]
+    relief: dict[str, FloatMap]  # height in px, of mean 0
     albedo: dict[str, FloatMap]
     errors: dict[str, tuple[float, float, float]]
-    shadows: dict[str, npt.NDArray[np.uint8]]
+    shadows: dict[str, npt.NDArray[np.uint8]]  # number of lights in shadow
 
 
 def polar_spectra(rotate_deg: float, size_px: int) -> Polar:

@@ -11,31 +11,27 @@ from classify import TextureLibrary
 
 from .patches import CachedPatch, solve
 from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
-from .training import library_path
+from .runs import library_path
 
 __all__ = ["Cost", "measured_costs"]
 
-# A busy machine disturbs most of this many calls, but not all.
+# Even on a busy machine, one of this many calls is undisturbed.
 _ROUNDS = 9
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Cost of one classifier: the shortest of `_ROUNDS` times from pixel values to a match.
-
-    `images` is the number of images of a test set that it needs. A classifier of one image needs
-    no solver.
-    """
+    """Cost of one classifier; a classifier of one image needs no solver."""
 
     classifier: str
     training_images: int
-    images: int
+    images: int  # of a test set
     solve_ms: float
     match_ms: float
 
 
 def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
-    """Costs of our classifier, the thesis's and Varma and Zisserman's on the thirty textures."""
+    """Time our classifier, the thesis's and Varma and Zisserman's on the thirty textures."""
     experiment = plan.thirty
     position = experiment.test_position(experiment.textures[0], 0, "disjoint")
     costs = []

@@ -5,21 +5,28 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from capture.studies.reproduction.exhibit import Exhibit
-from capture.studies.reproduction.experiments import material_textures, plan_of, thirty_textures
 from capture.studies.reproduction.output import page
 from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
-from capture.studies.reproduction.plan import Conditions, Experiment, PatchPosition, Plan, Texture
+from capture.studies.reproduction.plan import (
+    Conditions,
+    Experiment,
+    PatchPosition,
+    Plan,
+    Texture,
+    material_textures,
+    plan_of,
+    thirty_textures,
+)
 from capture.studies.reproduction.rejection import ScorePair, accepted_pct, rejection_curve
 from capture.studies.reproduction.results import Results
 from capture.studies.reproduction.run import reproduce
+from capture.studies.reproduction.runs import Outcome, System, without_class
 from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, shadow_shares
-from capture.studies.reproduction.testing import Outcome, System, without_class
 from classify import Match, TextureLibrary, Trial
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
@@ -71,10 +78,8 @@ def test_disjoint_tests_are_other_realisations_and_other_places() -> None:
     experiment = plan_of(False, material_textures(None)).thirty
     sand, bark = Texture("sand"), Texture("Bark014", bundled_materials()["Bark014"])
     seeds = {experiment.test_position(sand, i, "disjoint").seed for i in range(24)}
-    training_seed = experiment.training_position(sand, 0.0).seed
-    assert len(seeds) == 24
-    assert training_seed not in seeds
-    assert experiment.test_position(sand, 5, "rotated").seed == training_seed
+    assert len(seeds - {0}) == 24
+    assert experiment.test_position(sand, 5, "rotated").seed == 0
     assert experiment.test_position(bark, 5, "disjoint").half_tile_away
     assert not experiment.test_position(bark, 5, "rotated").half_tile_away
 
@@ -205,12 +210,6 @@ def test_without_an_answering_scheduler_nothing_is_written(
     )
     assert "no Dask scheduler answers" in line
     assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_the_output_folder_is_required(ps4rig: Callable[..., Any]) -> None:
-    result = ps4rig("reproduce", "--quick")
-    assert result.exit_code == 2
-    assert "Traceback" not in result.stderr
 
 
 # a small reproduction

@@ -24,11 +24,9 @@ from rig.scene.synthetic import (
 
 SIDE = 256
 SAME_RELIEF = {
-    "rock_speckled": "rock",
-    "malv_blotched": "malv",
-    "sand_striped": "sand",
+    "rock_speckled": "rock", "malv_blotched": "malv", "sand_striped": "sand",
     "ripples_tinted": "ripples_fine",
-}
+}  # fmt: skip
 
 # All textures; the fast tests use only those of the thesis.
 FOUR_AND_MORE = [
@@ -221,7 +219,8 @@ def test_a_rotated_spectrum_belongs_to_a_surface_rotated_anticlockwise(rotate_de
 @pytest.mark.parametrize("name", FOUR_AND_MORE)
 def test_the_smallest_tile_has_relief_for_every_seed(name: str) -> None:
     for seed in range(5):
-        assert rms_slope(*(lambda s: (s.p, s.q))(synthetic_surface(name, seed, 16))) > 0.3
+        surface = synthetic_surface(name, seed, 16)
+        assert rms_slope(surface.p, surface.q) > 0.3
 
 
 def test_the_simulated_rig_renders_any_texture_and_seed() -> None:

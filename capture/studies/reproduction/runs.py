@@ -1,0 +1,160 @@
+"""Training runs and test runs: libraries, and matches of test patches with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from classify import Lighting, Match, Method, TextureLibrary, Trial
+from classify.classifiers import classifier_named
+from classify.library.training import TrainingRow
+
+from . import plan
+from .patches import CachedPatch
+
+__all__ = [
+    "Outcome", "PatchTask", "System", "TrainingTask", "library_path", "match_patch",
+    "patch_tasks", "train", "training_tasks", "without_class",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TrainingTask:
+    """The training runs of an experiment at one slant and the same orientations."""
+
+    experiment: plan.Experiment
+    runs: tuple[plan.TrainingRun, ...]
+    folder: Path
+
+
+@dataclass(frozen=True)
+class PatchTask:
+    """One test patch under all conditions of an experiment."""
+
+    experiment: plan.Experiment
+    texture: plan.Texture
+    number: int
+    protocol: plan.Protocol
+    folder: Path
+
+
+class System(NamedTuple):
+    """Key of outcomes: a solver and a classifier in a test run, under a protocol."""
+
+    experiment: str
+    test: str
+    solver: str
+    classifier: str
+    protocol: plan.Protocol = "disjoint"
+
+
+class Outcome(NamedTuple):
+    """Result of one patch with one system."""
+
+    system: System
+    trial: Trial
+    match_without_class: Match | None  # only for training runs with `tests_unknown`
+
+
+def training_tasks(experiment: plan.Experiment, folder: Path) -> list[TrainingTask]:
+    """Group the runs that share scenes."""
+    groups: dict[tuple[float, tuple[float, ...]], list[plan.TrainingRun]] = {}
+    for run in experiment.training:
+        groups.setdefault((run.conditions.slant_deg, run.orientations_deg), []).append(run)
+    return [TrainingTask(experiment, tuple(runs), folder) for runs in groups.values()]
+
+
+def library_path(
+    folder: Path, experiment: str, run: plan.TrainingRun, solver: Method, classifier: str
+) -> Path:
+    """File of one library."""
+    return folder / f"{experiment} {run.name} {solver} {classifier}.ps4lib"
+
+
+def train(task: TrainingTask) -> None:
+    """Write the libraries of some training runs."""
+    experiment, first = task.experiment, task.runs[0]
+    rows: dict[tuple[Path, int, str], list[TrainingRow]] = {}
+    for texture in dict.fromkeys(t for run in task.runs for t in run.textures):
+        for rotate_deg in first.orientations_deg:
+            position = plan.PatchPosition(texture, 0, False, rotate_deg)
+            patch = CachedPatch(position, experiment.frame_px)
+            for run in task.runs:
+                if texture not in run.textures:
+                    continue
+                for solver, classifier in run.systems:
+                    path = library_path(task.folder, experiment.name, run, solver, classifier)
+                    observation = patch.observation(
+                        run.conditions, solver, classifier, run.segment_px, train=True
+                    )
+                    rows.setdefault((path, run.segment_px, classifier), []).append(
+                        TrainingRow(texture.name, observation, rotate_deg)
+                    )
+    lighting = Lighting.ring(first.conditions.slant_deg)
+    for (path, segment_px, classifier), trained in rows.items():
+        TextureLibrary.from_observations(
+            trained, segment_px, classifier, lighting=lighting, simulated=True
+        ).save(path)
+
+
+def patch_tasks(experiment: plan.Experiment, folder: Path) -> Iterator[PatchTask]:
+    """List all test patches. Those of one texture follow each other and share its tile."""
+    for texture in experiment.textures:
+        for protocol in experiment.protocols:
+            for number in range(len(experiment.orientations_deg)):
+                yield PatchTask(experiment, texture, number, protocol, folder)
+
+
+def match_patch(task: PatchTask) -> list[Outcome]:
+    """Match one patch with all libraries."""
+    experiment, texture = task.experiment, task.texture
+    position = experiment.test_position(texture, task.number, task.protocol)
+    patch = CachedPatch(position, experiment.frame_px)
+    return [
+        _outcome(task, patch, test, solver, classifier)
+        for test in experiment.tests
+        if texture in test.training.textures
+        for solver, classifier in test.training.systems
+    ]
+
+
+def without_class(library: TextureLibrary, label: str) -> TextureLibrary:
+    """Remove the references of a class. Parameters learned from all classes together stay."""
+    kept = [index for index, other in enumerate(library.labels) if other != label]
+    return replace(
+        library,
+        labels=tuple(library.labels[index] for index in kept),
+        orientations_deg=library.orientations_deg[kept],
+        signatures=library.signatures[kept],
+    )
+
+
+def _outcome(
+    task: PatchTask, patch: CachedPatch, test: plan.TestRun, solver: Method, classifier: str
+) -> Outcome:
+    experiment, label = task.experiment.name, task.texture.name
+    library = _load(library_path(task.folder, experiment, test.training, solver, classifier))
+    observation = patch.observation(
+        test.conditions, solver, classifier, library.segment_px, train=False
+    )
+    signature = classifier_named(classifier).signature(observation, library.parameters)
+    unknown = None
+    if (
+        test.training.tests_unknown
+        and solver == plan.BEST_SOLVER
+        and classifier in (plan.OURS, plan.THESIS)
+    ):
+        unknown = without_class(library, label).match(signature)
+    return Outcome(
+        System(experiment, test.name, solver, classifier, task.protocol),
+        Trial(label, patch.position.rotate_deg, library.match(signature)),
+        unknown,
+    )
+
+
+@lru_cache(maxsize=512)
+def _load(path: Path) -> TextureLibrary:
+    return TextureLibrary.load(path)
