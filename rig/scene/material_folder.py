@@ -29,17 +29,10 @@ from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spect
 
 __all__ = ["bundled_materials", "load_material"]
 
-DEFAULT_ALBEDO = 0.8
-"""Albedo of a material without an albedo map."""
-
-DEFAULT_RMS_SLOPE = 0.30
-"""Slope of a height of unknown relief; scanned materials have 0.1 to 0.9."""
-
-STEEPEST_SLOPE = 10.0
-"""84 degrees; one step of an 8-bit normal map changes this slope by 8 %."""
-
+DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
+DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
+STEEPEST_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
 MAX_JSON_BYTES = 1 << 20
-
 MAP_ENDINGS = ("png", "jpg", "jpeg")
 
 
@@ -155,7 +148,7 @@ def _slopes(rgb: FloatImage, file: Path) -> tuple[FloatImage, FloatImage]:
             f"{file}: most normals point away from the viewer; give a tangent-space normal map "
             "(mostly blue), OpenGL convention"
         )
-    # The bound on z keeps the direction of a steep slope, the factor then limits its size.
+    # The lower bound on z keeps the direction of a steep slope; the factor then limits the slope.
     steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
     limit = np.minimum(1.0, STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
     return np.asarray(-x * limit, np.float32), np.asarray(-y * limit, np.float32)
@@ -207,8 +200,7 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
 
 
 def _json(file: Path) -> Any:
-    content = read_regular_file(file, MAX_JSON_BYTES)
     try:
-        return json.loads(content.decode("utf-8"))
+        return json.loads(read_regular_file(file, MAX_JSON_BYTES).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file}: not valid JSON: {error}") from error

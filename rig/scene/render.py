@@ -22,35 +22,20 @@ AMBIENT = 0.02
 
 @dataclass(frozen=True, eq=False)
 class SceneImages:
-    """One surface under N lights, and the truth about it. 1.0 is a white surface facing a light.
+    """Images of one surface under N lights, and its true gradients and albedo.
 
-    Parameters
-    ----------
-    lights
-        (N, H, W) float32, the light that each LED alone adds at full level.
-    ambient
-        (H, W) float32, the light without any LED; not part of `lights`.
-    shadowed
-        (N, H, W) bool, in attached or cast shadow of each light.
-    p, q, albedo
-        (H, W) float32, the truth.
+    A white surface that faces a light has the value 1.
     """
 
-    lights: FloatImage
-    ambient: FloatImage
-    shadowed: npt.NDArray[np.bool_]
+    lights: FloatImage  # (N, H, W), the light that each LED alone adds at full level
+    ambient: FloatImage  # (H, W), the light without any LED; not part of `lights`
+    shadowed: npt.NDArray[np.bool_]  # (N, H, W), in attached or cast shadow of each light
     p: FloatImage
     q: FloatImage
     albedo: FloatImage
 
     def cropped(self, height_px: int, width_px: int) -> SceneImages:
-        """Cut the middle of the images, for a camera whose frames are not square.
-
-        Raises
-        ------
-        InputError
-            If the images are smaller than that.
-        """
+        """Cut the middle of the images, for a camera whose frames are not square."""
         rows, cols = self.albedo.shape
         if not (1 <= height_px <= rows and 1 <= width_px <= cols):
             raise InputError(f"{height_px} x {width_px} px cannot be cut from {rows} x {cols}")
@@ -122,9 +107,8 @@ def render_frame(
 ) -> SceneImages:
     """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
 
-    The margin around the frame is as wide as the relief can cast a shadow under the lowest light,
-    but not wider than the frame. For the other parameters and the errors see
-    `PeriodicSurface.patch` and `render_scene`.
+    The margin around the frame is as wide as the longest shadow that the relief can cast, but not
+    wider than the frame. For parameters and errors see `PeriodicSurface.patch` and `render_scene`.
     """
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
     margin_px = min(math.ceil(reach_px), size_px)

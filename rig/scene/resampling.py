@@ -28,16 +28,9 @@ _STRIP_PX = 1 << 14
 def spline_coefficients(channels: FloatArray) -> FloatArray:
     """Cubic B-spline coefficients of periodic images on a grid of twice the resolution.
 
-    Parameters
-    ----------
-    channels
-        (C, H, W) float32, each image one period.
-
-    Returns
-    -------
-    (2H, 2W, C) float32, channels innermost, because they are read together. The spline passes
-    through the pixels exactly; between them it is within 0.6 % rms of the band-limited image at
-    0.4 cycles/px and within 0.01 % at 0.15.
+    The images are (C, H, W) float32, the coefficients (2H, 2W, C) float32: channels innermost,
+    because they are read together. The spline passes through the pixels exactly; between them it
+    is within 0.6 % rms of the band-limited image at 0.4 cycles/px and within 0.01 % at 0.15.
     """
     count, rows, cols = channels.shape
     # The B-spline's samples (1/6, 4/6, 1/6) have the transform (4 + 2 cos w) / 6; the
@@ -89,9 +82,9 @@ def sample_rotated(
     centre_row, centre_col
         Centre of the square on the tile, in pixels of the tile. Periodic.
     rotate_deg
-        The +x direction of the tile appears at this angle, anticlockwise, in the square.
+        Angle of the +x direction of the tile in the square, anticlockwise.
     side_px
-        Side of the square, in pixels of the size of the tile's pixels.
+        Side of the square, in pixels of the tile.
 
     Returns
     -------

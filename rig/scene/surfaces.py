@@ -30,14 +30,7 @@ MAX_SIDE_PX = 8192
 class SurfacePatch:
     """A piece of surface in front of the camera, one surface pixel per camera pixel.
 
-    Parameters
-    ----------
-    height
-        (H, W) float32, pixels, towards the camera.
-    p, q
-        (H, W) float32, dz/dx and dz/dy with y up.
-    albedo
-        (H, W) float32, 1.0 is white.
+    The images are (H, W) float32; for their units see `PeriodicSurface`.
     """
 
     height: FloatImage
@@ -208,14 +201,7 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
 
     The mean height is zero. A mean slope is ignored, because no periodic height has one.
 
-    Parameters
-    ----------
-    p, q
-        (H, W) float32, one period.
-
-    Returns
-    -------
-    (H, W) float32, pixels.
+    All are (H, W) float32, one period; the height is in pixels.
     """
     rows, cols = p.shape
     along_x, along_y = _derivative_factors(rows, cols)
@@ -223,10 +209,8 @@ def periodic_height(p: FloatImage, q: FloatImage) -> FloatImage:
     power[power == 0.0] = np.inf
     spectrum = np.conj(along_x) * fft.rfft2(p.astype(np.float64), workers=thread_count())
     spectrum += np.conj(along_y) * fft.rfft2(q.astype(np.float64), workers=thread_count())
-    height: FloatImage = fft.irfft2(
-        spectrum / power, s=(rows, cols), workers=thread_count()
-    ).astype(np.float32)
-    return height
+    height = fft.irfft2(spectrum / power, s=(rows, cols), workers=thread_count())
+    return np.asarray(height, np.float32)
 
 
 def round_band_limit(rows: int, cols: int) -> npt.NDArray[np.float32]:

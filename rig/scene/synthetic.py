@@ -41,11 +41,8 @@ __all__ = [
     "SYNTHETIC_TEXTURES", "synthetic_surface", "tile_side_px",
 ]  # fmt: skip
 
-RMS_SLOPE = 0.5
-"""sqrt(mean(p^2 + q^2)) of the four; it gives sand its shadow counts."""
-
-ALBEDO = 0.8
-"""Albedo without a pattern; the synthetic surfaces of the thesis differ in relief alone."""
+RMS_SLOPE = 0.5  # sqrt(mean(p^2 + q^2)) of the four; gives sand its shadow counts
+ALBEDO = 0.8  # without a pattern; the synthetic surfaces of the thesis differ in relief alone
 
 # Mean and half-range of a pattern's albedo, within the 0.05 to 1 of real reflectances.
 PATTERN_ALBEDO, PATTERN_SWING, DARKEST = 0.55, 0.3, 0.05
@@ -57,8 +54,7 @@ SMALLEST_TILE_PX, LARGEST_TILE_PX = 512, 4096
 class _Pattern:
     """Albedo of mean `PATTERN_ALBEDO` and range +-`PATTERN_SWING`, from a field.
 
-    Without a field it comes from the height: the higher, the brighter. For `contrast` see
-    `shaded`.
+    Without a field the height gives the pattern, high is bright. For `contrast` see `shaded`.
     """
 
     field: Field | None

@@ -21,27 +21,13 @@ EXPOSURE_MS = 20.0
 
 @dataclass(frozen=True, eq=False)
 class SimulatedSet:
-    """The light images and the ambient image of a scene, as a captured set hands them on.
+    """The light images and the ambient image of a scene, with what a solver knows about them."""
 
-    Attributes
-    ----------
-    images
-        (N, H, W) pixel values.
-    ambient
-        (H, W), or None.
-    lighting
-        The lights as the solver believes them to be.
-    full_scale
-        Highest pixel value of the sensor.
-    noise
-        None for a set without shadow, which no sensor can take.
-    """
-
-    images: npt.NDArray[Any]
-    ambient: npt.NDArray[Any] | None
-    lighting: Lighting
-    full_scale: float
-    noise: SensorNoise | None
+    images: npt.NDArray[Any]  # (N, H, W) pixel values
+    ambient: npt.NDArray[Any] | None  # (H, W)
+    lighting: Lighting  # assumed by the solver
+    full_scale: float  # highest pixel value of the sensor
+    noise: SensorNoise | None  # None for a set without shadow, which no sensor can take
 
     @classmethod
     def expose(

@@ -19,9 +19,8 @@ _THESIS_TEXTONS, _THESIS_WORST_WITH_SHADOW = 100.0, 95.83
 _NOT_IN_THESIS = "not in it"
 
 _PROTOCOLS: dict[plan.Protocol, str] = {
-    "rotated": "same patch rotated",
-    "disjoint": "disjoint patches",
-}
+    "rotated": "same patch rotated", "disjoint": "disjoint patches",
+}  # fmt: skip
 
 
 def accuracy_exhibits(results: Results) -> Iterator[Exhibit]:
@@ -60,10 +59,8 @@ def _summary(results: Results) -> Exhibit:
         ("PS4, 1D", "ps4", plan.ONE_D, plan.ONE_SEGMENT, _THESIS_PS4_1D),
         ("PS4, 2D", "ps4", plan.THESIS, plan.ONE_SEGMENT, _THESIS_PS4_2D),
         ("PS4, 2D, averaged over segments", "ps4", plan.THESIS, "", _NOT_IN_THESIS),
-        (
-            "Varma-Zisserman, 28 training images",
-            plan.BEST_SOLVER, plan.TEXTONS, plan.OF_28_IMAGES, _THESIS_TEXTONS,
-        ),
+        ("Varma-Zisserman, 28 training images",
+         plan.BEST_SOLVER, plan.TEXTONS, plan.OF_28_IMAGES, _THESIS_TEXTONS),
         ("ours: robust PS4, joint", plan.BEST_SOLVER, plan.OURS, "", _NOT_IN_THESIS),
     )  # fmt: skip
     return Exhibit(
@@ -142,7 +139,7 @@ def _by_texture(results: Results) -> Exhibit:
         "figure_9_11",
         ("texture", *columns),
         list(zip(names, *columns.values(), strict=True)),
-        draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
+        draw=partial(plots.draw_bars, names=names, panels=panels),
         size_in=(10.0, 0.38 * len(names) + 1.0),
         values=results.plan.thirty.facts,
     )
@@ -153,6 +150,7 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
         *((name, plan.ONE_SEGMENT) for name in plan.OF_SPECTRA),
         *((name, "") for name in (*plan.OF_SPECTRA, plan.OURS)),
     )
+    names = [f"{CLASSIFIER_TITLES[name]}{suffix}" for name, suffix in systems]
     rows: list[Row] = []
     panels = []
     for protocol, title in _PROTOCOLS.items():
@@ -172,12 +170,7 @@ def _one_against_two_dimensions(results: Results) -> Exhibit:
         "figure_9_13",
         ("protocol", "slant_deg", "solver", "classifier", "segments", "accuracy_pct"),
         rows,
-        draw=partial(
-            plots.draw_bars,
-            names=[f"{CLASSIFIER_TITLES[name]}{suffix}" for name, suffix in systems],
-            panels=panels,
-            x_label="accuracy, %",
-        ),
+        draw=partial(plots.draw_bars, names=names, panels=panels),
         size_in=(12.0, 5.6),
     )
 

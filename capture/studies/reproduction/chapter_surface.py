@@ -24,78 +24,76 @@ _SLANT = f"{SAND_SLANT_DEG:g}"
 
 
 def surface_exhibits(results: Results) -> Iterator[Exhibit]:
-    """Figures 9.2, 9.3, 9.5 and 9.7 to 9.10."""
+    """Make figures 9.2, 9.3, 9.5 and 9.7 to 9.10."""
     maps = results.maps
     yield _shadow_by_texture(results)
     yield _shadow_of_sand(results)
     yield _polar("figure_9_05", results, ("ps3a", "ps3b", "ps3c", "ps3d"))
-    yield _shadow_map(maps.shadows)
-    slope_errors = {name: float(np.hypot(*errors[:2])) for name, errors in maps.errors.items()}
+    shares: list[Row] = [
+        (name, *(100.0 * float((maps.shadows[name] == count).mean()) for count in range(5)))
+        for name in _SHOWN
+    ]
+    columns = ("map", *(f"{count}_lights_pct" for count in range(5)))
+    scale = plots.Scale((0.0, 4.0), "cividis", "lights in shadow")
+    yield _maps("figure_9_07", columns, shares, maps.shadows, scale, digits=1)
     top = float(np.percentile(np.abs(maps.relief[TRUTH]), 99.5))
-    yield Exhibit(
+    yield _maps(
         "figure_9_08",
         ("solver", "rms_error_p", "rms_error_q"),
         [(name, *maps.errors[name][:2]) for name in SOLVERS],
-        draw=_drawn_maps(maps.relief, (-top, top), "gray", "relative height, px"),
-        size_in=(11.0, 3.0),
-        digits=3,
-        values=_gains(slope_errors),
+        maps.relief,
+        plots.Scale((-top, top), "gray", "relative height, px"),
+        {name: float(np.hypot(*errors[:2])) for name, errors in maps.errors.items()},
     )
     albedo_errors = {name: errors[2] for name, errors in maps.errors.items()}
-    yield Exhibit(
+    yield _maps(
         "figure_9_09",
         ("solver", "rms_error_albedo"),
         [(name, albedo_errors[name]) for name in SOLVERS],
-        draw=_drawn_maps(maps.albedo, (0.0, 1.2), "gray", "albedo"),
-        size_in=(11.0, 3.0),
-        digits=3,
-        values=_gains(albedo_errors),
+        maps.albedo,
+        plots.Scale((0.0, 1.2), "gray", "albedo"),
+        albedo_errors,
     )
     yield _polar("figure_9_10", results, (*SOLVERS[1:], TRUTH))
 
 
-def _drawn_shadow(title: str, lines: Sequence[plots.Line]) -> partial[None]:
-    return partial(
-        plots.draw_lines,
-        panels=((title, lines),),
-        x_label="slant, degrees",
-        y_label="shadow count, % of pixels",
-    )
-
-
 def _shadow_by_texture(results: Results) -> Exhibit:
-    textures = list(dict.fromkeys(texture for texture, _ in results.shadow_shares))
-    slants_deg = sorted({slant_deg for _, slant_deg in results.shadow_shares})
-    percents = {
-        name: [100.0 * results.shadow_shares[name, slant_deg][0] for slant_deg in slants_deg]
-        for name in textures
-    }
-    lines = [plots.Line(name, slants_deg, values) for name, values in percents.items()]
-    return Exhibit(
-        "figure_9_02",
-        ("slant_deg", *(f"{name}_pct" for name in textures)),
-        list(zip(slants_deg, *percents.values(), strict=True)),
-        draw=_drawn_shadow("light at tilt 0", lines),
-        size_in=(6.5, 4.0),
-    )
+    shares = results.shadow_shares
+    slants_deg = sorted({slant_deg for _, slant_deg in shares})
+    lines = [
+        plots.Line(
+            name, slants_deg, [100.0 * shares[name, slant_deg][0] for slant_deg in slants_deg]
+        )
+        for name in dict.fromkeys(name for name, _ in shares)
+    ]
+    columns = [f"{line.label}_pct" for line in lines]
+    return _shadow("figure_9_02", columns, "light at tilt 0", lines)
 
 
 def _shadow_of_sand(results: Results) -> Exhibit:
     slants_deg = sorted(slant_deg for name, slant_deg in results.shadow_shares if name == "sand")
     shares = np.array([results.shadow_shares["sand", slant_deg] for slant_deg in slants_deg])
-    by_tilt = (100.0 * shares.T).tolist()
     thesis = [_THESIS_SAND_SHADOW_PCT.get(round(slant_deg)) for slant_deg in slants_deg]
     lines = [
         plots.Line(f"tilt {tilt_deg:g}", slants_deg, values)
-        for tilt_deg, values in zip(SHADOW_TILTS_DEG, by_tilt, strict=True)
+        for tilt_deg, values in zip(SHADOW_TILTS_DEG, (100.0 * shares.T).tolist(), strict=True)
     ]
     lines.append(plots.Line("thesis, tilt 0", slants_deg, thesis, style="x", colour="#000000"))
     tilts = [f"tilt_{tilt_deg:g}_pct" for tilt_deg in SHADOW_TILTS_DEG]
+    return _shadow("figure_9_03", [*tilts, "thesis_tilt_0_pct"], "sand", lines)
+
+
+def _shadow(key: str, columns: list[str], title: str, lines: list[plots.Line]) -> Exhibit:
     return Exhibit(
-        "figure_9_03",
-        ("slant_deg", *tilts, "thesis_tilt_0_pct"),
-        list(zip(slants_deg, *by_tilt, thesis, strict=True)),
-        draw=_drawn_shadow("sand", lines),
+        key,
+        ("slant_deg", *columns),
+        list(zip(lines[0].x, *(line.y for line in lines), strict=True)),
+        draw=partial(
+            plots.draw_lines,
+            panels=((title, lines),),
+            x_label="slant, degrees",
+            y_label="shadow count, % of pixels",
+        ),
         size_in=(6.5, 4.0),
     )
 
@@ -127,40 +125,20 @@ def _polar(key: str, results: Results, solvers: Sequence[str]) -> Exhibit:
     )
 
 
-def _shadow_map(shadows: Mapping[str, npt.NDArray[np.uint8]]) -> Exhibit:
-    rows: list[Row] = [
-        (name, *(100.0 * float((shadows[name] == count).mean()) for count in range(5)))
-        for name in _SHOWN
-    ]
-    return Exhibit(
-        "figure_9_07",
-        ("map", *(f"{count}_lights_pct" for count in range(5))),
-        rows,
-        draw=_drawn_maps(shadows, (0.0, 4.0), "cividis", "lights in shadow"),
-        size_in=(11.0, 3.0),
-        values={"slant": _SLANT},
-    )
-
-
-def _drawn_maps(
+def _maps(
+    key: str,
+    columns: Sequence[str],
+    rows: list[Row],
     maps: Mapping[str, npt.NDArray[np.generic]],
-    value_range: tuple[float, float],
-    colours: str,
-    label: str,
-) -> partial[None]:
-    return partial(
-        plots.draw_maps,
-        maps=[(SOLVER_TITLES[name], maps[name]) for name in _SHOWN],
-        value_range=value_range,
-        colours=colours,
-        label=label,
-    )
-
-
-def _gains(errors: Mapping[str, float]) -> dict[str, str]:
-    """Slant, and ratios of the error of PS3a to those of PS4, for the text."""
-    return {
-        "slant": _SLANT,
-        "gain_ps4": f"{errors['ps3a'] / errors['ps4']:.1f}",
-        "gain_best": f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}",
-    }
+    scale: plots.Scale,
+    errors: Mapping[str, float] | None = None,
+    digits: int = 3,
+) -> Exhibit:
+    """Maps of the solvers and the truth; the text has ratios of the error of PS3a to the others."""
+    values = {"slant": _SLANT}
+    if errors is not None:
+        values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"
+        values["gain_best"] = f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}"
+    shown = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN]
+    draw = partial(plots.draw_maps, maps=shown, scale=scale)
+    return Exhibit(key, columns, rows, draw, (11.0, 3.0), digits, values)

@@ -12,7 +12,7 @@ from classify.library.evaluation import unknown_share
 
 from . import plots
 from .exhibit import Cell, Exhibit, Row
-from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS
+from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
 from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
 from .runs import System
 
@@ -35,27 +35,24 @@ def _synthetic(results: Results) -> Exhibit:
     experiment = results.plan.synthetic
     tests = [test for test in experiment.tests if test.training.tests_unknown]
     classifiers = tests[0].training.classifiers
+    names = [CLASSIFIER_TITLES[name] for name in classifiers]
     rows: list[Row] = []
     panels = []
     for test in tests:
-        values = {
-            solver: [
-                results.accuracy_pct("synthetic", test.name, solver, name) for name in classifiers
-            ]
-            for solver in SOLVERS
-        }
         slant_deg = round(test.conditions.slant_deg)
-        for name, *cells in zip(classifiers, *values.values(), strict=True):
-            rows.append((CLASSIFIER_TITLES[name], slant_deg, *cells))
-        groups = [(SOLVER_TITLES[s], plots.COLOURS[s], values[s]) for s in SOLVERS]
+        cells = [_of_solvers(results, test, name) for name in classifiers]
+        rows += [(title, slant_deg, *each) for title, each in zip(names, cells, strict=True)]
+        groups = [
+            (SOLVER_TITLES[solver], plots.COLOURS[solver], values)
+            for solver, values in zip(SOLVERS, zip(*cells, strict=True), strict=True)
+        ]
         panels.append((f"slant {slant_deg}", groups))
     rows.sort(key=lambda row: _ORDER[str(row[0])])
-    names = [CLASSIFIER_TITLES[name] for name in classifiers]
     return Exhibit(
         "classifiers_synthetic",
         ("classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
-        draw=partial(plots.draw_bars, names=names, panels=panels, x_label="accuracy, %"),
+        draw=partial(plots.draw_bars, names=names, panels=panels),
         size_in=(11.0, 4.6),
         values=experiment.facts,
     )
@@ -69,22 +66,20 @@ def _twins_and_small(results: Results) -> Exhibit:
         patches = f"{test.conditions.size_px} px"
         if test.name.endswith("twins"):
             patches += ", with twins"
-        rows += [
-            (
-                patches,
-                len(test.training.textures),
-                CLASSIFIER_TITLES[name],
-                round(test.conditions.slant_deg),
-                *(results.accuracy_pct("synthetic", test.name, s, name) for s in SOLVERS),
-            )
-            for name in test.training.classifiers
-        ]
+        classes, slant_deg = len(test.training.textures), round(test.conditions.slant_deg)
+        for name in test.training.classifiers:
+            cells = _of_solvers(results, test, name)
+            rows.append((patches, classes, CLASSIFIER_TITLES[name], slant_deg, *cells))
     rows.sort(key=lambda row: (-len(str(row[0])), _ORDER[str(row[2])]))
     return Exhibit(
         "classifiers_twins_and_small",
         ("patches", "classes", "classifier", "slant, degrees", *_SOLVER_COLUMNS),
         rows,
     )
+
+
+def _of_solvers(results: Results, test: TestRun, classifier: str) -> list[float | None]:
+    return [results.accuracy_pct("synthetic", test.name, s, classifier) for s in SOLVERS]
 
 
 def _materials(results: Results) -> Exhibit:
@@ -104,8 +99,7 @@ def _materials(results: Results) -> Exhibit:
         "materials",
         ("patches", "classifier", "solver", *sizes),
         rows,
-        values=experiment.facts
-        | {"materials": ", ".join(texture.name for texture in experiment.textures)},
+        values={"materials": ", ".join(t.name for t in experiment.textures), **experiment.facts},
     )
 
 
@@ -131,10 +125,8 @@ def _orientation(results: Results) -> Exhibit:
         for name in (OURS, THESIS):
             errors = results.orientation_errors_deg(ours._replace(classifier=name))
             beyond = [percent(float(np.mean(errors > deg))) for deg in (10.0, 80.0) if errors.size]
-            quantiles = _median_and_p95(errors)
-            rows.append(
-                (title, CLASSIFIER_TITLES[name], len(errors), *quantiles, *(beyond or (None, None)))
-            )
+            cells = (*_median_and_p95(errors), *(beyond or (None, None)))
+            rows.append((title, CLASSIFIER_TITLES[name], len(errors), *cells))
     columns = ("textures", "classifier", "tests")
     return Exhibit(
         "orientation",
@@ -150,15 +142,10 @@ def _robustness(results: Results) -> Exhibit:
     rows: list[Row] = []
     for test in experiment.tests:
         ours = System("robustness", test.name, BEST_SOLVER, OURS)
-        rows.append(
-            (
-                test.name,
-                results.accuracy_pct(*ours),
-                percent(unknown_share(results.trials(ours))),
-                *_median_and_p95(results.orientation_errors_deg(ours)),
-                results.accuracy_pct(*ours._replace(classifier=THESIS)),
-            )
-        )
+        unknown_pct = percent(unknown_share(results.trials(ours)))
+        errors = _median_and_p95(results.orientation_errors_deg(ours))
+        thesis_pct = results.accuracy_pct(*ours._replace(classifier=THESIS))
+        rows.append((test.name, results.accuracy_pct(*ours), unknown_pct, *errors, thesis_pct))
     columns = ("joint (ours), %", "called unknown, %", "orientation: median, °", "95 %, °")
     return Exhibit(
         "robustness",

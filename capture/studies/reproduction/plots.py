@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "COLOURS", "OUR_COLOUR", "Line", "draw_bars", "draw_lines", "draw_maps", "draw_polar",
+    "COLOURS", "OUR_COLOUR", "Line", "Scale", "draw_bars", "draw_lines", "draw_maps", "draw_polar",
     "draw_table",
 ]  # fmt: skip
 
-COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837", "truth": "#555555"}
-"""One colour for each solver, in every figure."""
+COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837"}
+"""Colours of the solvers, in every figure."""
 
 OUR_COLOUR = "#f4c542"
 """Colour of our classifier, where others have the colours of their solvers."""
@@ -39,6 +39,14 @@ class Line:
     y: Sequence[float | None]
     style: str = "-o"
     colour: str | None = None
+
+
+class Scale(NamedTuple):
+    """Range of values, colours of matplotlib, and label of the colour bar."""
+
+    value_range: tuple[float, float]
+    colours: str
+    label: str
 
 
 def draw_lines(
@@ -78,9 +86,11 @@ def draw_bars(
     figure: Figure,
     names: Sequence[str],
     panels: Sequence[tuple[str, Sequence[tuple[str, str, Sequence[float | None]]]]],
-    x_label: str,
 ) -> None:
-    """Draw for each name a group of bars: (label, colour, values) in each titled panel."""
+    """Draw accuracies in percent as bars, a group for each name in each titled panel.
+
+    A panel has (label, colour, values), with a value for each name.
+    """
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     positions = np.arange(len(names))
     for ax, (title, groups) in zip(axes, panels, strict=True):
@@ -90,7 +100,7 @@ def draw_bars(
             offset = (number - (len(groups) - 1) / 2.0) * height
             ax.barh(positions + offset, widths, height, label=label, color=colour)
         ax.set_title(title, fontsize=10)
-        ax.set_xlabel(x_label)
+        ax.set_xlabel("accuracy, %")
         ax.grid(visible=True, axis="x", color="#eeeeee")
         ax.set_axisbelow(True)
     axes[0].set_yticks(positions, names, fontsize=8)
@@ -116,22 +126,15 @@ def draw_polar(
     _legend(figure, figure.axes[-1])
 
 
-def draw_maps(
-    figure: Figure,
-    maps: Sequence[tuple[str, npt.NDArray[Any]]],
-    *,
-    value_range: tuple[float, float],
-    colours: str,
-    label: str,
-) -> None:
-    """Draw maps side by side on one scale of colours."""
+def draw_maps(figure: Figure, maps: Sequence[tuple[str, npt.NDArray[Any]]], scale: Scale) -> None:
+    """Draw titled maps side by side on one scale of colours."""
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
-    low, high = value_range
+    low, high = scale.value_range
     for ax, (title, values) in zip(axes, maps, strict=True):
-        shown = ax.imshow(values, cmap=colours, vmin=low, vmax=high, interpolation="nearest")
+        shown = ax.imshow(values, cmap=scale.colours, vmin=low, vmax=high, interpolation="nearest")
         ax.set_title(title, fontsize=9)
         ax.set_axis_off()
-    figure.colorbar(shown, ax=axes, shrink=0.8, label=label)
+    figure.colorbar(shown, ax=axes, shrink=0.8, label=scale.label)
 
 
 def _legend(figure: Figure, ax: Any) -> None:

@@ -136,9 +136,9 @@ def _curves(groups: Groups) -> Exhibit:
         draw=partial(
             plots.draw_lines,
             panels=panels,
+            log_x=True,
             x_label="known rejected, %",
             y_label="unknown accepted, %",
-            log_x=True,
         ),
         size_in=(13.0, 4.2),
     )
