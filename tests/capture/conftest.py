@@ -120,6 +120,33 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
 
 
 @pytest.fixture(scope="session")
+def run_python() -> Callable[..., str]:
+    """Run a program in a process that must succeed without a message; return what it prints."""
+
+    def run(program: str, *arguments: str, before: tuple[str, ...] = (), **changed: str) -> str:
+        done = subprocess.run(
+            [*before, sys.executable, "-c", program, *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | changed,
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture
+def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make an empty folder the working folder."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def sets(tmp_path_factory: pytest.TempPathFactory, ps4rig: Callable[..., Any]) -> Path:
     """A read-only folder with sets of rock and sand at two orientations, 128 px wide."""
     folder = tmp_path_factory.mktemp("sets")
@@ -136,8 +163,7 @@ def sets(tmp_path_factory: pytest.TempPathFactory, ps4rig: Callable[..., Any]) -
 def library(sets: Path, ps4rig: Callable[..., Any]) -> Path:
     """A library of rock and sand at an orientation of 0 degrees."""
     path = sets.parent / "textures.ps4lib"
-    result = ps4rig(
-        "train", sets / "rock-001.ome.tif", sets / "sand-001.ome.tif", "--library", path
-    )
+    paths = (sets / "rock-001.ome.tif", sets / "sand-001.ome.tif")
+    result = ps4rig("train", *paths, "--library", path)
     assert result.exit_code == 0, result.stderr
     return path

@@ -26,10 +26,7 @@ Command = Callable[..., Any]
     ],
 )
 def test_wrong_usage_is_status_2_and_one_line(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    message: str,
+    monkeypatch: pytest.MonkeyPatch, capsys: Any, arguments: list[str], message: str
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["ps4rig", *arguments])
     assert run() == 2
@@ -40,14 +37,11 @@ def test_wrong_usage_is_status_2_and_one_line(
     assert message in line
 
 
-def test_every_command_has_a_page_of_help(ps4rig: Command) -> None:
-    pages = ps4rig("--help").stdout
-    for name in ("demo", "capture", "import", "solve", "train", "classify", "evaluate"):
-        result = ps4rig(name, "--help")
-        assert result.exit_code == 0
-        assert "Usage" in result.stdout
-        assert name in pages
-    assert ps4rig().stdout == pages
+def test_a_call_without_a_command_lists_all_commands(ps4rig: Command) -> None:
+    page = ps4rig().stdout
+    assert page == ps4rig("--help").stdout
+    for name in ("demo", "capture", "import", "solve", "train", "classify", "evaluate", "rig"):
+        assert name in page
 
 
 def test_help_is_readable_on_a_narrow_terminal(

@@ -1,8 +1,6 @@
 """Memory that is kept from frame to frame, and the number of threads."""
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -30,29 +28,28 @@ print(json.dumps([faults, [os.environ.get(name) for name in {variables}]]))
 SETTLE = "from capture.process_settings import settle_process; settle_process()"
 
 
-def outcome(settle: str = "", **variables: str) -> tuple[int, list[str | None]]:
+@pytest.fixture
+def outcome(run_python: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Count the page faults of ten frames; list the variables that child processes see."""
-    inherited = {name: value for name, value in os.environ.items() if name not in VARIABLES}
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(settle=settle, variables=VARIABLES)],
-        env=inherited | {"PYTHONPATH": os.pathsep.join(sys.path)} | variables,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    faults, found = json.loads(done.stdout)
-    return faults, found
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+
+    def run(settle: str = "", **changed: str) -> Any:
+        program = PROGRAM.format(settle=settle, variables=VARIABLES)
+        return json.loads(run_python(program, **changed))
+
+    return run
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="mallopt belongs to the GNU C library")
-def test_the_memory_of_a_frame_is_used_for_the_next() -> None:
+def test_the_memory_of_a_frame_is_used_for_the_next(outcome: Callable[..., Any]) -> None:
     assert outcome()[0] > 1000
     faults, variables = outcome(SETTLE)
     assert faults < 100
     assert variables == [str(256 * 2**20), str(32 * 2**20)]
 
 
-def test_variables_of_the_user_take_precedence() -> None:
+def test_variables_of_the_user_take_precedence(outcome: Callable[..., Any]) -> None:
     theirs = dict.fromkeys(VARIABLES, "131072")
     faults, variables = outcome(SETTLE, **theirs)
     assert variables == ["131072"] * 2

@@ -28,9 +28,8 @@ led_rise_ms = 4
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "rig.toml"
+def bench(in_folder: Path) -> Path:
+    path = in_folder / "rig.toml"
     path.write_text(BENCH)
     return path
 

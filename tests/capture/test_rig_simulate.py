@@ -72,13 +72,11 @@ def test_a_simulation_without_devices_says_what_to_give(refused: Refused) -> Non
         (("--video", "/dev/null"), "/dev/null: is no video device"),
     ],
 )
+@pytest.mark.usefixtures("in_folder")
 def test_a_device_that_cannot_be_used_is_named(
-    refused: Refused, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...],
-    cause: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    line = refused("rig", "simulate", "--size", "32", *options, status=3)
-    assert cause in line
+    refused: Refused, options: tuple[str, ...], cause: str
+) -> None:
+    assert cause in refused("rig", "simulate", "--size", "32", *options, status=3)
 
 
 def test_a_pixel_format_that_cannot_be_written_is_named(refused: Refused, tmp_path: Path) -> None:

@@ -1,13 +1,13 @@
 """`ps4rig rig timing`: sets by software and by the controller, compared with the limit."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from capture.acquisition.timing import compared_configs, measure_set_timing
-from capture.cli import app
 from rig import RigConfig
 
 SMALL = RigConfig().with_changes(camera={"width_px": 16, "height_px": 16})
@@ -56,16 +56,16 @@ def test_a_sequence_takes_its_frames_and_the_wait_for_the_first(config):
 
 
 @pytest.mark.slow
-def test_the_command_prints_json_and_a_table(tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(
+def test_the_command_prints_json_and_a_table(ps4rig: Callable[..., Any], in_folder: Path) -> None:
+    (in_folder / "rig.toml").write_text(
         '[lights]\nport = "simulated"\n[camera]\nwidth_px = 16\nheight_px = 16\n'
     )
-    arguments = ["rig", "timing", "--rig", str(tmp_path / "rig.toml"), "--sets", "1"]
-    result = CliRunner().invoke(app, [*arguments, "--json"])
+    arguments = ("rig", "timing", "--sets", 1)
+    result = ps4rig(*arguments, "--json")
     assert result.exit_code == 0, result.output
     timings = json.loads(result.stdout)
     assert len(timings) == 12
     assert {timing["synchronisation"] for timing in timings} == {"software", "strobe", "trigger"}
-    page = CliRunner().invoke(app, arguments).output
+    page = ps4rig(*arguments).output
     assert "trigger" in page
     assert "rejected" in page

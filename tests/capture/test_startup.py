@@ -1,7 +1,6 @@
 """The modules that a page of help loads, and the public names of the packages."""
 
-import subprocess
-import sys
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -22,16 +21,9 @@ print(*{name.split(".")[0] for name in sys.modules})
 HEAVY = {"cv2", "distributed", "matplotlib", "numba", "numpy", "scipy", "serial", "tifffile"}
 
 
-def test_help_loads_no_large_module() -> None:
+def test_help_loads_no_large_module(run_python: Callable[..., str]) -> None:
     names = ("demo", "capture", "import", "solve", "train", "classify", "evaluate", "rig")
-    result = subprocess.run(
-        [sys.executable, "-c", HELP, *names],
-        check=True,
-        capture_output=True,
-        text=True,
-        env={"PYTHONPATH": ":".join(sys.path)},
-    )
-    loaded = set(result.stdout.split())
+    loaded = set(run_python(HELP, *names).split())
     assert {"typer", "capture", "classify"} <= loaded
     assert loaded & HEAVY == set()
 

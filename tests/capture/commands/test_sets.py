@@ -27,15 +27,6 @@ def photographs(tmp_path: Path) -> list[Path]:
     return paths
 
 
-@pytest.fixture
-def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make an empty folder the working folder."""
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    return folder
-
-
 # capture
 
 
@@ -366,16 +357,6 @@ def test_a_full_disk_is_one_line_and_no_file(spawn: Command, tmp_path: Path) -> 
     (line,) = stderr.splitlines()
     assert f"{tmp_path}/a.ome.tif: cannot be written" in line
     assert list(tmp_path.iterdir()) == []
-
-
-def test_maps_name_the_set_that_they_come_from(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
-    rock = next(sets.glob("rock-001*"))
-    assert ps4rig("solve", rock, "--out", tmp_path).exit_code == 0
-    with tifffile.TiffFile(tmp_path / "p.tif") as tiff:
-        origin = json.loads(tiff.pages.first.description)
-    assert origin["simulated"] is True
-    assert (origin["method"], origin["label"]) == (CapturedSet.load(rock).solve().method, "rock")
-    assert origin["pixels_sha256"] == CapturedSet.load(rock).metadata.pixels_sha256
 
 
 # real photographs: tests/data/butterfly_crop/README.md

@@ -91,22 +91,17 @@ def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
 
 
 @pytest.mark.parametrize(
-    ("fields", "message"),
+    ("label", "message"),
     [
-        ({"label": None}, "has no label; capture or import it with --label"),
-        ({"label": "Unknown"}, "label 'Unknown': 'unknown' stands for a surface"),
+        (None, "has no label; capture or import it with --label"),
+        ("Unknown", "label 'Unknown': 'unknown' stands for a surface"),
     ],
 )
 def test_a_set_without_a_usable_label_is_named(
-    refused: Refused,
-    sets: Path,
-    library: Path,
-    tmp_path: Path,
-    fields: dict[str, Any],
-    message: str,
+    refused: Refused, sets: Path, library: Path, tmp_path: Path, label: str | None, message: str
 ) -> None:
     labelled = CapturedSet.load(sets / "rock-001.ome.tif")
-    metadata = labelled.metadata.model_copy(update=fields)
+    metadata = labelled.metadata.model_copy(update={"label": label})
     path = tmp_path / "a.ome.tif"
     CapturedSet(labelled.images, labelled.ambient, metadata).save(path)
     other = sets / "sand-001.ome.tif"
@@ -116,11 +111,7 @@ def test_a_set_without_a_usable_label_is_named(
 
 
 def test_three_lights_are_too_few_for_textures(
-    refused: Refused,
-    made_set: Callable[..., CapturedSet],
-    sets: Path,
-    library: Path,
-    tmp_path: Path,
+    refused: Refused, made_set: Command, sets: Path, library: Path, tmp_path: Path
 ) -> None:
     images = CapturedSet.load(sets / "rock-001.ome.tif").images[:3]
     path = tmp_path / "a.ome.tif"
