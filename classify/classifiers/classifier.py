@@ -11,14 +11,7 @@ import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-__all__ = [
-    "Classifier",
-    "Comparison",
-    "Observation",
-    "Parameters",
-    "Shape",
-    "simple_classifier",
-]
+__all__ = ["Classifier", "Comparison", "Observation", "Parameters", "Shape", "simple_classifier"]
 
 
 class Observation:

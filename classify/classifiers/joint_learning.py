@@ -17,13 +17,7 @@ from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.statistics import PARTS, levels_for, statistics_length
 
 from .classifier import Comparison, Parameters, Shape
-from .joint_features import (
-    ALBEDO_GAINS,
-    Distances,
-    combined,
-    quarter_distances,
-    statistics_rows,
-)
+from .joint_features import ALBEDO_GAINS, Distances, combined, quarter_distances, statistics_rows
 from .joint_observation import JointTraining
 
 __all__ = ["class_limits", "learn", "parameter_shapes", "scatter_factor"]

@@ -91,13 +91,7 @@ def clustered(seed: int, count: int, classes: int, spread: float, level: float) 
     st.sampled_from([1.0, 0.5, 3.0]),
 )
 def test_nearest_and_runner_up_are_those_of_comparing_everything(
-    seed: int,
-    count: int,
-    classes: int,
-    spread: float,
-    level: float,
-    known: bool,
-    divisor: float,
+    seed: int, count: int, classes: int, spread: float, level: float, known: bool, divisor: float
 ) -> None:
     """Clusters from a ten thousandth of their distance wide to wider than their distance."""
     library = clustered(seed, count, classes, spread, level)

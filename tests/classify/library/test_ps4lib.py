@@ -171,10 +171,7 @@ def test_saving_again_replaces_the_file(saved: Path, library) -> None:
         (lambda h: h.update(classes=["a", "\ud800"]), r"header field classes\.1"),
         (lambda h: h.update(classifier="fortune"), "classifier 'fortune' that this program does"),
         (lambda h: h.pop("classifier"), "header field classifier"),
-        (
-            lambda h: h["limits"].update(fine=float("nan")),
-            "header field limits: .*'fine'",
-        ),
+        (lambda h: h["limits"].update(fine=float("nan")), "header field limits: .*'fine'"),
         (lambda h: h["limits"].update(fine="far"), "header field limits: .*'fine'"),
         (lambda h: h.update(light_directions=[[0, 0, float("inf")]]), "light_dir"),
         (lambda h: h.update(light_directions=[[0, 1]]), r"header field light_directions\.0"),

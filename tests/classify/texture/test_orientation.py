@@ -5,12 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.texture.orientation import (
-    STEP_DEG,
-    best_shift,
-    roll_angles,
-    squared_errors_by_shift,
-)
+from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import ANGLES
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,13 +8,7 @@ from hypothesis import strategies as st
 from classify import InputError, surface_spectra
 from classify.texture.fields import texture_fields
 from classify.texture.orientation import best_shift, roll_angles, squared_errors_by_shift
-from classify.texture.spectra import (
-    ANGLES,
-    RADII,
-    field_spectra,
-    image_spectrum,
-    segment_for,
-)
+from classify.texture.spectra import ANGLES, RADII, field_spectra, image_spectrum, segment_for
 
 
 def ripple(surface_of, frequency: float, angle_deg: float, shape=(128, 128), amplitude=0.2):

@@ -6,12 +6,7 @@ from hypothesis.extra.numpy import arrays
 
 from classify.errors import InputError
 from classify.texture.filter_bank import mr8_responses
-from classify.texture.textons import (
-    TEXTONS_PER_CLASS,
-    chi_squared,
-    learn_textons,
-    texton_histogram,
-)
+from classify.texture.textons import TEXTONS_PER_CLASS, chi_squared, learn_textons, texton_histogram
 
 HISTOGRAMS = arrays(np.float32, (3, 12), elements=st.integers(0, 20)).map(
     lambda counts: (counts + np.eye(3, 12)) / (counts + np.eye(3, 12)).sum(axis=1, keepdims=True)
@@ -86,9 +81,7 @@ def test_a_histogram_counts_each_pixel_at_its_nearest_texton(
 
 @settings(deadline=None)
 @given(HISTOGRAMS)
-def test_chi_squared_is_symmetric_and_between_zero_and_one(
-    histograms: np.ndarray,
-) -> None:
+def test_chi_squared_is_symmetric_and_between_zero_and_one(histograms: np.ndarray) -> None:
     table = np.array([chi_squared(each, histograms) for each in histograms])
     np.testing.assert_allclose(table, table.T, atol=1e-6)
     np.testing.assert_array_equal(np.diag(table), 0.0)
