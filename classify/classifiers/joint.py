@@ -23,14 +23,17 @@ from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_sc
 from .classifier import Classifier, Comparison, Parameters
 from .joint_features import (
     SERIES,
+    JointObservation,
+    JointTraining,
     combined,
+    observe,
+    observe_training,
     quarter_distances,
     shares,
     spectral_series,
     statistics_rows,
 )
-from .joint_learning import class_limits, learn, parameter_shapes, scatter_factor
-from .joint_observation import JointObservation, JointTraining, observe, observe_training
+from .joint_learning import LIMIT_MARGIN, learn, parameter_shapes, scatter_factor
 
 __all__ = ["JOINT"]
 
@@ -39,6 +42,8 @@ _LEAST_SHARPNESS = 0.5
 # Squared distance from the set's own signature from which a reference under rotated lights is kept,
 # in units of the distance between quarters: a nearer one changes no match.
 _LEAST_NEW = 0.1
+# Sets of one class that are left out one by one; more would take minutes and change little.
+_MAX_LEFT_OUT = 200
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
 _HEADING = slice(-1 - HEADING_FLOATS, -1)
@@ -97,7 +102,24 @@ def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
 def _limits(
     labels: Sequence[str], sets: Sequence[int], references: FloatMap, parameters: Parameters
 ) -> dict[str, float]:
-    return class_limits(labels, sets, references, parameters, _compare)
+    """Limit of each class: its scatter times the learned limit, and beyond its own sets."""
+    members: dict[str, list[int]] = {}
+    for index, label in enumerate(labels):
+        members.setdefault(label, []).append(index)
+    limits = {}
+    for label, indices in members.items():
+        own = references[indices]
+        own_sets = np.array(sets)[indices]
+        limit = float(parameters["limit"]) * float(own[:, -1].mean())
+        for left_out in np.unique(own_sets)[:_MAX_LEFT_OUT]:
+            others = own[own_sets != left_out]
+            if len(others):
+                test = own[int(np.argmax(own_sets == left_out))].copy()
+                test[-1] = 1.0
+                nearest = float(_compare(test, others, parameters).distances.min())
+                limit = max(limit, LIMIT_MARGIN * nearest)
+        limits[label] = limit
+    return limits
 
 
 def _series_of(signatures: FloatMap) -> Complex:

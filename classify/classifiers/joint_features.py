@@ -1,4 +1,4 @@
-"""Polar spectra and local statistics as vectors whose squared differences add up.
+"""Features of the joint classifier: what it observes, as vectors whose squared differences add up.
 
 The tuned numbers below are held by the recognition, rejection and shadow tests of
 ``tests/classify/classifiers/test_joint.py`` and by the tables of ``ps4rig reproduce``.
@@ -7,23 +7,35 @@ The tuned numbers below are held by the recognition, rejection and shadow tests 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.angular_harmonics import Complex, harmonics
-from classify.texture.spectra import RADII
-from classify.texture.statistics import PARTS, LocalStatistics, statistics_vector
+from classify.texture.fields import TextureFields, texture_fields
+from classify.texture.rotated_lights import under_rotated_lights
+from classify.texture.spectra import RADII, Spectra, field_spectra
+from classify.texture.statistics import (
+    PARTS,
+    LocalStatistics,
+    levels_for,
+    local_statistics,
+    statistics_vector,
+)
 
-from .classifier import Parameters
-from .joint_observation import JointTraining
+from .classifier import Observation, Parameters
 
 __all__ = [
     "ALBEDO_GAINS",
     "SERIES",
     "Distances",
+    "JointObservation",
+    "JointTraining",
     "combined",
+    "observe",
+    "observe_training",
     "quarter_distances",
     "shares",
     "spectral_series",
@@ -51,6 +63,75 @@ _ALBEDO_LEAK = 0.004
 # equal density in slopes and albedo (test_statistics.py measures it).
 ALBEDO_GAINS = (4.06, 6.20, 7.18, 7.56, 8.23)
 _QUARTER_PAIRS = tuple((i, j) for i in range(PARTS) for j in range(i))
+
+
+@dataclass(frozen=True, eq=False)
+class JointObservation(Observation):
+    """One surface: its polar spectra and local statistics.
+
+    Attributes
+    ----------
+    polar
+        (3, R, A) float32 densities: relief, albedo, co-spectrum.
+    curl_density
+        Mean density of the curl, which a relief does not have: the error of the gradient.
+    statistics
+        Of the frame and its quarters.
+    pixels
+        In the frame.
+    """
+
+    polar: FloatMap
+    curl_density: float
+    statistics: LocalStatistics
+    pixels: int
+
+
+@dataclass(frozen=True, eq=False)
+class JointTraining(Observation):
+    """One training set: the frame, the (4, 3, R, A) float32 `polar` of its quarters, and the frame
+    under rotated lights where that changes it.
+    """
+
+    frame: JointObservation
+    quarters: FloatMap
+    rotated: tuple[JointObservation, ...]
+
+
+def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
+    """Observe a surface with segments of that side."""
+    return _observe_fields(texture_fields(surface), segment_px)
+
+
+def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining:
+    """Observe a training set: the frame, its quarters, and the frame under rotated lights."""
+    fields = texture_fields(surface)
+    rows, columns = fields.shape
+    quarters = [
+        TextureFields(fields.p[cut], fields.q[cut], fields.albedo[cut])
+        for top in (0, rows // 2)
+        for left in (0, columns // 2)
+        for cut in [np.s_[top : top + rows // 2, left : left + columns // 2]]
+    ]
+    return JointTraining(
+        frame=_observe_fields(fields, segment_px),
+        quarters=np.stack([_polar(field_spectra(each, segment_px // 2)) for each in quarters]),
+        rotated=tuple(observe(other, segment_px) for other in under_rotated_lights(surface)),
+    )
+
+
+def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
+    spectra = field_spectra(fields, segment_px)
+    return JointObservation(
+        polar=_polar(spectra),
+        curl_density=spectra.curl_density,
+        statistics=local_statistics(fields, levels_for(segment_px)),
+        pixels=fields.p.size,
+    )
+
+
+def _polar(spectra: Spectra) -> FloatMap:
+    return np.stack([spectra.relief, spectra.albedo, spectra.co_spectrum])
 
 
 def spectral_series(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> Complex:

@@ -7,20 +7,25 @@ distance between two quarters of a set.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from classify.surface.estimate import FloatMap
 from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.statistics import PARTS, levels_for, statistics_length
 
-from .classifier import Comparison, Parameters, Shape
-from .joint_features import ALBEDO_GAINS, Distances, combined, quarter_distances, statistics_rows
-from .joint_observation import JointTraining
+from .classifier import Parameters, Shape
+from .joint_features import (
+    ALBEDO_GAINS,
+    Distances,
+    JointTraining,
+    combined,
+    quarter_distances,
+    statistics_rows,
+)
 
-__all__ = ["class_limits", "learn", "parameter_shapes", "scatter_factor"]
+__all__ = ["LIMIT_MARGIN", "learn", "parameter_shapes", "scatter_factor"]
 
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
@@ -41,15 +46,13 @@ _SCATTER_POWER = 0.5
 # times a margin. The quantile of few distances is uncertain: `_TYPICAL_LIMIT` counts as
 # `_TYPICAL_PAIRS` distances, for libraries of few sets.
 _LIMIT_QUANTILE = 0.99
-_LIMIT_MARGIN = 1.25
+LIMIT_MARGIN = 1.25
 _TYPICAL_LIMIT = 2.4
 _TYPICAL_PAIRS = 60
 # Quarters of training sets below this side underestimate how far two patches of a coarse texture
 # differ. The limit grows with the fourth root of the missing factor in the side, which at 128 px
 # refuses fewer known surfaces and accepts half of the unknown scanned materials.
 _SUFFICIENT_PX = 256
-# Sets of one class that are left out one by one; more would take minutes and change little.
-_MAX_LEFT_OUT = 200
 
 
 def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Parameters:
@@ -88,16 +91,12 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     """Shape of each parameter of a library with segments of that side."""
     levels = levels_for(segment_px)
     length = statistics_length(levels)
+    numbers = ("density_floor", "pixels", "spectral_scatter", "local_scatter", "limit")
     return {
-        "density_floor": (),
-        "relief_floors": (levels,),
-        "albedo_floors": (levels,),
+        **dict.fromkeys(numbers, ()),
+        **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),
-        "pixels": (),
-        "spectral_scatter": (),
-        "local_scatter": (),
-        "limit": (),
     }
 
 
@@ -105,36 +104,6 @@ def scatter_factor(distances: Distances) -> float:
     """Factor of the limit of a class, from distances between the quarters of one of its sets."""
     scatter = max(float(distances.mean()), _LEAST_SCATTER)
     return float(scatter**_SCATTER_POWER)
-
-
-def class_limits(
-    labels: Sequence[str],
-    sets: Sequence[int],
-    references: FloatMap,
-    parameters: Parameters,
-    compare: Callable[[FloatMap, FloatMap, Parameters], Comparison],
-) -> dict[str, float]:
-    """Limit of each class: its scatter times the learned limit, and beyond its own sets.
-
-    The last number of a reference is its `scatter_factor`.
-    """
-    members: dict[str, list[int]] = {}
-    for index, label in enumerate(labels):
-        members.setdefault(label, []).append(index)
-    limits = {}
-    for label, indices in members.items():
-        own = references[indices]
-        own_sets = np.array(sets)[indices]
-        limit = float(parameters["limit"]) * float(own[:, -1].mean())
-        for left_out in np.unique(own_sets)[:_MAX_LEFT_OUT]:
-            others = own[own_sets != left_out]
-            if len(others):
-                test = own[int(np.argmax(own_sets == left_out))].copy()
-                test[-1] = 1.0
-                nearest = float(compare(test, others, parameters).distances.min())
-                limit = max(limit, _LIMIT_MARGIN * nearest)
-        limits[label] = limit
-    return limits
 
 
 def _whitening(quarters: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -157,5 +126,5 @@ def _unit_limit(distances: Distances, pixels: float) -> float:
     relative = distances / scatter**_SCATTER_POWER
     quantile = float(np.quantile(relative, _LIMIT_QUANTILE))
     trust = relative.size / (relative.size + _TYPICAL_PAIRS)
-    limit = _LIMIT_MARGIN * (trust * quantile + (1.0 - trust) * _TYPICAL_LIMIT)
+    limit = LIMIT_MARGIN * (trust * quantile + (1.0 - trust) * _TYPICAL_LIMIT)
     return float(limit * max(_SUFFICIENT_PX**2 / pixels, 1.0) ** 0.125)

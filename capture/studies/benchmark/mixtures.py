@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from classify import TextureLibrary
 from classify.classifiers import classifier_named
-from classify.classifiers.joint_observation import JointObservation, JointTraining
+from classify.classifiers.joint_features import JointObservation, JointTraining
 from classify.library.training import TrainingRow
 from classify.surface.estimate import FloatMap
 from classify.texture.spectra import ANGLES, segment_for
