@@ -9,9 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
 from numba import njit
 
-__all__ = ["kernel", "kernel_cache_folder"]
+__all__ = ["Array", "kernel", "kernel_cache_folder"]
+
+Array = npt.NDArray[Any]
+"""An argument of a kernel, of the type that its function states."""
 
 # NaN and infinity stay exact, and so does the order of sums: with "reassoc" a kernel that numba
 # has just compiled and the same kernel from the cache differ in the last digits

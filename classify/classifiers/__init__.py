@@ -10,8 +10,7 @@ from classify.errors import InputError
 
 from .classifier import Classifier, Comparison, Observation, Parameters
 from .joint import JOINT
-from .profiles import IMAGE_POLAR, POLAR, POLAR_RADIAL
-from .spectra_2d import SPECTRA_2D, SPECTRA_2D_POWER
+from .thesis import IMAGE_POLAR, POLAR, POLAR_RADIAL, SPECTRA_2D, SPECTRA_2D_POWER
 from .varma_zisserman import VARMA_ZISSERMAN
 
 __all__ = [
@@ -30,13 +29,7 @@ CLASSIFIERS = {classifier.name: classifier for classifier in _ALL}
 
 
 def classifier_named(name: str) -> Classifier[Any, Any]:
-    """The classifier of that name.
-
-    Raises
-    ------
-    InputError
-        If no classifier has this name.
-    """
+    """The classifier of that name; InputError if there is none."""
     if name not in CLASSIFIERS:
         raise InputError(
             f"no classifier is called {name!r}; choose one of {', '.join(CLASSIFIERS)}"

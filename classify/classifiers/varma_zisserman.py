@@ -12,7 +12,7 @@ from classify.texture.filter_bank import RESPONSES, mr8_responses
 from classify.texture.textons import chi_squared, learn_textons, texton_histogram
 
 from .classifier import Classifier, Comparison, Observation, Parameters, Shape
-from .profiles import first_light, images_of
+from .thesis import first_light, images_of
 
 __all__ = ["VARMA_ZISSERMAN"]
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.classifiers import Comparison
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 from classify.threads import run_on_rows
 
@@ -19,7 +18,6 @@ __all__ = ["Indices", "Sieve"]
 # Relative error of the norm of the difference of two vectors of single precision.
 _ROUNDING = np.float32(2e-6)
 
-Array = npt.NDArray[Any]
 Indices = npt.NDArray[np.intp]
 Bounds = npt.NDArray[np.float64]
 

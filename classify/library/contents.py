@@ -69,7 +69,7 @@ class LibraryContents:
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
             found = self.parameters[name].shape
             expected = tuple(
-                length if wanted < 0 else wanted
+                max(length, 1) if wanted < 0 else wanted
                 for length, wanted in zip(found, shape, strict=False)
             )
             if len(found) != len(shape) or found != expected:

@@ -27,7 +27,7 @@ __all__ = [
 class Trial:
     """One test: the true class, the true orientation where it is known, and the match.
 
-    `nearest_...` properties take the nearest class as the answer, even where it was rejected.
+    `nearest_orientation_error_deg` counts the nearest class as the answer, even if it rejects.
     """
 
     label: str
@@ -40,20 +40,15 @@ class Trial:
         return self.match.label == self.label
 
     @property
-    def nearest_is_correct(self) -> bool:
-        """Whether the nearest class is the true one."""
-        return self.match.nearest == self.label
-
-    @property
     def orientation_error_deg(self) -> float | None:
         """Error modulo 180, 0 to 90; None where unknown or the class is wrong."""
         return self.nearest_orientation_error_deg if self.is_correct else None
 
     @property
     def nearest_orientation_error_deg(self) -> float | None:
-        """The same; None where unknown or the nearest class is wrong."""
+        """Error modulo 180, 0 to 90; None where unknown or the nearest class is wrong."""
         found_deg = self.match.orientation_deg
-        if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
+        if self.orientation_deg is None or found_deg is None or self.match.nearest != self.label:
             return None
         return abs((found_deg - self.orientation_deg + 90.0) % 180.0 - 90.0)
 
@@ -68,7 +63,7 @@ class Trial:
 
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
     """Share of trials whose nearest class is the true one; None without trials."""
-    return _share(trial.nearest_is_correct for trial in trials)
+    return _share(trial.match.nearest == trial.label for trial in trials)
 
 
 def unknown_share(trials: Iterable[Trial]) -> float | None:
@@ -141,13 +136,7 @@ class Evaluation:
 
 
 def evaluate(trials: Sequence[Trial]) -> Evaluation:
-    """Summarise trials.
-
-    Raises
-    ------
-    InputError
-        Without trials.
-    """
+    """Summarise trials; InputError without any."""
     if not trials:
         raise InputError("nothing to evaluate; give at least one labelled set")
     by_class: dict[str, list[Trial]] = {}

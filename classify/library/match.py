@@ -25,8 +25,8 @@ class Match:
     nearest
         The nearest class, also of an unknown surface.
     orientation_deg
-        Orientation of the surface, anticlockwise, modulo 180, relative to the same zero as those of
-        the training sets. None where the classifier finds no orientation.
+        Orientation of the surface, anticlockwise, [0, 180), with the zero of the training sets.
+        None where the classifier finds no orientation.
     heading_deg
         The orientation over 360 degrees, [0, 360), where the texture looks clearly different when
         rotated by 180 degrees; else None.
@@ -66,14 +66,8 @@ def match_of(
 ) -> Match:
     """Make a match from the comparison of a surface with n references.
 
-    Parameters
-    ----------
-    found
-        The comparison.
-    labels, orientations_deg
-        Class and orientation of each reference.
-    limits
-        Limit of each class; empty if none were learned.
+    `labels` and `orientations_deg` are those of the references. `limits` is empty if no limits were
+    learned.
     """
     best_of_class: dict[str, int] = {}
     for index in np.argsort(found.distances, kind="stable").tolist():

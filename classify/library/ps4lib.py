@@ -88,7 +88,7 @@ Array = npt.NDArray[Any]
 
 
 class _Header(BaseModel):
-    """The contents of a library that are no arrays; see `LibraryContents`."""
+    """The contents of a library except its arrays; see `LibraryContents`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
@@ -103,7 +103,7 @@ class _Header(BaseModel):
 
 
 def check_path(path: Path) -> None:
-    """Make sure, before the work, that a library can be written to `path`.
+    """Check before the work that a library can be written to `path`.
 
     Raises
     ------
@@ -118,25 +118,16 @@ def check_path(path: Path) -> None:
 
 
 def write(path: Path, library: LibraryContents) -> None:
-    """Write a library to `path`, whole or not at all.
-
-    Raises
-    ------
-    LibraryError
-        If the name does not end in ``.ps4lib``.
-    InputError
-        If the file cannot be written.
-    """
+    """Write a library to `path`, whole or not at all; raises as `check_path`."""
     check_path(path)
+    lighting = library.lighting
     header = _Header(
         classifier=library.classifier,
         segment_px=library.segment_px,
         simulated=library.simulated,
         classes=library.classes,
         limits=dict(library.limits),
-        light_directions=(
-            None if library.lighting is None else library.lighting.directions.tolist()
-        ),
+        light_directions=None if lighting is None else lighting.directions.tolist(),
         sources=library.sources,
     )
     arrays: dict[str, Array] = {
@@ -176,12 +167,10 @@ def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTE
 def _read(archive: _Archive, kind: type[Library]) -> Library:
     header = _checked_header(archive.header())
     indices = archive.array("classes.npy", "<i4")
-    arrays = {
-        "orientations_deg": archive.array("orientations_deg.npy", "<f8"),
-        "signatures": archive.array("signatures.npy", "<f4"),
-    }
-    if "invariants.npy" in archive.names:
-        arrays["invariants"] = archive.array("invariants.npy", "<f4")
+    types = {"orientations_deg": "<f8", "signatures": "<f4", "invariants": "<f4"}
+    if "invariants.npy" not in archive.names:
+        del types["invariants"]
+    arrays = {name: archive.array(f"{name}.npy", dtype) for name, dtype in types.items()}
     parameters = archive.parameters()
     _check_references(indices, len(header.classes), arrays)
     for array in [*arrays.values(), *parameters.values()]:
@@ -305,7 +294,8 @@ class _Archive:
             shape, fortran_order, found = np.lib.format.read_array_header_1_0(member)
             header_bytes = member.tell()
             values_bytes = info.file_size - header_bytes
-            if found != np.dtype(dtype) or fortran_order or _bytes_of(shape, found) != values_bytes:
+            fits = math.prod(shape) * found.itemsize == values_bytes
+            if found != np.dtype(dtype) or fortran_order or not fits:
                 raise LibraryError(
                     f"{name} is {shape} {found} in {values_bytes} bytes; "
                     "the file is damaged, train it again"
@@ -333,10 +323,3 @@ class _Archive:
         if fields[0] != b"PK\x03\x04":
             raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
         return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
-
-
-def _bytes_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
-    count = dtype.itemsize
-    for length in shape:
-        count *= length
-    return count

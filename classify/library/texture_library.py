@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from classify.classifiers import Classifier, Comparison, classifier_named
+from classify.classifiers import Comparison, classifier_named
 from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER
@@ -78,18 +77,13 @@ class TextureLibrary(LibraryContents):
         sources: Sequence[tuple[str, str]] = (),
     ) -> TextureLibrary:
         """Learn from sets that `observe` has observed with segments of one size; see `train`."""
-        learned = learn_references(rows, classifier_named(classifier))
         return cls(
             classifier=classifier,
-            labels=learned.labels,
-            orientations_deg=learned.orientations_deg,
-            signatures=learned.signatures,
-            parameters=learned.parameters,
             segment_px=segment_px,
-            limits=learned.limits,
             lighting=lighting,
             simulated=simulated,
             sources=tuple(sources),
+            **learn_references(rows, classifier_named(classifier))._asdict(),
         )
 
     @classmethod
@@ -98,13 +92,8 @@ class TextureLibrary(LibraryContents):
     ) -> TextureLibrary:
         """Read a ``.ps4lib`` file.
 
-        Parameters
-        ----------
-        path
-            The file.
-        map_from_bytes
-            Size from which an array is mapped into memory instead of read: signatures of a large
-            library stay in the file until a match needs them.
+        Arrays of `map_from_bytes` or more are mapped into memory instead of read: signatures of a
+        large library stay in the file until a match needs them.
 
         Raises
         ------
@@ -126,7 +115,7 @@ class TextureLibrary(LibraryContents):
             If the surface is smaller than the library's segments, has no valid pixel, or the
             classifier compares images and the lights were others.
         """
-        classifier = self._functions
+        classifier = classifier_named(self.classifier)
         if classifier.from_images:
             _check_same_lights(surface.lighting, self.lighting, self.classifier)
         observation = classifier.observe(surface, self.segment_px)
@@ -151,18 +140,12 @@ class TextureLibrary(LibraryContents):
         return match_of(found, labels, self.orientations_deg[indices], self.limits)
 
     def classify(self, surface: SurfaceEstimate) -> Match:
-        """Find the nearest class, or unknown, and the orientation of a surface.
-
-        Raises
-        ------
-        InputError
-            As `observe`.
-        """
+        """Find the nearest class, or unknown, and the orientation; raises as `observe`."""
         return self.match(self.observe(surface))
 
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
-        """Compare the references that can be nearest or runner-up; indices and comparison."""
-        classifier = self._functions
+        """Compare the references that can be nearest or runner-up: their indices, the result."""
+        classifier = classifier_named(self.classifier)
         if self.invariants is None:
             everything = np.arange(len(self.labels))
             return everything, classifier.compare(signature, self.signatures, self.parameters)
@@ -174,10 +157,6 @@ class TextureLibrary(LibraryContents):
             return classifier.compare(signature, self.signatures[indices], self.parameters)
 
         return Sieve(self.invariants, self.class_indices).nearest(invariants, compare)
-
-    @property
-    def _functions(self) -> Classifier[Any, Any]:
-        return classifier_named(self.classifier)
 
 
 def _check_same_lights(

@@ -53,25 +53,15 @@ def observe(
 ) -> Observation:
     """Observe one training surface, for `TextureLibrary.from_observations`.
 
-    A pure function with a small result, so that other processes can observe sets.
-
-    Raises
-    ------
-    InputError
-        If the surface is smaller than a segment, or has no valid pixel.
+    A pure function with a small result, so that other processes can observe sets. InputError if the
+    surface is smaller than a segment, or has no valid pixel.
     """
     observation: Observation = classifier_named(classifier).observe_training(surface, segment_px)
     return observation
 
 
 def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]) -> Learned:
-    """Learn from observed sets; see `TextureLibrary.train` for orientations.
-
-    Raises
-    ------
-    LibraryError, InputError
-        Without rows, for a label that cannot name a class, or an orientation that is not finite.
-    """
+    """Learn from observed sets; see `TextureLibrary.train` for orientations and errors."""
     if not rows:
         raise LibraryError("nothing to train on; give at least one set")
     for row in rows:
@@ -99,13 +89,8 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
         orientations_deg += [round(orientation_deg, 6) % 360.0] * len(references)
         signatures += list(references)
     stacked = np.stack(signatures)
-    return Learned(
-        labels=tuple(labels),
-        orientations_deg=np.array(orientations_deg),
-        signatures=stacked,
-        parameters=parameters,
-        limits=classifier.limits(labels, sets, stacked, parameters),
-    )
+    limits = classifier.limits(labels, sets, stacked, parameters)
+    return Learned(tuple(labels), np.array(orientations_deg), stacked, parameters, limits)
 
 
 def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
@@ -126,7 +111,7 @@ def _aligned(
         return references, 0.0
     heading = 0.0 if found.headings is None else float(found.headings[0])
     if abs(heading) < LEAST_SCORE:
-        # The set may lie the other way round: it must not tell headings.
+        # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)
     return references, float(found.orientations_deg[0]) + 180.0 * (heading < 0.0)
 

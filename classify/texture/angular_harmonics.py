@@ -15,9 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 from classify.threads import run_on_rows
+
+from .orientation import refined_minima
 
 __all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "shift_invariant_norms"]
 
@@ -30,7 +32,6 @@ _STEP_DEG = 180.0 / _SHIFTS
 # Relative curvature below which rounding decides, so that the parabola has no vertex.
 _LEAST_CURVATURE = 1e-9
 
-Array = npt.NDArray[Any]
 Complex = npt.NDArray[np.complex64]
 
 
@@ -66,14 +67,9 @@ def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
 
 
 def least_error(test: Complex, references: Complex) -> LeastError:
-    """Compare one stack of maps with n others over all shifts that the maps of a stack share.
+    """Compare a stack of maps, (K, 16) series, with n stacks, (n, K, 16) series.
 
-    Parameters
-    ----------
-    test
-        (K, 16) series.
-    references
-        (n, K, 16) series.
+    All maps of a stack are shifted by the same angle.
     """
     cross = np.empty((len(references), HARMONICS), np.complex128)
     energies = np.empty(cross.shape, np.float64)
@@ -86,19 +82,13 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     energies += _squares(test).sum(axis=0, dtype=np.float64)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
-    row = np.arange(len(errors))
-    best = np.argmin(errors, axis=1)
-    before, least, after = (errors[row, (best + step) % _SHIFTS] for step in (-1, 0, 1))
-    curvature = before - 2.0 * least + after
-    flat = curvature <= _LEAST_CURVATURE * total + 1e-30
-    offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
-    least = np.maximum(least - 0.25 * (before - after) * offset, 0.0)
+    shifts, least = refined_minima(errors, _LEAST_CURVATURE * total)
     directional = energies[:, 1:].sum(axis=1)
     agreed = 2.0 * (correlations.max(axis=1) - cross[:, 0].real)
     sharpness = np.clip(agreed / np.maximum(directional, np.finfo(np.float64).tiny), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
-    shifts_deg = ((best + offset) % _SHIFTS % _SHIFTS) * _STEP_DEG
-    return LeastError(errors=least, shifts_deg=shifts_deg, sharpness=sharpness)
+    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
+    return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
 
 
 def shift_invariant_norms(series: Complex) -> FloatMap:

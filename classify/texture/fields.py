@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.threads import run_on_rows
@@ -23,8 +21,6 @@ _MAX_SLOPE = np.float32(2.0)
 _MAX_ALBEDO = np.float32(8.0)
 # Rows whose sums are taken in single precision; larger blocks would lose digits.
 _ROWS = 16
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +42,7 @@ class TextureFields:
 
 
 def texture_fields(surface: SurfaceEstimate) -> TextureFields:
-    """Compute the fields of a surface.
-
-    Raises
-    ------
-    InputError
-        If no pixel is valid, or the valid ones contain NaN or have an albedo of 0.
-    """
+    """Compute the fields; InputError if no pixel is valid, or valid ones hold NaN or albedo 0."""
     # One allocation instead of three: the allocator reuses a large block, while it returns small
     # ones to the system and their pages have to be cleared again.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)

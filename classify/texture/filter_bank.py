@@ -67,21 +67,12 @@ def mr8_filters() -> FloatMap:
 
 
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
-    """MR8 responses of each pixel of an image.
+    """MR8 responses to an image under one light: (H, W) to (8, H - 48, W - 48) float32.
 
-    The image is scaled to mean 0 and standard deviation 1. Edges and bars give the largest
-    magnitude over their orientations; each pixel's vector R becomes R log(1 + |R| / 0.03) / |R|
-    (Weber's law). Only pixels with a whole filter around them are kept.
-
-    Parameters
-    ----------
-    image
-        (H, W), integers or floats: the image under one light minus the ambient image.
-
-    Returns
-    -------
-    (8, H - 48, W - 48) float32: edges at sigma 1, 2, 4, bars at sigma 1, 2, 4, Gaussian and
-    Laplacian of Gaussian. The last two have a sign.
+    They are edges at sigma 1, 2, 4, bars at sigma 1, 2, 4, Gaussian and Laplacian of Gaussian; the
+    last two have a sign. The image is scaled to mean 0 and standard deviation 1. Edges and bars
+    give the largest magnitude over their orientations; each pixel's vector R becomes
+    R log(1 + |R| / 0.03) / |R| (Weber's law). Only pixels with a whole filter around them are kept.
 
     Raises
     ------
@@ -93,11 +84,8 @@ def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
     responses = np.empty((RESPONSES, rows, columns), dtype=np.float32)
     for row in _blocks(normal.shape[0]):
         for column in _blocks(normal.shape[1]):
-            block = normal[row, column]
-            valid = np.s_[
-                :, row.start : row.stop - 2 * _MARGIN, column.start : column.stop - 2 * _MARGIN
-            ]
-            responses[valid] = _block_responses(block)
+            valid = [slice(each.start, each.stop - 2 * _MARGIN) for each in (row, column)]
+            responses[:, valid[0], valid[1]] = _block_responses(normal[row, column])
     magnitude = np.sqrt(np.einsum("ijk,ijk->jk", responses, responses))
     # log(1 + m / 0.03) / m tends to 1 / 0.03 where there is no response.
     safe = np.maximum(magnitude, np.float32(1e-12))

@@ -8,12 +8,10 @@ as likely one way as the other has no heading.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 
 __all__ = [
@@ -42,7 +40,6 @@ _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
 # Mean ratio of squared moments to their variance from which a surface has a heading: noise gives 1.
 _LEAST_SIGNIFICANCE = 2.0
 
-Array = npt.NDArray[Any]
 Complex = npt.NDArray[np.complex128]
 Floats = npt.NDArray[np.float64]
 
@@ -86,12 +83,8 @@ def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> Complex:
     of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 divided by the rms of each factor. A rotation by t
     multiplies the first five by exp(i t), the last by exp(3 i t).
 
-    Parameters
-    ----------
-    sums
-        (..., 13) from `add_row`, over `counts` (...) pixels.
-    variances
-        (..., 2) of the responses of relief and of albedo.
+    `sums` are (..., 13) from `add_row` over `counts` (...) pixels, and `variances` (..., 2) are of
+    the responses of relief and of albedo.
     """
     means = sums / counts[..., None]
     tiny = 1e-12
@@ -114,15 +107,10 @@ def heading_variances(moments: Complex) -> Floats:
 
 
 def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
-    """(72,) float32: moments, and the weights they have in a reference.
+    """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference.
 
-    Parameters
-    ----------
-    moments
-        (5, levels, 6), the frame first.
-    typical
-        (levels, 6) mean `heading_variances` of all training sets. Four quarters give those of one
-        set only roughly, so the mean of both is used.
+    `typical` is the (levels, 6) mean of the `heading_variances` of all training sets. Four quarters
+    give those of one set only roughly, so the mean of both is used.
     """
     found = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))
@@ -132,24 +120,15 @@ def heading_numbers(moments: Complex, typical: Floats) -> FloatMap:
     significance = (np.square(np.abs(found)) * weights).sum() / max(levels * MOMENTS, 1)
     if significance < _LEAST_SIGNIFICANCE:
         weights[:] = 0.0
-    return np.concatenate(
-        [found.real.ravel(), found.imag.ravel(), weights.ravel()],
-        dtype=np.float32,
-        casting="same_kind",
-    )
+    return np.stack([found.real, found.imag, weights]).astype(np.float32).ravel()
 
 
 def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
     """(n,) scores of the given orientations against the opposite ones, in standard deviations.
 
-    Negative where the orientation is 180 degrees more; 0 where the reference has no heading.
-
-    Parameters
-    ----------
-    test, references
-        (72,) and (n, 72) from `heading_numbers`.
-    orientations_deg
-        (n,) of the test relative to each reference, modulo 180.
+    A score is negative where the orientation is 180 degrees more, and 0 where the reference has no
+    heading. `test` is (72,) and `references` (n, 72) from `heading_numbers`; `orientations_deg`
+    (n,) are those of the test relative to each reference, modulo 180.
     """
     size = MOMENTS * _MAX_LEVELS
     own = test[:size] + 1j * test[size : 2 * size]

@@ -8,29 +8,22 @@ import scipy.fft
 
 from .spectra import ANGLES
 
-__all__ = ["STEP_DEG", "best_shift", "roll_angles", "squared_errors_by_shift"]
+__all__ = ["STEP_DEG", "best_shift", "refined_minima", "roll_angles", "squared_errors_by_shift"]
 
 STEP_DEG = 180.0 / ANGLES
+
+Floats = npt.NDArray[np.float64]
 
 
 def squared_errors_by_shift(
     test: npt.NDArray[np.floating], references: npt.NDArray[np.floating]
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """Sum over theta of (test(theta + phi) - reference(theta))^2 for every phi of the grid.
 
-    One circular cross-correlation along the last axis by FFT (thesis section 6.4.6).
-
-    Parameters
-    ----------
-    test
-        (..., A) sampled at A angles over 180 degrees.
-    references
-        (n, ..., A).
-
-    Returns
-    -------
-    (n, A) float64, summed over all axes between. Entry j is the error if the test is the
-    reference shifted anticlockwise by j steps of the grid.
+    `test` is (..., A), sampled at A angles over 180 degrees, and `references` is (n, ..., A). The
+    errors are (n, A) float64, summed over all axes between; entry j is the error if the test is the
+    reference shifted anticlockwise by j steps of the grid. They come from one circular
+    cross-correlation along the last axis by FFT (thesis section 6.4.6).
     """
     between = tuple(range(1, references.ndim - 1))
     cross = scipy.fft.rfft(test.astype(np.float64)) * np.conj(
@@ -40,26 +33,32 @@ def squared_errors_by_shift(
     energy = np.sum(np.square(test, dtype=np.float64)) + np.sum(
         np.square(references, dtype=np.float64), axis=(*between, references.ndim - 1)
     )
-    errors: npt.NDArray[np.float64] = energy[:, None] - 2.0 * correlation
+    errors: Floats = energy[:, None] - 2.0 * correlation
     return errors
 
 
-def best_shift(errors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def best_shift(errors: Floats) -> Floats:
     """(n,) shift in grid steps at the lowest of (n, A) errors, refined by a parabola."""
+    shifts, _ = refined_minima(errors, 1e-12 * np.abs(errors.min(axis=-1)))
+    return np.mod(shifts, errors.shape[-1])
+
+
+def refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
+    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
+
+    Where its curvature is at most `flat_below`, rounding decides: the lowest error is returned.
+    """
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))
-    before, here, after = (errors[row, (lowest + step) % count] for step in (-1, 0, 1))
-    curvature = before - 2.0 * here + after
-    flat = curvature <= 1e-12 * np.abs(here) + 1e-30
+    before, least, after = (errors[row, (lowest + step) % count] for step in (-1, 0, 1))
+    curvature = before - 2.0 * least + after
+    flat = curvature <= flat_below + 1e-30
     offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
-    shifts: npt.NDArray[np.float64] = (lowest + offset) % count
-    return shifts
+    return lowest + offset, least - 0.25 * (before - after) * offset
 
 
-def roll_angles(
-    polar: npt.NDArray[np.floating], shifts: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
     """Shift `polar` (..., A) back by each of `shifts` (n,) grid steps, exactly: (n, ..., A).
 
     A shift along the angle axis is a phase ramp in the Fourier transform, so a fraction of a step
@@ -70,5 +69,5 @@ def roll_angles(
     count = polar.shape[-1]
     ramp = np.exp(2j * np.pi * order * shifts[:, None] / count)
     ramp = ramp.reshape(len(shifts), *(1,) * (polar.ndim - 1), -1)
-    shifted: npt.NDArray[np.float64] = scipy.fft.irfft(transform * ramp, n=count)
+    shifted: Floats = scipy.fft.irfft(transform * ramp, n=count)
     return shifted

@@ -1,4 +1,4 @@
-"""One surface under rotated lights, which stands for a rotated part under the same lights.
+"""One surface under rotated lights, equivalent to a rotated part under the same lights.
 
 Four lights leave errors where two of them are in shadow, and the place of shadows depends on the
 orientation of the texture. The estimate of one training set is relit with attached and cast shadows
@@ -28,13 +28,8 @@ def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
     """Yield estimates of the same pixels as if the part had been rotated under its lights.
 
     The orientations are three steps of a quarter of the angle between lights; after four steps the
-    ring of lights is the same again. Yields nothing for an estimate without lighting or by PS3, nor
-    where less than 1 % of the surface is in shadow.
-
-    Parameters
-    ----------
-    surface
-        A solved surface. Slopes stay relative to the image.
+    ring of lights is the same again. Slopes stay relative to the image. Yields nothing for an
+    estimate without lighting or by PS3, or where less than 1 % of the surface is in shadow.
     """
     lighting = surface.lighting
     # PS3 chooses lights by their tilt: rotated, it would choose others.

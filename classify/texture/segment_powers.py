@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
-from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 from classify.threads import map_in_threads
 
 from .fields import TextureFields
 
-__all__ = ["check_side", "segment_powers"]
+__all__ = ["segment_powers"]
 
 _POWERS = 6
 # Number of partial sums. It is the same on every machine, because the order of additions decides
@@ -26,8 +24,6 @@ _LANES = 4
 # With fewer pixels the work is done before another thread has started.
 _FEW_PX = 1 << 17
 
-Array = npt.NDArray[Any]
-
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     """Mean powers of overlapping segments, for each wave vector of half a plane.
@@ -35,13 +31,6 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     The thesis does not specify window, segments and mean. Here segments overlap by half or a little
     more to cover the frame. Each is reduced by its mean and multiplied by a circular Hann window,
     because a square window does not rotate with the surface.
-
-    Parameters
-    ----------
-    fields
-        (H, W) slopes and albedo.
-    side
-        Side of the segments, pixels.
 
     Returns
     -------
@@ -52,9 +41,13 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     Raises
     ------
     InputError
-        If the frame is smaller than a segment.
+        If the frame is smaller than a segment of `side` pixels.
     """
-    check_side(side, fields.shape)
+    if min(fields.shape) < side:
+        raise InputError(
+            f"a frame of {fields.shape[1]} x {fields.shape[0]} px is smaller than the "
+            f"{side} px segments of the library; use larger frames"
+        )
     rows, columns = (_starts(length, side) for length in fields.shape)
     corners = [(row, column) for row in rows for column in columns]
     pairs = [np.array(corners[first : first + 2]) for first in range(0, len(corners), 2)]
@@ -71,15 +64,6 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
         powers += lane
     powers *= np.float32(1.0 / (len(corners) * np.square(window, dtype=np.float64).sum()))
     return powers
-
-
-def check_side(side: int, shape: tuple[int, ...]) -> None:
-    """Raise InputError if a frame is smaller than a segment."""
-    if min(shape) < side:
-        raise InputError(
-            f"a frame of {shape[1]} x {shape[0]} px is smaller than the "
-            f"{side} px segments of the library; use larger frames"
-        )
 
 
 def _starts(length: int, side: int) -> list[int]:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .fields import TextureFields, texture_fields
-from .segment_powers import check_side, segment_powers
+from .segment_powers import segment_powers
 
 __all__ = [
     "ANGLES",
@@ -40,8 +39,6 @@ MAX_SEGMENT_PX = 256
 # coarse and fine textures get equal shares. Bins 0 and 1 contain the window's own spectrum.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +101,7 @@ class Spectra:
 def segment_for(shape: tuple[int, int]) -> int:
     """Side of the segments for a frame: the largest power of two up to half its shorter side.
 
-    Raises
-    ------
-    InputError
-        If the frame is smaller than two segments of 32 px.
+    At most 256 px; InputError for a frame smaller than two segments of 32 px.
     """
     shorter = min(shape)
     if shorter < 2 * MIN_SEGMENT_PX:
@@ -138,18 +132,11 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
         raise InputError(
             f"{side} px segments; a texture needs segments of at least {MIN_SEGMENT_PX} px"
         )
-    check_side(side, surface.shape)
     return field_spectra(texture_fields(surface), side)
 
 
 def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
-    """Spectra of fields, averaged over overlapping segments; see `segment_powers`.
-
-    Raises
-    ------
-    InputError
-        If the frame is smaller than a segment.
-    """
+    """Spectra of fields, averaged over overlapping segments; raises as `segment_powers`."""
     powers = segment_powers(fields, segment_px)
     columns, rows = _polar_map(segment_px)
     amplitudes = _amplitudes(powers, _wave_directions(segment_px))
@@ -161,18 +148,13 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
     return Spectra(gradient, albedo, relief, co_spectrum, segment_px=segment_px)
 
 
-def image_spectrum(image: npt.NDArray[Any], segment_px: int) -> FloatMap:
+def image_spectrum(image: Array, segment_px: int) -> FloatMap:
     """(R, 90) float32 power spectrum of one image divided by its mean, on the same polar grid.
 
     It contains the factor cos^2(theta - tilt) of its light, so that it does not rotate with the
-    surface (thesis chapter 6; chapters 7 to 9 use gradients instead).
-
-    Raises
-    ------
-    InputError
-        If the image is smaller than a segment, or black.
+    surface (thesis chapter 6; chapters 7 to 9 use gradients instead). InputError if the image is
+    smaller than a segment, or black.
     """
-    check_side(segment_px, image.shape)
     mean = float(image.mean())
     if mean <= 0.0:
         raise InputError("the image is black; check exposure and lights")

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
+from classify.compiling import Array, kernel
 from classify.threads import run_on_rows
 
 from .fields import TextureFields
@@ -48,7 +47,6 @@ _LEAK = np.float32(0.025)
 _BORDER = 2
 _SUMS = 12
 
-Array = npt.NDArray[Any]
 Moments = npt.NDArray[np.float64]
 
 
@@ -89,21 +87,15 @@ def levels_for(segment_px: int) -> int:
 
 
 def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
-    """Measure a frame and its quarters in one pass per level.
+    """Measure a frame and its quarters in one pass per level, from the pixel upwards.
 
-    Parameters
-    ----------
-    fields
-        (H, W) slopes and albedo, H and W at least ``16 * 2**levels``.
-    levels
-        Octaves, from the pixel upwards.
+    The sides of the frame are at least ``16 * 2**levels``.
     """
     planes = [
         cv2.GaussianBlur(plane, _BLUR_SIZE, _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
         for plane in (fields.p, fields.q, fields.albedo)
     ]
-    sums: list[Moments] = []
-    odd_sums: list[Moments] = []
+    sums, odd_sums = [], []
     energies: list[Array] = []
     p_mean, q_mean = (np.float32(cv2.mean(plane)[0]) for plane in planes[:2])
     for level in range(levels):
@@ -150,8 +142,8 @@ def statistics_vector(
         (levels,) variances that are added to the measured ones: textures fainter than their error
         then differ little, instead of by the logarithm of noise.
     albedo_leaks
-        (levels,) share of the variance of relief that counts as variance of albedo, because lights
-        of slightly wrong levels let as much through.
+        (levels,) share of the variance of relief that counts as variance of albedo: LED levels
+        that are slightly wrong leak about as much.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0

@@ -56,10 +56,8 @@ def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS)
     Raises
     ------
     InputError
-        Without images, for another shape, or with fewer different pixels than textons.
+        With fewer different pixels than textons.
     """
-    if not responses:
-        raise InputError("textons are learned from at least one image of the class; give one")
     rng = np.random.default_rng(_SEED)
     share = -(-_SAMPLES // len(responses))
     samples = []
@@ -76,27 +74,11 @@ def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS)
 
 
 def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
-    """Histogram of the nearest textons of an image's pixels.
+    """(T,) float32 shares of the pixels nearest to each texton.
 
-    Parameters
-    ----------
-    responses
-        (8, H, W) of `mr8_responses`.
-    textons
-        (T, 8), of all classes.
-
-    Returns
-    -------
-    (T,) float32, of sum 1.
-
-    Raises
-    ------
-    InputError
-        For another shape.
+    `responses` is (8, H, W) of `mr8_responses`, `textons` is (T, 8), of all classes.
     """
     pixels = _pixels(responses)
-    if textons.ndim != 2 or textons.shape[1] != RESPONSES or len(textons) == 0:
-        raise InputError(f"textons of shape {textons.shape}; give ({RESPONSES},) for each")
     # |x - t|^2 = |x|^2 - 2 (x . t - |t|^2 / 2), and |x|^2 is the same for all textons.
     directions = np.ascontiguousarray(textons.T, dtype=np.float32)
     half_square = 0.5 * np.einsum("kt,kt->t", directions, directions)
@@ -111,29 +93,10 @@ def texton_histogram(responses: FloatMap, textons: FloatMap) -> FloatMap:
 
 
 def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
-    """1/2 sum (a - b)^2 / (a + b) between a histogram and each reference; 0 to 1.
+    """(n,) float32 distances 1/2 sum (a - b)^2 / (a + b) of a (T,) histogram from (n, T) others.
 
-    Parameters
-    ----------
-    histogram
-        (T,), of sum 1.
-    references
-        (R, T), each of sum 1.
-
-    Returns
-    -------
-    (R,) float32. Bins that are empty in both count 0.
-
-    Raises
-    ------
-    InputError
-        If the histograms are not over the same number of textons.
+    They lie between 0 and 1. Bins that are empty in both count 0.
     """
-    if histogram.ndim != 1 or references.ndim != 2 or references.shape[1] != len(histogram):
-        raise InputError(
-            f"a histogram of shape {histogram.shape} and references of {references.shape}; "
-            "they must be over the same textons"
-        )
     total = references + histogram
     squares = np.square(references - histogram)
     distances = np.divide(squares, total, out=np.zeros_like(total), where=total > 0)
@@ -142,6 +105,4 @@ def chi_squared(histogram: FloatMap, references: FloatMap) -> FloatMap:
 
 def _pixels(responses: FloatMap) -> FloatMap:
     """(H W, 8), one row per pixel."""
-    if responses.ndim != 3 or responses.shape[0] != RESPONSES or responses.size == 0:
-        raise InputError(f"responses of shape {responses.shape}; give ({RESPONSES}, rows, columns)")
     return np.ascontiguousarray(responses.reshape(RESPONSES, -1).T, dtype=np.float32)

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from classify import InputError, Lighting
 from classify.classifiers import CLASSIFIERS
-from classify.classifiers.profiles import first_light
-from classify.classifiers.spectra_2d import PolarSpectra
+from classify.classifiers.thesis import PolarSpectra, first_light
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 

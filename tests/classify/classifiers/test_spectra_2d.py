@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from classify import SurfaceEstimate
 from classify.classifiers import CLASSIFIERS
-from classify.classifiers.spectra_2d import shifts_by_polar
+from classify.classifiers.thesis import shifts_by_polar
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 

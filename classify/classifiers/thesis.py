@@ -1,0 +1,165 @@
+"""The classifiers of the thesis: 1D polar and radial spectra (chapters 6 to 8), 2D spectra (9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
+from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, surface_spectra
+
+from .classifier import Comparison, Observation, Parameters, simple_classifier
+
+__all__ = [
+    "IMAGE_POLAR",
+    "POLAR",
+    "POLAR_RADIAL",
+    "SPECTRA_2D",
+    "SPECTRA_2D_POWER",
+    "PolarSpectra",
+    "first_light",
+    "images_of",
+    "shifts_by_polar",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class PolarSpectra(Observation):
+    """(channels, R, A) float32 power spectra per octave; a surface has two, M and A."""
+
+    per_octave: FloatMap
+
+
+def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
+    """Spectra M and A of a surface times frequency squared.
+
+    The thesis does not specify the weights of frequencies and of gradient against albedo. This
+    gives slope^2 and albedo^2 per octave.
+    """
+    spectra = surface_spectra(surface, segment_px)
+    density = np.stack([spectra.gradient, spectra.albedo])
+    return PolarSpectra(density * np.square(spectra.radii_cpp).astype(np.float32)[:, None])
+
+
+def images_of(surface: SurfaceEstimate) -> npt.NDArray[np.generic]:
+    """(N, H, W) images of a surface; InputError if it came without them."""
+    if surface.images is None:
+        raise InputError(
+            "this surface comes without its images, and this classifier compares images; "
+            "solve the set again"
+        )
+    return surface.images
+
+
+def first_light(surface: SurfaceEstimate) -> int:
+    """Index of the light nearest to tilt 0, whose image is compared."""
+    return 0 if surface.lighting is None else surface.lighting.light_nearest_tilt(0.0, 180.0)
+
+
+def _observe_image(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
+    image = images_of(surface)[first_light(surface)]
+    spectrum = image_spectrum(image, segment_px)
+    octaves = np.square(polar_radii_px(segment_px) / segment_px).astype(np.float32)[:, None]
+    return PolarSpectra((spectrum * octaves)[None])
+
+
+def _polar(observation: PolarSpectra, _: Parameters) -> FloatMap:
+    """(A,) magnitudes of the first channel, summed over radius (thesis section 6.4)."""
+    polar: FloatMap = np.sqrt(observation.per_octave[0]).sum(axis=0)
+    return polar
+
+
+def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Least squared error over all shifts, relative to the energy of both."""
+    errors = squared_errors_by_shift(test, references)
+    energy = _energy(test[None]) + _energy(references)
+    shifts = best_shift(errors)
+    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, shifts * STEP_DEG)
+
+
+def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
+    """(2, A + R) of M and A: polar and radial magnitudes (thesis chapter 8)."""
+    magnitude = np.sqrt(observation.per_octave)
+    return np.concatenate([magnitude.sum(axis=1), magnitude.sum(axis=2)], axis=1)
+
+
+def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Mean of four relative errors: polar and radial, of M and of A, under one polar shift."""
+    polar, radial = test[:, :ANGLES], test[:, ANGLES:]
+    polar_references, radial_references = references[..., :ANGLES], references[..., ANGLES:]
+    shifts = shifts_by_polar(polar[:, None], polar_references[:, :, None])
+    shifted = roll_angles(polar, shifts)
+    shares = [
+        np.square(one[:, channel] - other[:, channel], dtype=np.float64).sum(axis=-1)
+        / (_energy(one[:, channel]) + _energy(other[:, channel]))
+        for one, other in (
+            (shifted, polar_references),
+            (np.broadcast_to(radial, radial_references.shape), radial_references),
+        )
+        for channel in range(2)
+    ]
+    return Comparison(np.mean(shares, axis=0), shifts * STEP_DEG)
+
+
+def _energy(rows: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """(n,) sums of squares, made positive."""
+    sums: npt.NDArray[np.float64] = np.square(rows, dtype=np.float64).sum(axis=-1)
+    sums += np.finfo(np.float64).tiny
+    return sums
+
+
+def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+    """(n,) shifts in grid steps of least squared error between 1D polar spectra of M and A.
+
+    The errors of M and of A are each relative to the energy of both surfaces.
+    """
+    errors_1d = np.zeros((len(references), test.shape[-1]))
+    for channel in range(2):
+        polar = test[channel].sum(axis=0)
+        reference_polar = references[:, channel].sum(axis=1)
+        energy = np.sum(np.square(polar, dtype=np.float64)) + np.sum(
+            np.square(reference_polar, dtype=np.float64), axis=1
+        )
+        errors = squared_errors_by_shift(polar, reference_polar)
+        errors_1d += errors / np.maximum(energy, np.finfo(np.float64).tiny)[:, None]
+    return best_shift(errors_1d)
+
+
+def _magnitude(observation: PolarSpectra, _: Parameters) -> FloatMap:
+    """Magnitudes; in a power spectrum a few strong low frequencies outweigh all others."""
+    return np.sqrt(observation.per_octave)
+
+
+def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
+    return observation.per_octave
+
+
+def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+    """Distance and orientation of one (2, R, A) signature against n references.
+
+    For each reference the 1D polar spectra of M and A give the shift of least squared error; the
+    2D spectra, shifted by it, give the total squared error (thesis scheme 9.3). The error is
+    divided by the energy of both signatures, for M and A separately, so that it lies between
+    0 and 1 and M does not outweigh A.
+    """
+    shifts = shifts_by_polar(test, references)
+    shifted = roll_angles(test, shifts)
+    difference = np.square(shifted - references).sum(axis=(2, 3))
+    energy = np.square(shifted).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(
+        axis=(2, 3)
+    )
+    shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
+    return Comparison(shares.mean(axis=1), shifts * STEP_DEG)
+
+
+IMAGE_POLAR = simple_classifier(
+    "image_polar", _observe_image, _polar, _compare_polar, from_images=True
+)
+POLAR = simple_classifier("polar", _observe, _polar, _compare_polar)
+POLAR_RADIAL = simple_classifier("polar_radial", _observe, _profiles, _compare_profiles)
+SPECTRA_2D = simple_classifier("spectra_2d", _observe, _magnitude, _compare_2d)
+SPECTRA_2D_POWER = simple_classifier("spectra_2d_power", _observe, _power, _compare_2d)
