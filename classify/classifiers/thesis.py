@@ -121,11 +121,8 @@ def shifts_by_polar(test: FloatMap, references: FloatMap) -> npt.NDArray[np.floa
     for channel in range(2):
         polar = test[channel].sum(axis=0)
         reference_polar = references[:, channel].sum(axis=1)
-        energy = np.sum(np.square(polar, dtype=np.float64)) + np.sum(
-            np.square(reference_polar, dtype=np.float64), axis=1
-        )
-        errors = squared_errors_by_shift(polar, reference_polar)
-        errors_1d += errors / np.maximum(energy, np.finfo(np.float64).tiny)[:, None]
+        energy = _energy(polar[None]) + _energy(reference_polar)
+        errors_1d += squared_errors_by_shift(polar, reference_polar) / energy[:, None]
     return best_shift(errors_1d)
 
 

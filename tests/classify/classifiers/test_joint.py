@@ -9,15 +9,12 @@ import pytest
 from classify import Lighting, TextureLibrary, photometric_stereo
 from classify.classifiers import CLASSIFIERS
 from classify.library.training import observe
+from tests.angles import off_deg
 
 JOINT = CLASSIFIERS["joint"]
 KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
 DIRECTED = ("sand", "fine sand", "brushed")
 ORIENTATIONS_DEG = (23.7, 58.0, 101.3, 142.0)
-
-
-def off_deg(found: float, true: float) -> float:
-    return abs((found - true + 90.0) % 180.0 - 90.0)
 
 
 @pytest.fixture(scope="module")

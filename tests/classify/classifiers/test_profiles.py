@@ -12,16 +12,13 @@ from classify.classifiers import CLASSIFIERS
 from classify.classifiers.thesis import PolarSpectra, first_light
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
+from tests.angles import off_deg
 
 POLAR, POLAR_RADIAL, IMAGE_POLAR, SPECTRA_2D = (
     CLASSIFIERS[name] for name in ("polar", "polar_radial", "image_polar", "spectra_2d")
 )
 OF_SURFACES = [POLAR, POLAR_RADIAL]
 NAMES = {"ids": lambda each: each.name}
-
-
-def off_deg(found: float, true: float) -> float:
-    return abs((found - true + 90.0) % 180.0 - 90.0)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from classify import InputError, TextureLibrary
+from classify import InputError, LibraryError, TextureLibrary
 from classify.classifiers import CLASSIFIERS
 from classify.texture.textons import TEXTONS_PER_CLASS
 
@@ -69,3 +69,8 @@ def test_constant_images_are_refused_in_one_line(surfaces) -> None:
     with pytest.raises(InputError) as caught:
         TextureLibrary.train([("grey", grey)], "varma_zisserman")
     assert "\n" not in str(caught.value)
+
+
+def test_a_library_without_textons_is_refused(library) -> None:
+    with pytest.raises(LibraryError, match=r"textons has shape \(0, 8\).* train it again"):
+        replace(library, parameters={"textons": np.empty((0, 8))})

@@ -7,6 +7,7 @@ import pytest
 
 from classify import InputError, LibraryError, Lighting, TextureLibrary, photometric_stereo
 from classify.library.training import TrainingRow, common_lighting, observe
+from tests.angles import off_deg
 
 KINDS = ("sand", "fine sand", "brushed", "malv")
 DIRECTED = KINDS[:3]
@@ -15,10 +16,6 @@ DIRECTED = KINDS[:3]
 @pytest.fixture(scope="module")
 def library(stationary) -> TextureLibrary:
     return TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
-
-
-def off_deg(found: float, true: float) -> float:
-    return abs((found - true + 90.0) % 180.0 - 90.0)
 
 
 WAVES = ("ripple", "fine", "grain", "even")

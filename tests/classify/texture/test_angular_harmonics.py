@@ -12,6 +12,7 @@ from classify.texture.angular_harmonics import (
     shift_invariant_norms,
 )
 from classify.texture.orientation import roll_angles
+from tests.angles import off_deg
 
 ANGLES = 90
 SEEDS = st.integers(0, 2**32 - 1)
@@ -29,10 +30,6 @@ def smooth(seed: int, *before: int) -> np.ndarray:
 def shifted(maps: np.ndarray, shift_deg: float) -> np.ndarray:
     """The maps, shifted anticlockwise."""
     return roll_angles(maps, np.array([-shift_deg * ANGLES / 180.0]))[0]
-
-
-def off_deg(found: float, true: float) -> float:
-    return abs((found - true + 90.0) % 180.0 - 90.0)
 
 
 @given(SEEDS, st.sampled_from([(), (3,), (2, 5)]))
