@@ -1,7 +1,5 @@
 """The interface of all classifiers: one library, file format and evaluation serves them all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar

@@ -5,8 +5,6 @@ numbers of the heading, and a last number with two meanings. In a reference the 
 factor of its class's limit; in a test it divides the distances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The tuned numbers below are held by the recognition, rejection and shadow tests 
 ``tests/classify/classifiers/test_joint.py`` and by the tables of ``ps4rig reproduce``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

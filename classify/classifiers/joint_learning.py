@@ -5,8 +5,6 @@ spectra and statistics scatter, and which statistics scatter together. A distanc
 distance between two quarters of a set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

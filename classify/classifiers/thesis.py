@@ -1,7 +1,5 @@
 """The classifiers of the thesis: 1D polar and radial spectra (chapters 6 to 8), 2D spectra (9)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

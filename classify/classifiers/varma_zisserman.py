@@ -1,7 +1,5 @@
 """The classifier of Varma and Zisserman (2005): textons of the images of a set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

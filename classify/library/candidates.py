@@ -1,7 +1,5 @@
 """The few references of a large library that can be the nearest or the runner-up."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The contents of a texture library, in memory and in its file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Accuracy, confusion and orientation errors of a library on labelled sets."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -25,10 +23,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Trial:
-    """One test: the true class, the true orientation where it is known, and the match.
-
-    `nearest_orientation_error_deg` counts the nearest class as the answer, even if it rejects.
-    """
+    """One test: the true class, the true orientation where it is known, and the match."""
 
     label: str
     orientation_deg: float | None
@@ -40,6 +35,11 @@ class Trial:
         return self.match.label == self.label
 
     @property
+    def nearest_is_correct(self) -> bool:
+        """Whether the nearest class is the true one, even if it rejects."""
+        return self.match.nearest == self.label
+
+    @property
     def orientation_error_deg(self) -> float | None:
         """Error modulo 180, 0 to 90; None where unknown or the class is wrong."""
         return self.nearest_orientation_error_deg if self.is_correct else None
@@ -48,7 +48,7 @@ class Trial:
     def nearest_orientation_error_deg(self) -> float | None:
         """Error modulo 180, 0 to 90; None where unknown or the nearest class is wrong."""
         found_deg = self.match.orientation_deg
-        if self.orientation_deg is None or found_deg is None or self.match.nearest != self.label:
+        if self.orientation_deg is None or found_deg is None or not self.nearest_is_correct:
             return None
         return abs((found_deg - self.orientation_deg + 90.0) % 180.0 - 90.0)
 
@@ -63,7 +63,7 @@ class Trial:
 
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
     """Share of trials whose nearest class is the true one; None without trials."""
-    return _share(trial.match.nearest == trial.label for trial in trials)
+    return _share(trial.nearest_is_correct for trial in trials)
 
 
 def unknown_share(trials: Iterable[Trial]) -> float | None:
@@ -88,14 +88,6 @@ class OrientationError:
     median: float | None
     p95: float | None
 
-    @classmethod
-    def of(cls, trials: Iterable[Trial]) -> OrientationError:
-        """Summarise the errors of the correct trials whose orientation is known."""
-        errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
-        if not errors:
-            return cls(None, None)
-        return cls(float(np.median(errors)), float(np.percentile(errors, 95)))
-
 
 @dataclass(frozen=True)
 class ClassResult:
@@ -117,7 +109,7 @@ class Evaluation:
 
     `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``.
     `headings` counts the correct trials with a known orientation and a heading, and `reversed`
-    those of them whose heading is off by more than 90 degrees.
+    counts those whose heading is off by more than 90 degrees.
     """
 
     sets: int
@@ -147,9 +139,7 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         row[trial.match.label] = row.get(trial.match.label, 0) + 1
     per_class = {
         label: ClassResult(
-            sets=len(group),
-            correct=sum(trial.is_correct for trial in group),
-            orientation_error_deg=OrientationError.of(group),
+            len(group), sum(trial.is_correct for trial in group), _orientation_error(group)
         )
         for label, group in sorted(by_class.items())
     }
@@ -160,7 +150,15 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         unknown=sum(trial.match.label is None for trial in trials),
         per_class=per_class,
         confusion=confusion,
-        orientation_error_deg=OrientationError.of(trials),
+        orientation_error_deg=_orientation_error(trials),
         headings=len(reversals),
         reversed=sum(reversals),
     )
+
+
+def _orientation_error(trials: Iterable[Trial]) -> OrientationError:
+    """Summarise the errors of the correct trials whose orientation is known."""
+    errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
+    if not errors:
+        return OrientationError(None, None)
+    return OrientationError(float(np.median(errors)), float(np.percentile(errors, 95)))

@@ -1,7 +1,5 @@
 """`Match`: the class of a surface, its orientation, and the reason."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

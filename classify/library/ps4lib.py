@@ -4,8 +4,6 @@ A stored array can be mapped into memory: a library of 100,000 references opens 
 the signatures that a match needs are read.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import struct
@@ -102,159 +100,8 @@ class _Header(BaseModel):
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
 
 
-def check_path(path: Path) -> None:
-    """Check before the work that a library can be written to `path`.
-
-    Raises
-    ------
-    LibraryError
-        If the name does not end in ``.ps4lib``: the file may be something else.
-    InputError
-        If there is no such folder.
-    """
-    if path.suffix != SUFFIX:
-        raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
-    require_folder(path)
-
-
-def write(path: Path, library: LibraryContents) -> None:
-    """Write a library to `path`, whole or not at all; raises as `check_path`."""
-    check_path(path)
-    lighting = library.lighting
-    header = _Header(
-        classifier=library.classifier,
-        segment_px=library.segment_px,
-        simulated=library.simulated,
-        classes=library.classes,
-        limits=dict(library.limits),
-        light_directions=None if lighting is None else lighting.directions.tolist(),
-        sources=library.sources,
-    )
-    arrays: dict[str, Array] = {
-        "classes": library.class_indices.astype("<i4"),
-        "orientations_deg": library.orientations_deg.astype("<f8"),
-        "signatures": library.signatures.astype("<f4", copy=False),
-    }
-    if library.invariants is not None:
-        arrays["invariants"] = library.invariants.astype("<f4", copy=False)
-    for name, values in library.parameters.items():
-        arrays[_PARAMETERS + name] = values.astype("<f8")
-    with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(_HEADER, header.model_dump_json(indent=1))
-        for name, array in arrays.items():
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                # `ascontiguousarray` would make a list of a single number.
-                plain = np.asarray(array, order="C")
-                np.lib.format.write_array(member, plain, allow_pickle=False)
-
-
-def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> Library:
-    """Read a library as an object of `kind`; any failure is a `LibraryError` naming the file."""
-    try:
-        with open_regular_file(path, _MAX_FILE_BYTES) as file, zipfile.ZipFile(file) as archive:
-            return _read(_Archive(archive, file, map_from_bytes), kind)
-    except LibraryError as error:
-        raise LibraryError(f"{path}: {error}") from error
-    except InputError as error:
-        if isinstance(error.__cause__, FileNotFoundError):
-            raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
-        raise LibraryError(str(error)) from error
-    except _UNREADABLE as error:
-        cause = " ".join(str(error).split())
-        raise LibraryError(f"{path}: not a readable library ({cause}); train it again") from error
-
-
-def _read(archive: _Archive, kind: type[Library]) -> Library:
-    header = _checked_header(archive.header())
-    indices = archive.array("classes.npy", "<i4")
-    types = {"orientations_deg": "<f8", "signatures": "<f4", "invariants": "<f4"}
-    if "invariants.npy" not in archive.names:
-        del types["invariants"]
-    arrays = {name: archive.array(f"{name}.npy", dtype) for name, dtype in types.items()}
-    parameters = archive.parameters()
-    _check_references(indices, len(header.classes), arrays)
-    for array in [*arrays.values(), *parameters.values()]:
-        # Numbers of mapped arrays are tested when a match reads them.
-        if not isinstance(array, np.memmap) and not np.isfinite(array).all():
-            raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
-    library = kind(
-        classifier=header.classifier,
-        labels=tuple(header.classes[index] for index in indices.tolist()),
-        orientations_deg=arrays["orientations_deg"],
-        signatures=arrays["signatures"],
-        parameters=parameters,
-        segment_px=header.segment_px,
-        limits=header.limits,
-        lighting=_lighting(header),
-        simulated=header.simulated,
-        sources=header.sources,
-    )
-    if "invariants" in arrays:
-        # The cached property, which would compute them anew.
-        vars(library)["invariants"] = arrays["invariants"]
-    return library
-
-
-def _checked_header(content: bytes) -> _Header:
-    try:
-        raw = json.loads(content)
-        if not isinstance(raw, dict):
-            raise LibraryError("the header is not a JSON object; train it again")
-        version = raw["version"]
-        if isinstance(version, int) and version != VERSION:
-            which = "use a newer ps4rig or train" if version > VERSION else "train"
-            raise LibraryError(
-                f"library version {version}, this program reads {VERSION}; {which} it again"
-            )
-        unknown = raw.keys() - _Header.model_fields
-        if unknown:
-            raise LibraryError(f"header field {min(unknown)!r} is unknown; train it again")
-        header = _Header.model_validate(raw)
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
-        raise LibraryError(f"the header is not readable ({error}); train it again") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise LibraryError(f"header field {place}: {first['msg']}; train it again") from error
-    if header.classifier not in CLASSIFIER_NAMES:
-        raise LibraryError(
-            f"made for a classifier {header.classifier!r} that this program does not know; "
-            "use a newer ps4rig or train it again"
-        )
-    return header
-
-
-def _lighting(header: _Header) -> Lighting | None:
-    if header.light_directions is None:
-        return None
-    try:
-        return Lighting(np.array(header.light_directions))
-    except InputError as error:
-        raise LibraryError(f"{error}; train it again") from error
-
-
-def _check_references(indices: Array, classes: int, others: dict[str, Array]) -> None:
-    """Check that the arrays describe the same references."""
-    count = indices.size
-    if (
-        count == 0
-        or indices.ndim != 1
-        or others["orientations_deg"].ndim != 1
-        or any(other.shape[:1] != (count,) for other in others.values())
-    ):
-        shapes = ", ".join(str(other.shape) for other in others.values())
-        raise LibraryError(
-            f"{count} references, and arrays of {shapes}; the file is damaged, train it again"
-        )
-    if indices.min() < 0 or indices.max() >= classes:
-        raise LibraryError("a class has no name; the file is damaged, train it again")
-
-
 class _Archive:
-    """The members of an open library, each checked against the size of the file before it is read.
-
-    The errors name no file.
-    """
+    """The members of an open library, checked before they are read; errors do not name the file."""
 
     def __init__(self, archive: zipfile.ZipFile, file: BinaryIO, map_from_bytes: int) -> None:
         self._archive = archive
@@ -323,3 +170,140 @@ class _Archive:
         if fields[0] != b"PK\x03\x04":
             raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
         return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
+
+
+def check_path(path: Path) -> None:
+    """Check before the work that a library can be written to `path`.
+
+    LibraryError if the name does not end in ``.ps4lib``, because the file may be something else;
+    InputError if there is no such folder.
+    """
+    if path.suffix != SUFFIX:
+        raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
+    require_folder(path)
+
+
+def write(path: Path, library: LibraryContents) -> None:
+    """Write a library to `path`, whole or not at all; raises as `check_path`."""
+    check_path(path)
+    lighting = library.lighting
+    header = _Header(
+        classifier=library.classifier,
+        segment_px=library.segment_px,
+        simulated=library.simulated,
+        classes=library.classes,
+        limits=dict(library.limits),
+        light_directions=None if lighting is None else lighting.directions.tolist(),
+        sources=library.sources,
+    )
+    arrays: dict[str, Array] = {
+        "classes": library.class_indices.astype("<i4"),
+        "orientations_deg": library.orientations_deg.astype("<f8"),
+        "signatures": library.signatures.astype("<f4", copy=False),
+    }
+    if library.invariants is not None:
+        arrays["invariants"] = library.invariants.astype("<f4", copy=False)
+    for name, values in library.parameters.items():
+        arrays[_PARAMETERS + name] = values.astype("<f8")
+    with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(_HEADER, header.model_dump_json(indent=1))
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                # `ascontiguousarray` would make a list of a single number.
+                plain = np.asarray(array, order="C")
+                np.lib.format.write_array(member, plain, allow_pickle=False)
+
+
+def read(path: Path, kind: type[Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> Library:
+    """Read a library as an object of `kind`; any failure is a `LibraryError` naming the file."""
+    try:
+        with open_regular_file(path, _MAX_FILE_BYTES) as file, zipfile.ZipFile(file) as archive:
+            return _read(_Archive(archive, file, map_from_bytes), kind)
+    except LibraryError as error:
+        raise LibraryError(f"{path}: {error}") from error
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise LibraryError(f"{path}: no such library; make one with ps4rig train") from error
+        raise LibraryError(str(error)) from error
+    except _UNREADABLE as error:
+        cause = " ".join(str(error).split())
+        raise LibraryError(f"{path}: not a readable library ({cause}); train it again") from error
+
+
+def _read(archive: _Archive, kind: type[Library]) -> Library:
+    header = _checked_header(archive.header())
+    indices = archive.array("classes.npy", "<i4")
+    types = {"orientations_deg": "<f8", "signatures": "<f4", "invariants": "<f4"}
+    if "invariants.npy" not in archive.names:
+        del types["invariants"]
+    arrays = {name: archive.array(f"{name}.npy", dtype) for name, dtype in types.items()}
+    parameters = archive.parameters()
+    _check_references(indices, len(header.classes), arrays)
+    for array in [*arrays.values(), *parameters.values()]:
+        # Numbers of mapped arrays are tested when a match reads them.
+        if not isinstance(array, np.memmap) and not np.isfinite(array).all():
+            raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
+    try:
+        directions = header.light_directions
+        lighting = None if directions is None else Lighting(np.array(directions))
+    except InputError as error:
+        raise LibraryError(f"{error}; train it again") from error
+    library = kind(
+        classifier=header.classifier,
+        labels=tuple(header.classes[index] for index in indices.tolist()),
+        orientations_deg=arrays["orientations_deg"],
+        signatures=arrays["signatures"],
+        parameters=parameters,
+        segment_px=header.segment_px,
+        limits=header.limits,
+        lighting=lighting,
+        simulated=header.simulated,
+        sources=header.sources,
+    )
+    if "invariants" in arrays:
+        # The cached property, which would compute them anew.
+        vars(library)["invariants"] = arrays["invariants"]
+    return library
+
+
+def _checked_header(content: bytes) -> _Header:
+    try:
+        raw = json.loads(content)
+        if not isinstance(raw, dict):
+            raise LibraryError("the header is not a JSON object; train it again")
+        version = raw["version"]
+        if isinstance(version, int) and version != VERSION:
+            which = "use a newer ps4rig or train" if version > VERSION else "train"
+            raise LibraryError(
+                f"library version {version}, this program reads {VERSION}; {which} it again"
+            )
+        unknown = raw.keys() - _Header.model_fields
+        if unknown:
+            raise LibraryError(f"header field {min(unknown)!r} is unknown; train it again")
+        header = _Header.model_validate(raw)
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
+        raise LibraryError(f"the header is not readable ({error}); train it again") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise LibraryError(f"header field {place}: {first['msg']}; train it again") from error
+    if header.classifier not in CLASSIFIER_NAMES:
+        raise LibraryError(
+            f"made for a classifier {header.classifier!r} that this program does not know; "
+            "use a newer ps4rig or train it again"
+        )
+    return header
+
+
+def _check_references(indices: Array, classes: int, others: dict[str, Array]) -> None:
+    """Check that the arrays describe the same references."""
+    count = indices.size
+    one_dimensional = indices.ndim == others["orientations_deg"].ndim == 1
+    equal = all(other.shape[:1] == (count,) for other in others.values())
+    if count == 0 or not one_dimensional or not equal:
+        shapes = ", ".join(str(other.shape) for other in others.values())
+        raise LibraryError(
+            f"{count} references, and arrays of {shapes}; the file is damaged, train it again"
+        )
+    if indices.min() < 0 or indices.max() >= classes:
+        raise LibraryError("a class has no name; the file is damaged, train it again")

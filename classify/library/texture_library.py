@@ -1,9 +1,8 @@
 """`TextureLibrary`: train textures, then name the texture and orientation of a surface."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -29,9 +28,7 @@ class TextureLibrary(LibraryContents):
     """Trained textures; see `LibraryContents` for the attributes."""
 
     @classmethod
-    def train(
-        cls, samples: Iterable[TrainingSample], classifier: str = DEFAULT_CLASSIFIER
-    ) -> TextureLibrary:
+    def train(cls, samples: Iterable[TrainingSample], classifier: str = DEFAULT_CLASSIFIER) -> Self:
         """Learn from any number of surfaces per class.
 
         Parameters
@@ -75,7 +72,7 @@ class TextureLibrary(LibraryContents):
         lighting: Lighting | None = None,
         simulated: bool = False,
         sources: Sequence[tuple[str, str]] = (),
-    ) -> TextureLibrary:
+    ) -> Self:
         """Learn from sets that `observe` has observed with segments of one size; see `train`."""
         return cls(
             classifier=classifier,
@@ -87,9 +84,7 @@ class TextureLibrary(LibraryContents):
         )
 
     @classmethod
-    def load(
-        cls, path: str | Path, *, map_from_bytes: int = ps4lib.MAP_FROM_BYTES
-    ) -> TextureLibrary:
+    def load(cls, path: str | Path, *, map_from_bytes: int = ps4lib.MAP_FROM_BYTES) -> Self:
         """Read a ``.ps4lib`` file.
 
         Arrays of `map_from_bytes` or more are mapped into memory instead of read: signatures of a

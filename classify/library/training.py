@@ -1,7 +1,5 @@
 """Training: from observed sets to the references, parameters and limits of a library."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,14 +15,7 @@ from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.heading import LEAST_SCORE
 
-__all__ = [
-    "SAME_LIGHT_DEG",
-    "Learned",
-    "TrainingRow",
-    "common_lighting",
-    "learn_references",
-    "observe",
-]
+__all__ = ["SAME_LIGHT_DEG", "TrainingRow", "common_lighting", "learn_references", "observe"]
 
 SAME_LIGHT_DEG = 1.0
 """Lights that differ by less count as the same (test_classifiers.py tries 0.5 and 5 degrees)."""

@@ -6,8 +6,6 @@ inverse transform of sum c_m conj(d_m), without interpolation. The moduli |c_m| 
 phi and give a lower bound for all shifts.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Texture fields: the slopes and the albedo of a surface estimate without outliers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

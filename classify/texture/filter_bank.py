@@ -5,8 +5,6 @@ International Journal of Computer Vision 62, 2005, section 3. The responses do n
 image is rotated. When the surface is rotated under fixed lights, the image itself changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import lru_cache
 

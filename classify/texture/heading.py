@@ -6,8 +6,6 @@ orientation is known modulo 180 degrees, their sign tells it modulo 360. A surfa
 as likely one way as the other has no heading.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

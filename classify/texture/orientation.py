@@ -1,7 +1,5 @@
 """The circular shift between polar spectra, which is the orientation of a surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import scipy.fft

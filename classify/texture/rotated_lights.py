@@ -5,8 +5,6 @@ orientation of the texture. The estimate of one training set is relit with attac
 under lights rotated the other way, and solved again. No pixel is resampled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from classify.lighting import Lighting

@@ -1,7 +1,5 @@
 """Powers of slopes and albedo on the frequency plane, by Welch's averaging of segments."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache, partial
 

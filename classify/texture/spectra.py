@@ -1,7 +1,5 @@
 """Power spectra of gradient and albedo on a polar grid, which rotate with the surface."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -5,8 +5,6 @@ They differ in skewness, kurtosis and the correlation of fine and coarse energy 
 Simoncelli 2000). All are sums over pixels of isotropic responses, which rotations do not change.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

@@ -3,15 +3,8 @@
 After Varma and Zisserman, "A statistical approach to texture classification from single images",
 International Journal of Computer Vision 62, 2005. Textons are cluster centres of the MR8 responses
 of each class; those of all classes are the dictionary. An image is the histogram of the nearest
-textons of its pixels. The class is that of the nearest training histogram by chi-squared::
-
-    responses = [mr8_responses(image) for image in images_of_one_class]
-    textons   = np.concatenate([learn_textons(r) for r in responses_by_class])
-    histogram = texton_histogram(mr8_responses(image), textons)
-    nearest   = chi_squared(histogram, histograms).argmin()
+textons of its pixels. The class is that of the nearest training histogram by chi-squared.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 
@@ -36,28 +29,19 @@ _SEED = 1
 _CHUNK = 1024
 
 
-def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS) -> FloatMap:
-    """Cluster centres of the responses of one class, by k-means++.
+def learn_textons(responses: Sequence[FloatMap]) -> FloatMap:
+    """(10, 8) float32 cluster centres of the responses of one class, by k-means++.
 
-    The seed is fixed: the same responses give the same textons.
-
-    Parameters
-    ----------
-    responses
-        One (8, H, W) of `mr8_responses` for each image of the class; sizes may differ. An equal
-        share of each is used, 20,000 pixels in total.
-    count
-        Number of textons.
-
-    Returns
-    -------
-    (count, 8) float32.
+    `responses` holds one (8, H, W) of `mr8_responses` for each image of the class; sizes may
+    differ. An equal share of each is used, 20,000 pixels in total. The seed is fixed: the same
+    responses give the same textons.
 
     Raises
     ------
     InputError
         With fewer different pixels than textons.
     """
+    count = TEXTONS_PER_CLASS
     rng = np.random.default_rng(_SEED)
     share = -(-_SAMPLES // len(responses))
     samples = []
@@ -68,7 +52,10 @@ def learn_textons(responses: Sequence[FloatMap], count: int = TEXTONS_PER_CLASS)
         samples.append(pixels)
     points = np.concatenate(samples)
     if len(np.unique(points[:_SAMPLES], axis=0)) < count:
-        raise InputError(f"fewer than {count} different responses; no {count} textons are in them")
+        raise InputError(
+            f"the images of a class have fewer than {count} different filter responses; "
+            "use larger images"
+        )
     centres, _ = kmeans2(points, count, iter=_ITERATIONS, minit="++", seed=rng)
     return np.ascontiguousarray(centres, dtype=np.float32)
 
