@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -99,24 +100,22 @@ def open_rig(rig: str | Path | RigConfig, *, timeouts: LinkTimeouts = DEFAULT_TI
     (2, 12)
     """
     config = rig if isinstance(rig, RigConfig) else config_of(rig)
-    simulation = Simulation(config) if config.is_simulated else None
-    try:
-        lights = open_lights(config, simulation, timeouts)
-        try:
-            if lights.led_count < len(config.lights.tilts_deg):
-                raise ConfigError(
-                    f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
-                    f"at {lights.port} has {lights.led_count}"
-                )
-            clock = clock_of(simulation)
-            return Rig(config, clock, lights, open_camera(config, simulation), simulation)
-        except BaseException:
-            lights.close()
-            raise
-    except BaseException:
-        if simulation is not None:
-            simulation.close()
-        raise
+    with ExitStack() as closing:
+        simulation = None
+        if config.is_simulated:
+            simulation = Simulation(config)
+            closing.callback(simulation.close)
+        lights = closing.enter_context(open_lights(config, simulation, timeouts))
+        if lights.led_count < len(config.lights.tilts_deg):
+            raise ConfigError(
+                f"lights.tilts_deg names {len(config.lights.tilts_deg)} LEDs, the controller "
+                f"at {lights.port} has {lights.led_count}"
+            )
+        opened = Rig(
+            config, clock_of(simulation), lights, open_camera(config, simulation), simulation
+        )
+        closing.pop_all()  # from here on the rig closes them
+    return opened
 
 
 def open_lights(

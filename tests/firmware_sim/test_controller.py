@@ -26,7 +26,7 @@ def test_opening_a_device_that_does_not_reset(device):
     device.exchange(b"LED:SEL 1\nLED:LEV 1,50\n")
     device.controller.feed(b"*IDN?\n")
     device.controller.connect()
-    assert device.controller.take_output() == b"", "sent when nobody listened"
+    assert device.controller.take_output() == b"", "sent before the host connected"
     assert device.exchange(b"LED:STAT?\n") == b"OK 1,100,50,100,100,4000\n"
 
 
@@ -36,7 +36,7 @@ def test_opening_a_device_that_resets(new_device):
     device.controller.connect()
     assert device.controller.boot_remaining_s == 0.3
     assert device.lit() == [0.0] * 4
-    assert device.exchange(b"*IDN?\n") == b"", "a board that boots does not hear"
+    assert device.exchange(b"*IDN?\n") == b"", "a board that boots receives nothing"
     device.clock.sleep_s(device.controller.boot_remaining_s - 0.001)
     assert device.controller.take_output() == b""
     device.clock.sleep_s(0.001)

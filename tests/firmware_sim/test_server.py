@@ -290,7 +290,7 @@ def test_a_link_to_the_terminal(tmp_path):
         with pytest.raises(FileExistsError):
             serve_pty(controller(), link)
     assert not link.is_symlink()
-    link.write_text("somebody else's file")
+    link.write_text("the user's file")
     with pytest.raises(FileExistsError):
         serve_pty(controller(), link)
-    assert link.read_text() == "somebody else's file"
+    assert link.read_text() == "the user's file"

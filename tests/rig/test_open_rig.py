@@ -98,7 +98,7 @@ def test_an_interrupt_while_the_lights_are_closed_still_closes_the_rest(
     assert threading.active_count() == threads
 
 
-def test_unplugged_lights_are_dark_and_gone(rig: Rig) -> None:
+def test_unplugged_lights_are_off_and_raise_an_error(rig: Rig) -> None:
     assert rig.simulation is not None
     rig.lights.select(1)
     rig.simulation.unplug_lights()

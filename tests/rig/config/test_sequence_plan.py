@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import ConfigError, RigConfig
-from rig.config.sequence_plan import REACTION_S, SequencePlan, plan_sequence
+from rig.config.sequence_plan import REACTION_S, plan_sequence
 from rig.lights.sequence import start_command
 
 SMALL = {"width_px": 16, "height_px": 16}
@@ -59,11 +59,6 @@ def test_an_impossible_sequence_is_refused_with_its_numbers():
 
 
 def test_a_long_settle_time_uses_every_second_frame():
-    assert plan_of_config(config(lights={"settle_ms": 12.0})).frames_per_step == 1
-    assert plan_of_config(config(lights={"settle_ms": 13.0})).frames_per_step == 2
-    assert plan_of_config(config(simulation={"readout_ms": 9.0})).frames_per_step == 2
-
-
-def plan_of_config(config: RigConfig) -> SequencePlan:
-    assert config.sequence_plan is not None
-    return config.sequence_plan
+    assert config(lights={"settle_ms": 12.0}).sequence_plan.frames_per_step == 1
+    assert config(lights={"settle_ms": 13.0}).sequence_plan.frames_per_step == 2
+    assert config(simulation={"readout_ms": 9.0}).sequence_plan.frames_per_step == 2

@@ -19,7 +19,7 @@ device = "/dev/v4l/by-id/cam # 1"  # number 1
 readout_ms = 33.3 # not measured yet
   exposure_ms=20
 
-# what follows is about light
+# the light controller
 [lights]
 port = "/dev/ttyACM0"
 """
@@ -72,10 +72,7 @@ TEXTS = st.text(st.characters(categories=["L", "N", "P", "S", "Zs"]), max_size=8
 
 
 @given(
-    texts=st.dictionaries(
-        st.sampled_from(["a", "b", "c"]),
-        st.text(st.characters(categories=["L", "N", "P", "S", "Zs"]), max_size=8),
-    ),
+    texts=st.dictionaries(st.sampled_from(["a", "b", "c"]), TEXTS),
     number=st.floats(-1000, 1000).map(lambda value: round(value, 2)),
 )
 def test_any_text_and_number_is_read_back(texts: dict[str, str], number: float) -> None:

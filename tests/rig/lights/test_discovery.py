@@ -13,7 +13,6 @@ import pytest
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import ConfigError, LightControllerError, RigConfig
 from rig.config.lights import LightsConfig
-from rig.lights import discovery as discovery_module
 from rig.lights.discovery import (
     SerialPort,
     find_controller,
@@ -59,25 +58,25 @@ def auto(**keys: str) -> LightsConfig:
     return LightsConfig(port="auto", **keys)  # type: ignore[arg-type]
 
 
-def nobody(device: str) -> ControllerIdentity:
-    raise AssertionError(f"{device} was asked")
+def never_asked(device: str) -> ControllerIdentity:
+    raise AssertionError(f"{device} was asked for its identity")
 
 
 def test_the_only_board_is_chosen_without_asking_it() -> None:
     ports = [SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyACM3", PICO)]
-    assert find_controller(auto(), ports, nobody) == "/dev/ttyACM3"
+    assert find_controller(auto(), ports, never_asked) == "/dev/ttyACM3"
 
 
 def test_a_usb_serial_number_decides_first() -> None:
     ports = [SerialPort("/dev/ttyACM0", PICO, "A1"), SerialPort("/dev/ttyUSB1", UNKNOWN, "b2")]
-    assert find_controller(auto(serial_number="B2"), ports, nobody) == "/dev/ttyUSB1"
-    assert find_controller(auto(serial_number="a1"), ports, nobody) == "/dev/ttyACM0"
+    assert find_controller(auto(serial_number="B2"), ports, never_asked) == "/dev/ttyUSB1"
+    assert find_controller(auto(serial_number="a1"), ports, never_asked) == "/dev/ttyACM0"
 
 
 def test_a_usb_id_selects_ports_of_unknown_vendors_too() -> None:
     ports = [SerialPort("/dev/ttyACM0", PICO), SerialPort("/dev/ttyUSB1", UNKNOWN)]
-    assert find_controller(auto(usb_id="1234:5678"), ports, nobody) == "/dev/ttyUSB1"
-    assert find_controller(auto(usb_id="2E8A:0005"), ports, nobody) == "/dev/ttyACM0"
+    assert find_controller(auto(usb_id="1234:5678"), ports, never_asked) == "/dev/ttyUSB1"
+    assert find_controller(auto(usb_id="2E8A:0005"), ports, never_asked) == "/dev/ttyACM0"
 
 
 def test_the_controller_that_answers_is_chosen_among_several_ports(
@@ -88,16 +87,12 @@ def test_the_controller_that_answers_is_chosen_among_several_ports(
     there = plug_in("A-1")
     ask = partial(identify, timeouts=LinkTimeouts(open_s=0.3))
     assert find_controller(auto(), [silent, there], ask) == there.device
-    said = os.read(master, 4096)
-    # Nothing but *IDN? was written to the other port.
-    assert said.replace(b"\n", b"").startswith(b"#")
-    lines = [line for line in said.split(b"\n") if line]
-    assert all(b" *IDN?~" in line for line in lines)
+    lines = [line for line in os.read(master, 4096).split(b"\n") if line]
+    assert lines  # and nothing but *IDN? was written to the other port
+    assert all(line.startswith(b"#") and b" *IDN?~" in line for line in lines)
 
 
-def test_the_controllers_own_serial_number_selects_it(
-    plug_in: Callable[..., SerialPort],
-) -> None:
+def test_the_controllers_own_serial_number_selects_it(plug_in: Callable[..., SerialPort]) -> None:
     ports = [plug_in("A-1"), plug_in("B-2")]
     assert find_controller(auto(serial_number="B-2"), ports) == ports[1].device
     with pytest.raises(LightControllerError, match=r"serial number C-3 was found .*controller A-1"):
@@ -128,9 +123,9 @@ def test_several_controllers_are_an_error_that_names_them_and_the_key(
 )
 def test_no_controller_is_an_error(ports: list[SerialPort], message: str) -> None:
     with pytest.raises(LightControllerError, match=message):
-        find_controller(auto(), ports, nobody)
+        find_controller(auto(), ports, never_asked)
     with pytest.raises(LightControllerError, match="with serial number X and USB id 2e8a:0005"):
-        find_controller(auto(serial_number="X", usb_id=PICO), ports, nobody)
+        find_controller(auto(serial_number="X", usb_id=PICO), ports, never_asked)
 
 
 def test_a_serial_port_of_an_unknown_vendor_is_never_asked(
@@ -242,8 +237,8 @@ def test_a_lost_controller_is_searched_on_ports_of_the_same_usb_device(
     plug_in: Callable[..., SerialPort],
 ) -> None:
     here, there, twin = plug_in("A-1"), plug_in("B-2"), plug_in("A-1", serial="E66")
-    was = SerialPort("/dev/ttyACM9", PICO, "E66")
-    assert ports_to_try(was, [here, there, twin]) == [was.device, twin.device]
+    lost = SerialPort("/dev/ttyACM9", PICO, "E66")
+    assert ports_to_try(lost, [here, there, twin]) == [lost.device, twin.device]
     assert ports_to_try(here, [here, there, twin]) == [here.device, there.device]
     assert ports_to_try(SerialPort("/dev/mine"), [SerialPort("/dev/ttyS0")]) == ["/dev/mine"]
 
@@ -258,21 +253,21 @@ def test_a_port_is_found_by_any_of_its_names(tmp_path: Path) -> None:
     assert ports_to_try(known_port(str(link), [listed]), [listed]) == [str(link)]
 
 
-def test_the_systems_own_list_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ports_are_listed_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     class Info:
         def __init__(self, device: str, vid: int | None, serial_number: str | None) -> None:
             self.device, self.vid, self.pid = device, vid, 5
             self.serial_number, self.description = serial_number, "Board in FS mode"
 
     infos = [Info("/dev/ttyUSB9", 0x0403, ""), Info("/dev/ttyS4", None, None)]
-    assert isinstance(list_serial_ports(), list)
+    assert isinstance(list_serial_ports(), list)  # the ports of this machine
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: infos)
     assert list_serial_ports() == [
         SerialPort("/dev/ttyS4", None, None, "Board in FS mode"),
         SerialPort("/dev/ttyUSB9", "0403:0005", None, "Board in FS mode"),
     ]
     assert str(list_serial_ports()[1]) == "/dev/ttyUSB9 (0403:0005)"
-    assert not discovery_module.list_serial_ports()[0].may_be_a_microcontroller
+    assert not list_serial_ports()[0].may_be_a_microcontroller
 
 
 @pytest.mark.parametrize(

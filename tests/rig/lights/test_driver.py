@@ -27,7 +27,6 @@ from rig.lights.timeouts import LinkTimeouts
 
 Line = Callable[[Callable[[str, bytes], Iterable[bytes]]], str]
 
-
 # Deadlines short enough to be waited for, and longer than a busy machine stands still.
 SHORT = LinkTimeouts(open_s=0.4, reply_s=0.5)
 # Where a test asserts that a time-out is not waited for.
@@ -47,7 +46,7 @@ def sequence_of(line: str) -> str:
 # Commands
 
 
-def test_identity_is_what_the_firmware_says(bench: Any) -> None:
+def test_the_driver_reports_the_identity_of_the_firmware(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         identity = lights.identity
         assert (identity.vendor, identity.model) == ("PS4RIG", "LED4")
@@ -159,22 +158,18 @@ def test_the_port_is_free_again_after_a_failed_opening(bench: Any) -> None:
 # The port
 
 
-def test_a_second_opener_is_told_that_the_port_is_in_use(bench: Any) -> None:
+def test_a_second_opener_gets_the_error_port_in_use(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         with pytest.raises(LightControllerError, match="in use by another program; close that"):
             LightController(bench.port, clock=bench.clock)
         assert lights.select(1).led == 1
 
 
-_AS_NOBODY = """
+_AS_ANOTHER_USER = """
 import os, sys
 sys.path[:] = {path!r}
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
-from rig.lights.driver import LightController, LightState
-from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
-from rig.lights.timeouts import LinkTimeouts
-from rig.lights.link import PROTOCOL_VERSION as DRIVER_PROTOCOL_VERSION
-from rig.lights.timeouts import LinkTimeouts
+from rig.lights.driver import LightController
 import serial, serial.serialposix
 if os.getuid() == 0:
     os.setuid(65534)  # the kernel does not exclude the superuser
@@ -185,19 +180,19 @@ with serve_pty(SimulatedController(SimulatedBoard(clock), clock)) as server:
             lights.select(0)
             try:
                 os.close(os.open(server.address, os.O_RDWR | os.O_NOCTTY))
-                print("let in")
+                print("opened")
             except OSError as error:
                 print(error.errno)
 """
 
 
 def test_the_kernel_refuses_other_programs_until_the_port_is_closed() -> None:
-    program = _AS_NOBODY.format(path=sys.path)
+    program = _AS_ANOTHER_USER.format(path=sys.path)
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (done.stdout.split(), done.stderr) == (["16"] * 3, "")  # EBUSY, each of three times
 
 
-def test_a_port_that_does_not_exist() -> None:
+def test_a_missing_port_is_an_error() -> None:
     with pytest.raises(LightControllerError, match=r"^/dev/ttyNONE: no such port"):
         LightController("/dev/ttyNONE")
 
@@ -226,7 +221,7 @@ def bare_pty() -> Iterator[tuple[int, str]]:
     os.close(master)
 
 
-def test_a_silent_port_is_given_up(bare_pty: tuple[int, str]) -> None:
+def test_a_silent_port_is_refused_at_the_deadline(bare_pty: tuple[int, str]) -> None:
     started_s = time.monotonic()
     with pytest.raises(LightControllerError, match=r"no answer in 0.4 s; is this the light contr"):
         LightController(bare_pty[1], timeouts=SHORT_OPENING)
@@ -241,7 +236,7 @@ def test_a_silent_port_is_given_up(bare_pty: tuple[int, str]) -> None:
         (b"#1 OK\n\n~\n~~~00\nREADY \n", "this is not a light controller"),
     ],
 )
-def test_a_port_that_chatters_is_given_up(
+def test_a_port_with_other_data_is_refused_at_the_deadline(
     bare_pty: tuple[int, str], chatter: bytes, message: str
 ) -> None:
     master, port = bare_pty
@@ -434,7 +429,7 @@ def test_the_driver_waits_for_a_board_that_resets_when_opened() -> None:
         assert lights.select(1).led == 1
 
 
-def test_half_a_line_of_another_program_does_no_harm() -> None:
+def test_half_a_line_of_another_program_is_ignored() -> None:
     clock = VirtualClock()
     controller = SimulatedController(SimulatedBoard(clock), clock)
     controller.feed(b"LED:SEL ")
@@ -442,7 +437,7 @@ def test_half_a_line_of_another_program_does_no_harm() -> None:
         assert lights.state().led is None
 
 
-def test_an_interrupted_write_does_not_keep_the_led_on(bench: Any) -> None:
+def test_close_puts_the_led_out_after_an_interrupted_write(bench: Any) -> None:
     with LightController(bench.port, clock=bench.clock) as lights:
         lights.select(2)
         lights._link._line.write(b"#9 LED:S")

@@ -16,8 +16,6 @@ from rig.lights.driver import LightController
 from rig.lights.timeouts import LinkTimeouts
 
 SMALL = RigConfig().with_changes(camera={"width_px": 48, "height_px": 48})
-
-
 SHORT = LinkTimeouts(recover_s=0.3)
 
 
@@ -136,13 +134,6 @@ def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str
         assert lights.identity.serial_number == "B-2"
 
 
-def test_a_controller_at_no_port_is_named_as_missing(devices: Callable[[str], str]) -> None:
-    with LightController(devices("A-1"), whereabouts=lambda: (), timeouts=SHORT) as lights:
-        fail(lights)
-        with pytest.raises(LightControllerError, match="A-1 is not plugged in any more"):
-            lights.recover()
-
-
 class Damage:
     """Damages replies as planned."""
 
@@ -176,11 +167,9 @@ class Damage:
 KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "banner", "whole"])
 
 
-@pytest.mark.parametrize("switches", [8])
 def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
-    switches: int, damaged_device: Callable[[Any], Any]
+    damaged_device: Callable[[Any], Any],
 ) -> None:
-    """Random damage to random replies."""
     damage = Damage()
     line = damaged_device(damage)
 
@@ -188,7 +177,7 @@ def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
     @given(st.lists(st.tuples(KINDS, st.integers(0, 10_000)), max_size=6))
     def play(plan: list[tuple[str, int]]) -> None:
         damage.plan, damage.late = list(plan), []
-        for number in range(switches):
+        for number in range(8):
             led = number % 4
             with suppress(LightControllerError):
                 assert lights.select(led).led == led

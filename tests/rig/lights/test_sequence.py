@@ -9,18 +9,12 @@ from rig.config.sequence_plan import SequencePlan
 from rig.lights.driver import Answer
 from rig.lights.sequence import ClockRelation
 
-SMALL = {"width_px": 16, "height_px": 16}
-
-
-def config(synchronisation: str = "strobe", **changes: dict[str, object]) -> RigConfig:
-    lights = {"synchronisation": synchronisation, **changes.pop("lights", {})}
-    camera = {**SMALL, **changes.pop("camera", {})}
-    return RigConfig().with_changes(lights=lights, camera=camera, **changes)
-
 
 @pytest.fixture(params=["strobe", "trigger"])
 def rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    with open_rig(config(request.param)) as opened:
+    camera = {"width_px": 16, "height_px": 16}
+    config = RigConfig().with_changes(lights={"synchronisation": request.param}, camera=camera)
+    with open_rig(config) as opened:
         yield opened
 
 
