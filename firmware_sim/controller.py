@@ -49,7 +49,7 @@ class SimulatedController:
         self._boot_us = round(boot_ms * 1000.0)
         self._link_delay_s = link_delay_ms / 1000.0
         self._turn_us = turn_us
-        self._turns = random.Random(0)
+        self._pass_times = random.Random(0)
         self._in_loop = False  # whether the clock will call the next pass
         self._lock = threading.Lock()
         self._firmware: Firmware | None = Firmware(board)  # None while it boots
@@ -79,7 +79,7 @@ class SimulatedController:
         """Run one pass of the main loop without waiting, unless the clock times the passes."""
         with self._lock:
             if not self._in_loop:
-                self._turn()
+                self._run_pass()
 
     def strobe(self, exposing: bool, at_s: float) -> None:
         """Receive an edge of the camera's strobe, with its true time even if it comes late."""
@@ -99,11 +99,11 @@ class SimulatedController:
 
     def _arrive(self, data: bytes) -> None:
         with self._lock:
-            if self._turn():
+            if self._run_pass():
                 self._board.receive(data)
-                self._turn()
+                self._run_pass()
 
-    def _turn(self) -> bool:
+    def _run_pass(self) -> bool:
         """Boot or run the firmware with the lock held; return whether it is running."""
         if self._firmware is None:
             if self._board.micros() < self._boot_us:
@@ -114,11 +114,11 @@ class SimulatedController:
         self._firmware.poll()
         if self._firmware.sequence.running and not self._in_loop:
             self._in_loop = True
-            turn_s = self._turns.uniform(*self._turn_us) / 1e6
-            self.clock.call_at(self.clock.now_s() + turn_s, self._timed_turn)
+            turn_s = self._pass_times.uniform(*self._turn_us) / 1e6
+            self.clock.call_at(self.clock.now_s() + turn_s, self._run_timed_pass)
         return True
 
-    def _timed_turn(self) -> None:
+    def _run_timed_pass(self) -> None:
         with self._lock:
             self._in_loop = False
-            self._turn()
+            self._run_pass()

@@ -1,7 +1,7 @@
 """The LED controller's firmware: this one file runs unchanged on MicroPython and on CPython.
 
-It imports nothing and knows only the board that it is given (see `board.Board`). README.md
-describes the protocol; change both together.
+It imports nothing and uses only the board that it is given (see `board.Board`). README.md describes
+the protocol; change both together.
 """
 
 TYPE_CHECKING = False  # MicroPython has no typing module; type checkers assume that this is true
@@ -16,13 +16,13 @@ PROTOCOL_VERSION = 2
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
 QUEUE_DEPTH = 8
-STROBE_BUFFER_EDGES = 16  # that a board keeps for the firmware between two passes of its loop
+STROBE_BUFFER_EDGES = 16  # capacity of a board between two passes of the main loop
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
 WATCHDOG_MAX_MS = 60000
 MAX_STEPS = 16
 MAX_STEP_US = 60000000
-DARK = -1  # in place of an LED: no LED
+DARK = -1  # no LED
 
 MESSAGES: dict[int, str] = {}
 
@@ -68,8 +68,8 @@ def crc8(data: bytes) -> int:
 class Lamps:
     """The LEDs: at most one is lit, each within the limits of the board.
 
-    Being on uses up an LED's budget, being off restores it, at rates that balance at the largest
-    duty. A full budget lasts for the longest time on.
+    An LED that is on uses up its budget, and one that is off restores it, at rates that balance at
+    the largest duty. A full budget lasts for the longest time on.
     """
 
     def __init__(self, board: "Board") -> None:
@@ -78,10 +78,10 @@ class Lamps:
         self._budgets = [self._full(led) for led in range(board.led_count)]  # in ms x percent
         self.levels_percent = [100] * board.led_count
         self.selected = DARK
-        self.exhausted_us = 0  # when the budget of the lit LED will be used up
+        self.exhausted_us = 0  # time at which the budget of the lit LED is used up
 
     def light(self, led: int) -> int:
-        """Light one LED and no other, or none; return the `micros` of the last change."""
+        """Light one LED and no other, or with DARK no LED; return the `micros` of the change."""
         if self.selected != DARK:
             self._budget(self.selected)
         if led != DARK:
@@ -126,8 +126,7 @@ class Sequence:
     """Lights in a given order, one exposure under each; construction starts the sequence.
 
     The next step follows at the end of an exposure, or after a time with triggered exposures. An
-    exposure counts if it began after its light had settled; others are passed over. All events are
-    recorded, and the host judges them.
+    exposure counts if it began after its light had settled. All events are recorded for the host.
     """
 
     def __init__(
@@ -148,15 +147,15 @@ class Sequence:
         self.steps: list[Step] = []
         self.code = NO_ERROR  # the error that ended it early
         self.running = True
-        self.started_us = self.ended_us = self._next()
+        self.started_us = self.ended_us = self._start_step()
         self._edge_us = self.started_us
 
-    def turn(self) -> bool:
-        """Handle the strobe's edges and the time; return False if the strobe is missing."""
+    def advance(self) -> bool:
+        """Handle new strobe edges and the time; return False if the strobe is missing."""
         for at_us, exposing in self._board.strobe_edges():
             # Edges from before the start belong to no step.
             if self.running and at_us >= self.started_us:
-                self._take(at_us, exposing)
+                self._record(at_us, exposing)
         if not self.running:
             return True
         now_us = self._board.micros()
@@ -167,17 +166,17 @@ class Sequence:
             if now_us - step.changed_us >= self._settle_us:
                 step.triggered_us = self._board.trigger()
         elif now_us - step.triggered_us >= self._wait_us - self._settle_us:
-            self._next()
+            self._start_step()
         return True
 
     def end(self, code: int) -> int:
-        """End with an error code or `NO_ERROR`, put the LEDs out; return the `micros` of it."""
+        """Put the LEDs out and end with an error code or `NO_ERROR`; return the `micros`."""
         self.running = False
         self.code = code
         self.ended_us = self._lamps.light(DARK)
         return self.ended_us
 
-    def _take(self, at_us: int, exposing: bool) -> None:
+    def _record(self, at_us: int, exposing: bool) -> None:
         self._edge_us = at_us
         step = self.steps[-1]
         if exposing:
@@ -187,9 +186,9 @@ class Sequence:
         elif step.begin_us >= 0 and step.end_us < 0:
             step.end_us = at_us
             if not self._triggers:
-                self._next()
+                self._start_step()
 
-    def _next(self) -> int:
+    def _start_step(self) -> int:
         if len(self.steps) == len(self.order):
             return self.end(NO_ERROR)
         led = self.order[len(self.steps)]
@@ -231,8 +230,8 @@ class Firmware:
         self._send("READY " + self._identity())
 
     def poll(self) -> None:
-        """One pass of the main loop: step the sequence, execute whole lines, check the limits."""
-        if not self.sequence.turn():
+        """Run one pass of the main loop: advance the sequence, execute lines, check the limits."""
+        if not self.sequence.advance():
             self._darken(STROBE_MISSING)
         data = self._board.read()
         if data:
@@ -260,7 +259,7 @@ class Firmware:
         self._collect(data[start:])
 
     def _collect(self, piece: bytes) -> None:
-        # One byte for a carriage return, and one more to detect a line that is too long.
+        # Two bytes more than a line: a carriage return, and a byte that shows an overlong line.
         self._line += piece[: MAX_LINE_BYTES + 2 - len(self._line)]
 
     def _send(self, line: str) -> None:

@@ -15,8 +15,8 @@ from pico_board import PicoBoard, darken
 
 SERVICE_PIN = 8
 PROMPT_ONCE = "prompt-once"  # while this file exists, the next boot does not run the program
-WATCHDOG_MS = 3000  # twice the longest wait in a pass, which a host that stops reading causes
-TURNS_PER_COLLECTION = 500
+WATCHDOG_MS = 3000  # twice the longest pass, which a host that stops reading causes
+PASSES_PER_COLLECTION = 500
 
 
 def wants_prompt() -> bool:
@@ -34,15 +34,15 @@ def run(firmware: Firmware) -> None:
     """Run the firmware until it is stopped; a pass that hangs resets the board."""
     micropython.kbd_intr(-1)  # Ctrl-C is data like every byte
     watchdog = machine.WDT(timeout=WATCHDOG_MS)
-    turns = 0
+    passes = 0
     while not firmware.stopped:
         firmware.poll()
         watchdog.feed()
-        turns += 1
+        passes += 1
         # Here, because a collection that MicroPython starts by itself could delay a sequence.
-        if turns >= TURNS_PER_COLLECTION and not firmware.sequence.running:
+        if passes >= PASSES_PER_COLLECTION and not firmware.sequence.running:
             gc.collect()
-            turns = 0
+            passes = 0
 
 
 def main() -> None:

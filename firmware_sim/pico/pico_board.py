@@ -74,7 +74,7 @@ class Strobe:
 
 
 class PicoBoard:
-    """LEDs, strobe, trigger, clock and USB serial line of one Pico; construction turns LEDs off."""
+    """LEDs, strobe, trigger, clock and USB serial line of one Pico; construction puts LEDs out."""
 
     led_count = len(LED_PINS)
 

@@ -90,9 +90,8 @@ def check_light_images(
     """
     full = images.full_scale
     yield _ambient(float(images.ambient.mean()) / full)
-    signals = (
-        images.lights.mean(axis=(1, 2), dtype=np.float64) - images.ambient.mean(dtype=np.float64)
-    ) / full
+    lit = images.lights.mean(axis=(1, 2), dtype=np.float64)
+    signals = (lit - images.ambient.mean(dtype=np.float64)) / full
     for led, signal in enumerate(signals):
         yield _led(led, float(signal), float(signals.max()))
     yield _saturation(images)
@@ -131,7 +130,7 @@ def _saturation(images: LightImages) -> Check:
 
 
 def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Check:
-    """Check the image of the brightest LED; all share one exposure, so that they compare."""
+    """Check the image of the brightest LED, since all images share one exposure."""
     full = images.full_scale
     bright = np.percentile(images.lights, _BRIGHT_PERCENTILE, axis=(1, 2))
     led = int(bright.argmax())
@@ -150,9 +149,9 @@ def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Che
         factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
     wanted_ms = exposure_ms * factor
     if wanted_ms <= longest_ms:
-        advice = f"set camera.exposure_ms = {wanted_ms:.3g}" + (
-            ", then run this again" if bright[led] >= full else ""
-        )
+        advice = f"set camera.exposure_ms = {wanted_ms:.3g}"
+        if bright[led] >= full:
+            advice += ", then run this again"
     else:
         advice = (
             f"set camera.exposure_ms = {longest_ms:.3g}, the longest at this frame rate; a lower "
@@ -162,7 +161,7 @@ def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Che
 
 
 def _levels(images: LightImages, lighting: Lighting) -> Check:
-    """Compare the levels of the LEDs, estimated from four images independently of the part."""
+    """Compare levels that are estimated from four images, independently of the part."""
     name = "LED levels"
     if len(lighting) != 4:
         return Check(name, "unknown", "can be estimated for four LEDs only")
@@ -186,10 +185,9 @@ def _order(images: LightImages, lighting: Lighting) -> Check:
         images.lights, lighting, ambient=images.ambient, full_scale=images.full_scale
     )
     if found.is_refuted:
-        likely = [
-            _exchange(order) for order in sorted(found.plausible, key=_moved)[:2] if _moved(order)
-        ]
-        seen = "the shading contradicts lights.tilts_deg: " + " or ".join(likely)
+        orders = sorted(found.plausible, key=lambda order: len(_moved(order)))[:2]
+        likely = " or ".join(_exchange(order) for order in orders if _moved(order))
+        seen = f"the shading contradicts lights.tilts_deg: {likely}"
         return Check(name, "fault", seen, "exchange their plugs, or correct lights.tilts_deg")
     if found.is_confirmed:
         seen = "the shading agrees with lights.tilts_deg; a rotation of all LEDs by 180 degrees "
@@ -199,13 +197,13 @@ def _order(images: LightImages, lighting: Lighting) -> Check:
     return Check(name, "unknown", seen, advice)
 
 
-def _moved(order: Order) -> int:
-    return sum(shown != led for led, shown in enumerate(order))
+def _moved(order: Order) -> list[int]:
+    return [led for led, shown in enumerate(order) if shown != led]
 
 
 def _exchange(order: Order) -> str:
-    moved = [f"{shown} is where {led} should be" for led, shown in enumerate(order) if shown != led]
+    moved = _moved(order)
     if len(moved) == 2:
-        one, other = (led for led, shown in enumerate(order) if shown != led)
-        return f"LEDs {one} and {other} are exchanged"
-    return "LEDs are exchanged (" + ", ".join(moved) + ")"
+        return f"LEDs {moved[0]} and {moved[1]} are exchanged"
+    places = ", ".join(f"{order[led]} is where {led} should be" for led in moved)
+    return f"LEDs are exchanged ({places})"
