@@ -19,7 +19,9 @@ from classify.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 from rig import ControllerIdentity, RigConfig
 
-__all__ = ["ANGLE_NOTE", "ReportEntry", "write_report"]
+__all__ = ["ANGLE_NOTE", "COLUMNS", "ReportEntry", "cells_of", "write_report"]
+
+COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
 
 ANGLE_NOTE = (
     "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
@@ -63,6 +65,7 @@ def write_report(
         sets=str(result.sets),
         classes=str(len(result.per_class)),
         angle_note=ANGLE_NOTE,
+        columns="".join(f"<th>{column}</th>" for column in COLUMNS),
         rows="\n".join(_row(number, entry.trial) for number, entry in enumerate(entries)),
         details="\n".join(_detail(number, entry) for number, entry in enumerate(entries)),
     )
@@ -70,19 +73,27 @@ def write_report(
         temporary.write_text(page, encoding="utf-8")
 
 
-def _row(number: int, trial: Trial) -> str:
+def cells_of(trial: Trial) -> tuple[str, ...]:
+    """Texts of a row of the table: one for each of `COLUMNS`."""
     match = trial.match
-    cells = (
-        f'<a href="#set-{number}">{escape(trial.label)}</a>',
-        escape(match.label or "unknown"),
-        f"{trial.orientation_deg:.1f}°",
-        f"{match.orientation_deg:.1f}°",
+    return (
+        trial.label,
+        match.label or "unknown",
+        f"{trial.orientation_deg or 0.0:.1f}",
+        f"{match.orientation_deg:.1f}",
         f"{match.distance:.4f}",
-        escape(match.runner_up or "-"),
+        match.runner_up or "-",
         "-" if match.margin is None else f"{match.margin:.2f}",
     )
+
+
+def _row(number: int, trial: Trial) -> str:
+    label, *cells = map(escape, cells_of(trial))
     kind = "right" if trial.is_correct else "wrong"
-    return f'<tr class="{kind}">' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+    linked = "".join(
+        f"<td>{cell}</td>" for cell in (f'<a href="#set-{number}">{label}</a>', *cells)
+    )
+    return f'<tr class="{kind}">{linked}</tr>'
 
 
 def _detail(number: int, entry: ReportEntry) -> str:

@@ -14,7 +14,7 @@ from classify import TextureLibrary, Trial, evaluate, surface_spectra
 from classify.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
-from .report import ANGLE_NOTE, ReportEntry, write_report
+from .report import ANGLE_NOTE, COLUMNS, ReportEntry, cells_of, write_report
 
 __all__ = ["run_demo"]
 
@@ -77,7 +77,10 @@ def run_demo(output: Path) -> None:
     result = evaluate(trials)
     report = output / "report.html"
     write_report(report, entries, result, identity, config)
-    _print_table(trials)
+    table = new_table(*COLUMNS)
+    for trial in trials:
+        table.add_row(*cells_of(trial), style=None if trial.is_correct else "red")
+    print_table(table)
     out.print(ANGLE_NOTE)
     out.print(
         f"{result.correct} of {result.sets} right. Simulated rig. "
@@ -98,19 +101,3 @@ def _captured(rig: Rig, placements: list[Placement], folder: Path, stem: str) ->
             yield CapturedSet.load(path)
 
     return list(progress(sets(), len(placements), stem))
-
-
-def _print_table(trials: list[Trial]) -> None:
-    table = new_table("true", "found", "true, °", "found, °", "distance", "margin")
-    for trial in trials:
-        match = trial.match
-        table.add_row(
-            trial.label,
-            match.label or "unknown",
-            f"{trial.orientation_deg or 0.0:.1f}",
-            f"{match.orientation_deg:.1f}",
-            f"{match.distance:.4f}",
-            "-" if match.margin is None else f"{match.margin:.2f}",
-            style=None if trial.is_correct else "red",
-        )
-    print_table(table)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-
-from classify import Match
+import numpy.typing as npt
 
 from . import plots
 from .exhibit import Exhibit, Row
@@ -17,7 +15,7 @@ from .plan import OURS, THESIS
 from .results import Results
 from .runs import Outcome
 
-__all__ = ["ScorePair", "accepted_pct", "rejection_curve", "rejection_exhibits"]
+__all__ = ["accepted_pct", "rejection_curve", "rejection_exhibits"]
 
 _TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
 # Share of known tests that the limit of the table rejects.
@@ -26,17 +24,8 @@ _REJECTED = 0.01
 _LISTED_PCT = 20.0
 
 Groups = Mapping[str, Mapping[str, Sequence[Outcome]]]
-
-
-class ScorePair(NamedTuple):
-    """Score of a test with and without its class in the library; higher is less known.
-
-    The score is the distance to the nearest class over the limit of that class, or the distance
-    where the classifier has no limits.
-    """
-
-    known: float
-    unknown: float
+Scores = npt.NDArray[np.float64]
+"""Distances to the nearest class over the limit of that class, if the classifier has limits."""
 
 
 def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
@@ -47,20 +36,17 @@ def rejection_exhibits(results: Results) -> Iterator[Exhibit]:
         yield _curves(groups)
 
 
-def accepted_pct(pairs: Sequence[ScorePair], rejected: float) -> float:
+def accepted_pct(known: Scores, unknown: Scores, rejected: float) -> float:
     """Percent of unknown accepted when the limit rejects at most the share `rejected` of known."""
-    known = np.sort([pair.known for pair in pairs])
     kept = math.ceil((1.0 - rejected) * len(known) - 1e-9)
-    limit = known[max(kept, 1) - 1]
-    return 100.0 * float(np.mean([pair.unknown <= limit for pair in pairs]))
+    return 100.0 * float(np.mean(unknown <= np.sort(known)[max(kept, 1) - 1]))
 
 
-def rejection_curve(pairs: Sequence[ScorePair]) -> tuple[list[float], list[float]]:
+def rejection_curve(known: Scores, unknown: Scores) -> tuple[list[float], list[float]]:
     """Known rejected and unknown accepted, in percent, for every limit."""
-    known = np.sort([pair.known for pair in pairs])[::-1]
-    unknown = np.sort([pair.unknown for pair in pairs])
-    accepted = np.searchsorted(unknown, known, side="right") / len(unknown)
-    rejected = np.arange(len(known)) / len(known)
+    limits = np.sort(known)[::-1]
+    accepted = np.searchsorted(np.sort(unknown), limits, side="right") / len(unknown)
+    rejected = np.arange(len(limits)) / len(limits)
     return (100.0 * rejected).tolist(), (100.0 * accepted).tolist()
 
 
@@ -75,31 +61,27 @@ def _groups(results: Results) -> Groups:
     return groups
 
 
-def _pairs(outcomes: Sequence[Outcome]) -> list[ScorePair]:
-    return [
-        ScorePair(_score(each.trial.match), _score(each.match_without_class))
-        for each in outcomes
-        if each.match_without_class is not None
-    ]
-
-
-def _score(match: Match) -> float:
-    return match.distance / (match.limit or 1.0)
+def _scores(outcomes: Sequence[Outcome]) -> tuple[Scores, Scores]:
+    """Scores of all tests with and without their class in the library."""
+    known = [each.trial.match for each in outcomes]
+    unknown = [match for each in outcomes if (match := each.match_without_class)]
+    known_scores, unknown_scores = (
+        np.array([match.distance / (match.limit or 1.0) for match in matches])
+        for matches in (known, unknown)
+    )
+    return known_scores, unknown_scores
 
 
 def _with_trained_limits(outcomes: Sequence[Outcome]) -> tuple[float, float]:
     """Known rejected and unknown accepted, in percent, by the limits in the library."""
     rejected = [each.trial.match.label is None for each in outcomes]
-    accepted = [
-        each.match_without_class is not None and each.match_without_class.label is not None
-        for each in outcomes
-    ]
+    accepted = [match.label is not None for each in outcomes if (match := each.match_without_class)]
     return 100.0 * float(np.mean(rejected)), 100.0 * float(np.mean(accepted))
 
 
 def _table(groups: Groups) -> Exhibit:
     rows: list[Row] = [
-        (title, *(accepted_pct(_pairs(tests[name]), _REJECTED) for tests in groups.values()))
+        (title, *(accepted_pct(*_scores(tests[name]), _REJECTED) for tests in groups.values()))
         for name, title in _TITLES.items()
     ]
     trained = [_with_trained_limits(tests[OURS]) for tests in groups.values()]
@@ -121,7 +103,7 @@ def _curves(groups: Groups) -> Exhibit:
     for name, tests in groups.items():
         lines = []
         for classifier, title in _TITLES.items():
-            rejected, accepted = rejection_curve(_pairs(tests[classifier]))
+            rejected, accepted = rejection_curve(*_scores(tests[classifier]))
             lines.append(plots.Line(title, rejected, accepted, style="-"))
             points = zip(rejected, accepted, strict=True)
             rows += [(name, classifier, x, y) for x, y in points if x <= _LISTED_PCT]

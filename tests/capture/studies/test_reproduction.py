@@ -22,7 +22,7 @@ from capture.studies.reproduction.plan import (
     plan_of,
     thirty_textures,
 )
-from capture.studies.reproduction.rejection import ScorePair, accepted_pct, rejection_curve
+from capture.studies.reproduction.rejection import accepted_pct, rejection_curve
 from capture.studies.reproduction.results import Results
 from capture.studies.reproduction.run import reproduce
 from capture.studies.reproduction.runs import Outcome, System, without_class
@@ -166,11 +166,11 @@ def test_a_library_without_a_class_matches_another_one() -> None:
 
 
 def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
-    pairs = [ScorePair(float(i), 50.0 + i) for i in range(100)]
-    assert accepted_pct(pairs, 0.0) == pytest.approx(50.0)
-    assert accepted_pct(pairs, 0.01) == pytest.approx(49.0)
-    assert accepted_pct(pairs, 0.6) == 0.0
-    rejected, accepted = rejection_curve(pairs)
+    known = np.arange(100.0)
+    unknown = 50.0 + known
+    for share, percent in ((0.0, 50.0), (0.01, 49.0), (0.6, 0.0)):
+        assert accepted_pct(known, unknown, share) == pytest.approx(percent)
+    rejected, accepted = rejection_curve(known, unknown)
     assert rejected[0] == 0.0
     assert accepted[0] == pytest.approx(50.0)
     assert accepted[1] == pytest.approx(49.0)
