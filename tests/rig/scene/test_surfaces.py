@@ -52,17 +52,10 @@ def test_a_whole_shift_gives_the_pixels_of_the_tile(right: int, up: int, size: i
         np.testing.assert_allclose(getattr(patch, name), expected, atol=2e-5)
 
 
-def test_a_shift_right_and_up_moves_that_point_to_the_centre() -> None:
-    height = np.zeros((64, 64), np.float32)
-    height[32 - 7, 32 + 5] = 1.0  # 5 right, 7 up of pixel (32, 32)
-    patch = PeriodicSurface.from_height(height, np.ones_like(height), "post").patch(
-        32, shift_px=(5, 7)
-    )
-    assert np.unravel_index(patch.height.argmax(), patch.height.shape) == (16, 16)
-
-
 @pytest.mark.parametrize("quarter", [1, 2, 3])
-def test_rotation_by_90_degrees_rotates_the_arrays(malv: PeriodicSurface, quarter: int) -> None:
+def test_rotation_by_90_degrees_rotates_the_arrays_anticlockwise(
+    malv: PeriodicSurface, quarter: int
+) -> None:
     still, rotated = malv.patch(100), malv.patch(100, rotate_deg=90.0 * quarter)
     np.testing.assert_allclose(rotated.height, np.rot90(still.height, quarter), atol=1e-5)
     slope = still.p + 1j * still.q
@@ -84,13 +77,6 @@ def test_rotated_gradients_are_those_of_the_rotated_height() -> None:
     assert np.abs(p - patch.p)[inside].max() < 0.01
     assert np.abs(q - patch.q)[inside].max() < 0.01
     assert rms_slope(patch.p, patch.q) > 0.3
-
-
-def test_rotation_is_anticlockwise() -> None:
-    """The wave vector of the ripples is along +x; rotated by 30 degrees it is at 30 degrees."""
-    patch = synthetic_surface("sand", seed=0, tile_px=512).patch(256, rotate_deg=30.0)
-    tensor = (np.mean(patch.p**2 - patch.q**2), np.mean(2 * patch.p * patch.q))
-    assert np.degrees(np.arctan2(tensor[1], tensor[0])) / 2 == pytest.approx(30.0, abs=2.0)
 
 
 def test_a_margin_only_adds_a_border(malv: PeriodicSurface) -> None:
