@@ -18,10 +18,17 @@ NAMES = ("a.png", "b.png", "c.png", "d.png")
 PATHS = [Path("photos") / name for name in NAMES]
 
 
-def lp(folder: Path, content: str | bytes) -> Path:
-    path = folder / "lights.lp"
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
+def written(folder: Path, content: Any, name: str = "lights.lp") -> Path:
+    """Write text or bytes as they are, anything else as JSON."""
+    path = folder / name
+    if not isinstance(content, bytes):
+        content = (content if isinstance(content, str) else json.dumps(content)).encode()
+    path.write_bytes(content)
     return path
+
+
+def as_json(folder: Path, content: Any) -> Path:
+    return written(folder, content, "lights.json")
 
 
 def rows(names: tuple[str, ...] = NAMES) -> list[str]:
@@ -31,9 +38,13 @@ def rows(names: tuple[str, ...] = NAMES) -> list[str]:
     ]
 
 
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\n\n", "  \n"])
-def test_an_lp_file_gives_the_lights_of_its_images_in_any_order(tmp_path: Path, end: str) -> None:
-    lights = load_light_list(lp(tmp_path, end.join(["4", *rows()]) + end))
+def test_an_lp_file_gives_the_lights_of_its_images_in_any_order(
+    tmp_path: Path, end: str, mark: bytes
+) -> None:
+    content = mark + (end.join(["4", *rows()]) + end).encode()
+    lights = load_light_list(written(tmp_path, content))
     assert lights.image_paths() == [tmp_path / name for name in NAMES]
     assert lights.lighting_for(PATHS) == RING
     backwards = lights.lighting_for(PATHS[::-1])
@@ -49,13 +60,8 @@ def test_names_may_contain_blanks_and_folders_of_another_computer(
 ) -> None:
     names = tuple(f"my  photo {name}" for name in NAMES)
     lines = rows(tuple(folder + name for name in names))
-    lights = load_light_list(lp(tmp_path, "\r\n".join(["4", *lines])))
+    lights = load_light_list(written(tmp_path, "\r\n".join(["4", *lines])))
     assert lights.image_paths() == [tmp_path / name for name in names]
-
-
-def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
-    content = "\n".join(["4", *rows()]).encode("utf-8-sig")
-    assert load_light_list(lp(tmp_path, content)).lighting_for(PATHS) == RING
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,7 @@ def test_an_error_in_an_lp_file_names_file_and_line(
     tmp_path: Path, content: str | bytes, message: str
 ) -> None:
     with pytest.raises(InputError, match=rf"lights\.lp: {message}"):
-        load_light_list(lp(tmp_path, content))
+        load_light_list(written(tmp_path, content))
 
 
 @pytest.mark.parametrize(
@@ -95,24 +101,18 @@ def test_an_error_in_an_lp_file_names_file_and_line(
 def test_an_impossible_light_direction_names_the_file(
     tmp_path: Path, vector: str, message: str
 ) -> None:
-    lights = load_light_list(lp(tmp_path, f"1\na.png {vector}\n"))
+    lights = load_light_list(written(tmp_path, f"1\na.png {vector}\n"))
     with pytest.raises(InputError, match=rf"lights\.lp: .*{message}"):
         lights.lighting_for([Path("a.png")])
 
 
 def test_an_image_that_is_not_listed_is_named(tmp_path: Path) -> None:
-    lights = load_light_list(lp(tmp_path, "\n".join(["4", *rows()])))
+    lights = load_light_list(written(tmp_path, "\n".join(["4", *rows()])))
     with pytest.raises(InputError, match=r"lights\.lp: lists no light for e\.png"):
         lights.lighting_for([*PATHS[:3], Path("e.png")])
 
 
 # json
-
-
-def as_json(folder: Path, content: Any) -> Path:
-    path = folder / "lights.json"
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
 
 
 def test_json_may_list_vectors_in_the_order_of_the_images(tmp_path: Path) -> None:
@@ -137,47 +137,38 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        {},
-        3,
-        "null",
-        [[0, 0]],
-        [[0, 0, "up"]],
-        [[0, 0, None]],
-        "[[0, 0, NaN]]",
-        "[[0, 0, Infinity]]",
-        "[[0, 0, 1e999]]",
-        "[[0, 0, 1" + "0" * 400 + "]]",
-        "[" + "1" * 5000 + "]",
-        "[" * 100_000,
-        [{"file": "a.png"}],
-        [{"direction": [0, 0, 1]}],
-        {"images": {"a.png": [0, 0, 1]}},
-        [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],
-    ],
-)
+@pytest.mark.parametrize("content", [
+    {}, 3, "null", [[0, 0]], [[0, 0, "up"]], [[0, 0, None]], "[[0, 0, NaN]]", "[[0, 0, Infinity]]",
+    "[[0, 0, 1e999]]", "[[0, 0, 1" + "0" * 400 + "]]", "[" + "1" * 5000 + "]", "[" * 100_000,
+    [{"file": "a.png"}], [{"direction": [0, 0, 1]}], {"images": {"a.png": [0, 0, 1]}},
+    [{"file": "a.png", "direction": [0, 0, 1]}, [0, 0, 1]],
+    [{"file": "a.png", "direction": [0, 0, 1], "intensity": 0}],
+])  # fmt: skip
 def test_an_error_in_json_shows_the_right_form(tmp_path: Path, content: Any) -> None:
     with pytest.raises(InputError, match=r"lights\.json: not a list of lights; give \[\[x, y, z"):
         load_light_list(as_json(tmp_path, content))
 
 
-def test_files_that_are_no_light_list_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"lights\.json: not JSON \(.*line 1 column 2"):
-        load_light_list(as_json(tmp_path, "[0, 0, 1"[:1] + "x"))
-    with pytest.raises(InputError, match="lists 0 lights"):
-        load_light_list(as_json(tmp_path, []))
-    (tmp_path / "lights.csv").write_text("0,0,1")
-    with pytest.raises(InputError, match=r"lights\.csv: light directions come as \.lp or \.json"):
-        load_light_list(tmp_path / "lights.csv")
-    with pytest.raises(InputError, match=r"none\.lp: no such file"):
-        load_light_list(tmp_path / "none.lp")
-    with pytest.raises(InputError, match="cannot be read"):
-        load_light_list(tmp_path)
-    (tmp_path / "large.lp").write_bytes(b" " * (5 << 20))
-    with pytest.raises(InputError, match="larger than"):
-        load_light_list(tmp_path / "large.lp")
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("lights.json", "[x", r"not JSON \(.*line 1 column 2"),
+        ("lights.json", [], "lists 0 lights"),
+        ("lights.csv", "0,0,1", r"light directions come as \.lp or \.json"),
+        ("large.lp", b" " * (5 << 20), "larger than"),
+    ],
+)
+def test_a_file_that_is_not_a_light_list_is_named(
+    tmp_path: Path, name: str, content: Any, message: str
+) -> None:
+    with pytest.raises(InputError, match=f"{name}: {message}"):
+        load_light_list(written(tmp_path, content, name))
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    for path, message in ((tmp_path / "none.lp", "no such file"), (tmp_path, "cannot be read")):
+        with pytest.raises(InputError, match=f"{path}: {message}"):
+            load_light_list(path)
 
 
 @given(st.text(max_size=200), st.sampled_from([".lp", ".json"]))
@@ -194,15 +185,10 @@ def test_any_text_is_read_or_refused(
 
 
 def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_path: Path) -> None:
-    path = tmp_path / "lights.json"
     lights = [
         {"file": f"{name}.png", "direction": [x, y, 1], "intensity": intensity}
         for name, x, y, intensity in (("a", 1, 0, 1.0), ("b", 0, 1, 2.0), ("c", -1, 0, 0.5))
     ]
-    path.write_text(json.dumps(lights), encoding="utf-8")
-    lighting = load_light_list(path).lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
+    found = load_light_list(as_json(tmp_path, lights))
+    lighting = found.lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
     assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
-    lights[0]["intensity"] = 0
-    path.write_text(json.dumps(lights), encoding="utf-8")
-    with pytest.raises(InputError, match="not a list of lights"):
-        load_light_list(path)
