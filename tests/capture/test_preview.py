@@ -67,7 +67,7 @@ def get(url: str, host: str | None = None) -> tuple[int, bytes, Any]:
 
 
 def status_of(url: str) -> int | None:
-    """Status of an answer; None if the request was turned away."""
+    """Status of an answer; None if the connection was closed without one."""
     with suppress(OSError):
         return get(url)[0]
     return None
@@ -105,15 +105,14 @@ def test_the_focus_score_falls_with_blur_and_not_with_brightness() -> None:
         for sigma in (0.3, 0.8, 2.0)
     ]
     assert scores == sorted(scores, reverse=True)
-    assert preview_image(frame_of(sharp // 2, 12)).focus == pytest.approx(
-        preview_image(frame_of(sharp, 12)).focus, rel=0.01
-    )
+    dark, bright = (preview_image(frame_of(pixels, 12)).focus for pixels in (sharp // 2, sharp))
+    assert dark == pytest.approx(bright, rel=0.01)
 
 
 # the rig's side
 
 
-def test_every_led_is_shown_again_and_again() -> None:
+def test_every_led_is_shown_repeatedly() -> None:
     preview = Preview()
     with running(preview, SMALL):
         until(lambda: has_all_images(preview))
@@ -134,7 +133,7 @@ def test_a_hardware_error_is_named_and_the_rig_opened_again() -> None:
         until(lambda: preview.state()["error"])
         state = preview.state()
         assert "no frame" in state["error"] or "gone" in state["error"]
-        # The plan of faults begins anew with the rig that is opened again.
+        # The plan of faults starts again with the new rig.
         until(lambda: preview.state()["error"] is None)
 
 
@@ -142,7 +141,7 @@ def test_a_hardware_error_is_named_and_the_rig_opened_again() -> None:
 
 
 def preview_of_age(age_s: float) -> Preview:
-    """One image of each LED, exposed so long ago on a clock that stands still."""
+    """One image of each LED, exposed `age_s` ago on a clock that stands still."""
     with open_rig(SMALL) as rig:
         preview = Preview(now_s=lambda: rig.clock.now_s() + age_s)
         preview.opened(rig)
@@ -193,7 +192,7 @@ def test_requests_for_another_host_are_refused(shown: Preview) -> None:
 
 
 def test_slow_clients_do_not_lock_viewers_out(shown: Preview) -> None:
-    """Each keeps a thread busy by a byte now and then, until its request is cut off."""
+    """Each keeps a thread busy by a byte every 50 ms, until its request is cut off."""
     with serving(shown, 0, deadline_s=0.5) as server, ExitStack() as stack:
         address = ("127.0.0.1", server.server_port)
         slow = [stack.enter_context(socket.create_connection(address)) for _ in range(MAX_REQUESTS)]
@@ -258,13 +257,12 @@ def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None
 
 
 def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
-    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-    where = f"--user-data-dir={tmp_path / 'profile'}"
-    # Of two equal options the last one counts.
-    page = ["--virtual-time-budget=2500", *options, url]
-    done = subprocess.run(
-        [*command, where, *page], capture_output=True, text=True, timeout=120, check=True
-    )
+    command = [
+        "chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+        f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=2500",
+        *options, url,  # of two equal options the last one counts
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     return done.stdout
 
 

@@ -27,11 +27,11 @@ def archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("archive")
 
 
-def test_a_folder_stands_for_the_sets_below_it(archive: Path) -> None:
+def test_sets_below_a_folder_are_found(archive: Path) -> None:
     assert find_sets([archive]) == [
         archive / "b.ome.tif", archive / "x" / "a.ome.tif", archive / "x" / "y" / "a.ome.tif",
     ]  # fmt: skip
-    # A file that is named itself is taken whatever its name is.
+    # A file given by name may have any suffix.
     text = archive / "x" / "notes.txt"
     assert find_sets([text, archive / "x" / "y"]) == [text, archive / "x" / "y" / "a.ome.tif"]
 
@@ -61,7 +61,7 @@ def test_an_error_names_the_place_without_sets(archive: Path, place: str, messag
     ],
 )
 @pytest.mark.usefixtures("archive")
-def test_each_set_has_a_folder_of_its_own(places: list[str], folders: list[str]) -> None:
+def test_each_set_has_a_different_folder(places: list[str], folders: list[str]) -> None:
     found = output_folders([Path(place) for place in places], Path("out"))
     assert [str(folder) for folder in found.values()] == folders
 
@@ -101,7 +101,7 @@ def test_commands_warn_once_of_sets_of_schema_1(
     )
 
 
-def test_solve_says_of_how_many_lights_the_page_shows_a_part(
+def test_solve_says_how_many_light_images_the_page_shows(
     ps4rig: Command, made_set: Command, tmp_path: Path
 ) -> None:
     made_set(np.full((9, 20, 20), 2000, np.uint16)).save(tmp_path / "a.ome.tif")
