@@ -86,7 +86,7 @@ def next_fresh_frame(
     receive: Callable[[Frame, float], FrameKind] = kind_of,
     spare_s: float = _SPARE_S,
 ) -> Frame:
-    """Return the first fresh frame; parameters and errors of `frames_until_fresh`."""
+    """Return the first fresh frame, with the parameters and errors of `frames_until_fresh`."""
     ((frame, _),) = deque(frames_until_fresh(rig, not_before_s, receive, spare_s), maxlen=1)
     return frame
 
@@ -101,8 +101,6 @@ def frames_until_fresh(
 
     Parameters
     ----------
-    rig
-        An open rig.
     not_before_s
         Earliest exposure start of a fresh frame, on the rig's clock.
     receive

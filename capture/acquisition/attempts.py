@@ -27,14 +27,19 @@ from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
 from rig.set_file import pixels_sha256
 
-from .exposure_timeline import ExposureTimeline
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
-from .light_checks import LightImages, check_agreement, check_ambient, check_order, check_retake
+from .light_checks import (
+    LightImages,
+    check_agreement,
+    check_ambient,
+    check_order,
+    check_retake,
+    retake_reasons,
+)
 from .light_images import images_under
 from .quality import check_images
-from .repeated_frames import RepeatDetector
 
 __all__ = ["MAX_ATTEMPTS", "MAX_AVERAGE", "capture_set"]
 
@@ -102,7 +107,7 @@ def _attempt(
 ) -> CapturedSet:
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
-    history = FrameHistory(RepeatDetector(), ExposureTimeline(info.frame_period_s))
+    history = FrameHistory(info.frame_period_s)
     captured = _capture(rig, average, history)
     lights = _light_images(captured)
     ambient, *later = (image for image in captured if image.record.light is None)
@@ -146,20 +151,20 @@ def _check(rig: Rig, images: LightImages, average: int, history: FrameHistory) -
     """Check the images of a set, if need be with a retake; may raise SetRejected."""
     ambient_change = check_ambient(images)
     check_images(images)
-    agreement = check_agreement(images)
-    if agreement.undecided:
+    found = check_agreement(images)
+    undecided = retake_reasons(found)
+    if undecided:
         retaken = _light_images(_capture(rig, average, history, retake=True))
-        check_retake(images, _stack(retaken), agreement)
-    found = agreement.found
+        check_retake(images, _stack(retaken), found)
     levels = None if found is None else found.levels
     return ChecksRecord(
         ambient_change=ambient_change,
         redundancy_residual=None if found is None else found.redundancy_residual,
         light_levels=levels,
         light_levels_error=None if found is None or levels is None else found.level_error,
-        retaken=bool(agreement.undecided),
+        retaken=bool(undecided),
         light_order=check_order(images),
-        undecided=agreement.undecided,
+        undecided=undecided,
     )
 
 

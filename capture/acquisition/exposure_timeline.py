@@ -67,19 +67,8 @@ class ExposureTimeline:
     ) -> float | None:
         """Predicted start of the first frame exposed after `not_before_s`, at the latest.
 
-        Parameters
-        ----------
-        not_before_s
-            Earliest start that counts.
-        start_known_to_s
-            Uncertainty of a time stamp.
-        max_frames
-            How many frames ahead the prediction may reach.
-
-        Returns
-        -------
-        The start in s; None if no frame was received yet, if it is too many frames ahead, or if
-        the uncertainty leaves two frames possible.
+        None if no frame was received yet, if that frame is more than `max_frames` ahead, or if the
+        uncertainty of a time stamp, `start_known_to_s`, leaves two frames possible.
         """
         if self._last_start_s is None:
             return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 
 from capture.errors import SetRejected
 from rig import Frame, Rig, Switch
@@ -26,12 +25,12 @@ def light_name(rig: Rig, light: int | None) -> str:
     return f"LED {light} (tilt {rig.lighting.tilts_deg[light]:g})"
 
 
-@dataclass(frozen=True)
 class FrameHistory:
     """Repeats and exposure times of the frames of one attempt."""
 
-    repeats: RepeatDetector
-    timeline: ExposureTimeline
+    def __init__(self, period_s: float) -> None:
+        self.repeats = RepeatDetector()
+        self.timeline = ExposureTimeline(period_s)
 
 
 class FreshFrames:
@@ -66,10 +65,7 @@ class FreshFrames:
     def take_exposed_by(self, by_s: float) -> Frame | None:
         """Return the next fresh frame, or None if its exposure may have ended after `by_s`.
 
-        Raises
-        ------
-        SetRejected, CameraError
-            As `take` does.
+        Raises the same errors as `take`.
         """
         frame = self._next()
         end_s = self._end_s(self._history.timeline.last_start_s)

@@ -32,12 +32,12 @@ from rig.acceptance import (
 )
 
 __all__ = [
-    "Agreement",
     "LightImages",
     "check_agreement",
     "check_ambient",
     "check_order",
     "check_retake",
+    "retake_reasons",
 ]
 
 Images = npt.NDArray[np.uint16]
@@ -78,22 +78,6 @@ class LightImages:
         return signals
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """Result of comparing the light images of a set with one another.
-
-    Attributes
-    ----------
-    found
-        Redundancy residual and LED levels; None without four lights in general position.
-    undecided
-        Reasons for a retake, in words; empty if none is needed.
-    """
-
-    found: LightAgreement | None
-    undecided: tuple[str, ...]
-
-
 def check_ambient(images: LightImages) -> float | None:
     """Difference of the ambient images as a share of the brightest light's signal.
 
@@ -117,10 +101,11 @@ def check_ambient(images: LightImages) -> float | None:
     return change
 
 
-def check_agreement(images: LightImages) -> Agreement:
+def check_agreement(images: LightImages) -> LightAgreement | None:
     """Reject light images that contradict one another.
 
-    The images must have passed `check_images`.
+    The images must have passed `check_images`. The result is None without four lights in general
+    position.
 
     Raises
     ------
@@ -133,15 +118,32 @@ def check_agreement(images: LightImages) -> Agreement:
             images.images, images.lighting, images.ambient, images.full_scale, images.noise
         )
     except InputError:  # not four lights, or three of them in one plane
-        return Agreement(None, ("the redundancy needs four lights in general position",))
+        return None
     _check_levels(found, images)
-    return Agreement(found, tuple(_undecided(found)))
+    return found
 
 
-def check_retake(images: LightImages, retaken: Images, agreement: Agreement) -> None:
+def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
+    """Reasons for a retake, in words, by the result of `check_agreement`; empty if none."""
+    if found is None:
+        return ("the redundancy needs four lights in general position",)
+    causes = []
+    if found.redundancy_residual > MAX_REDUNDANCY_RESIDUAL:
+        causes.append(f"the redundancy residual is {found.redundancy_residual:.1%} of the signal")
+    if found.compared_rows < MIN_COMPARED_ROWS:
+        causes.append(f"all lights together reach {found.compared_rows:.0%} of the rows")
+    if found.levels is None:
+        causes.append("no LED levels explain the light images")
+    elif found.level_error > MAX_LED_LEVEL_ERROR:
+        causes.append(f"LED levels are known to {found.level_error:.1%} only")
+    return tuple(causes)
+
+
+def check_retake(images: LightImages, retaken: Images, found: LightAgreement | None) -> None:
     """Reject light images that a retake does not confirm.
 
-    Where no LED levels are known, the signals must also be alike as far as shadows allow.
+    If `found`, the result of `check_agreement`, has no LED levels, no signal may be far below the
+    others.
 
     Raises
     ------
@@ -160,7 +162,7 @@ def check_retake(images: LightImages, retaken: Images, agreement: Agreement) -> 
                 "the exposure drifts, a frame was torn or showed another light, or the part moved; "
                 "keep the part still, then run ps4rig rig doctor"
             )
-    if agreement.found is not None and agreement.found.levels is not None:
+    if found is not None and found.levels is not None:
         return
     shares = signals / images.lighting.intensities
     shares /= np.median(shares)
@@ -240,16 +242,3 @@ def _stays_on(images: LightImages, light: int) -> str:
     if correlation <= _STAYS_ON_CORRELATION:
         return ""
     return ", and some of it with all LEDs off: it stays on"
-
-
-def _undecided(found: LightAgreement) -> list[str]:
-    causes = []
-    if found.redundancy_residual > MAX_REDUNDANCY_RESIDUAL:
-        causes.append(f"the redundancy residual is {found.redundancy_residual:.1%} of the signal")
-    if found.compared_rows < MIN_COMPARED_ROWS:
-        causes.append(f"all lights together reach {found.compared_rows:.0%} of the rows")
-    if found.levels is None:
-        causes.append("no LED levels explain the light images")
-    elif found.level_error > MAX_LED_LEVEL_ERROR:
-        causes.append(f"LED levels are known to {found.level_error:.1%} only")
-    return causes

@@ -107,10 +107,8 @@ def measure_latency(
     ----------
     rig
         Opened with `without_timing` of its configuration.
-    led
-        Number of the LED.
-    steps
-        Number of switches on, each followed by one off.
+    led, steps
+        Number of the LED, and how often it is switched on and off.
     each
         Wraps the numbers of all switches, for example in a progress bar.
     seed

@@ -48,16 +48,14 @@ class Steps:
 
     Attributes
     ----------
-    reported_s
-        (F,) reported exposure start of each frame, from its step on.
-    rising
-        (F,) bool, whether the LED was switched on.
+    reported_s, rising
+        (F,) reported exposure start of each frame, after its step; whether the LED was switched on.
     shares
         (F, B) share of the LED's full light in each band of rows, 0 to 1.
     bands
         (B,) position of each band from the first row, 0, to the last, 1.
     exposure_s, period_s
-        Of the camera.
+        Exposure and frame period of the camera.
     """
 
     reported_s: Floats
