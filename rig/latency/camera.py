@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -99,7 +98,6 @@ def measure_latency(
     led: int = 0,
     steps: int = 40,
     each: Callable[[range], Iterable[int]] = iter,
-    seed: int = 1,
 ) -> CameraLatency:
     """Switch an LED on and off `steps` times, and measure when the frames show it.
 
@@ -111,8 +109,6 @@ def measure_latency(
         Number of the LED, and how often it is switched on and off.
     each
         Wraps the numbers of all switches, for example in a progress bar.
-    seed
-        Seed of the random phases of the switches against the frames.
 
     Raises
     ------
@@ -121,7 +117,7 @@ def measure_latency(
     HardwareError
         If the controller or the camera fails.
     """
-    recording = record_steps(rig, led, each(range(2 * steps)), 2 * steps, random.Random(seed))
+    recording = record_steps(rig, led, each(range(2 * steps)), 2 * steps)
     found = evaluate(rig, recording)
     fit = found.fit
     if fit.misfit > _MAX_MISFIT:

@@ -86,9 +86,7 @@ class Evaluation:
         return (due_s - now_s) % self.steps.period_s
 
 
-def record_steps(
-    rig: Rig, led: int, numbers: Iterable[int], count: int, rng: random.Random
-) -> Recording:
+def record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> Recording:
     """Record every frame from each switch until its change is complete.
 
     The first half of the switches are at all phases of the frames. If exposures are short, few of
@@ -96,6 +94,7 @@ def record_steps(
     the first half.
     """
     info, clock, recording = rig.camera.info, rig.clock, Recording()
+    rng = random.Random(1)
     after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
     # One switch in each part of the period, in random order, so that no phase is missed.
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
@@ -134,11 +133,12 @@ def evaluate(rig: Rig, recording: Recording) -> Evaluation:
     of_step = np.array(recording.of_step)
     rising = np.array([step.rising for step in switches])
     shares, kept = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
+    edges = _band_edges(info.height_px)
     steps = Steps(
         reported_s=np.array(recording.reported_s) - switched_s[of_step],
         rising=rising[of_step],
         shares=shares,
-        bands=_band_places(info.height_px)[kept],
+        bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[kept],
         exposure_s=info.exposure_s,
         period_s=info.frame_period_s,
     )
@@ -159,13 +159,6 @@ def evaluate(rig: Rig, recording: Recording) -> Evaluation:
 def _band_edges(rows: int) -> npt.NDArray[np.intp]:
     """First row of each band, and the number of rows."""
     return np.linspace(0, rows, min(_BANDS, rows) + 1).round().astype(np.intp)
-
-
-def _band_places(rows: int) -> Floats:
-    """Positions of the bands' centres from the first row, 0, to the last, 1."""
-    edges = _band_edges(rows)
-    places: Floats = ((edges[:-1] + edges[1:] - 1.0) / 2.0) / (rows - 1)
-    return places
 
 
 def _band_levels(frame: Frame) -> Floats:

@@ -20,6 +20,8 @@ from .sensor import RecordedPixels, Sensor
 
 __all__ = ["LitScene", "ReportedTiming", "SimulatedCamera"]
 
+# Buffers of the driver, as many as `V4l2Camera` claims.
+_BUFFERS = 4
 # Time after the exposure for which the processor is left to a controller that switches then.
 _SWITCH_S = 0.001
 
@@ -80,8 +82,6 @@ class SimulatedCamera:
         Start times of the exposures.
     seed
         Seed of the noise.
-    buffers
-        Number of the driver's buffers.
     reported
         Timing that the camera reports.
     """
@@ -95,7 +95,6 @@ class SimulatedCamera:
         exposures: Exposures,
         *,
         seed: int,
-        buffers: int = 4,
         reported: ReportedTiming = ReportedTiming(),
     ) -> None:
         self.scene = scene
@@ -104,7 +103,6 @@ class SimulatedCamera:
         self._board = board
         self._clock = clock
         self._seed = seed
-        self._buffers = buffers
         self._reported = reported
         self._queue: deque[_FilledBuffer] = deque()
         self._next_sequence = 0
@@ -126,7 +124,7 @@ class SimulatedCamera:
             bit_depth=self.sensor.bit_depth,
             frame_period_s=self.exposures.shutter.period_s,
             exposure_s=self.exposures.shutter.exposure_s,
-            queue_length=self._buffers,
+            queue_length=_BUFFERS,
             readout_s=self._reported.readout_s,
             start_known_to_s=self._reported.start_known_to_s,
             gain_e_per_dn=self.sensor.gain_e_per_dn,
@@ -150,7 +148,7 @@ class SimulatedCamera:
         if self._queue:
             return self._develop(self._queue.popleft())
         is_known = self.exposures.await_start(self._next_sequence, now_s + timeout_s)
-        ready_s = self._ready_s(self._next_sequence) if is_known else math.inf
+        ready_s = self.ready_s(self._next_sequence) if is_known else math.inf
         if ready_s - now_s > timeout_s:
             self._clock.sleep_s(now_s + timeout_s - self._clock.now_s())
             raise CameraError(f"no frame from the camera in {timeout_s:g} s")
@@ -161,9 +159,9 @@ class SimulatedCamera:
         self._clock.sleep_s(ready_s - self._clock.now_s())
         return frame
 
-    def frame_end_s(self, frame: Frame) -> float:
+    def ready_s(self, sequence: int) -> float:
         """Time at which a driver has the whole frame, which most drivers report as its stamp."""
-        return self._ready_s(frame.sequence)
+        return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s
 
     def close(self) -> None:
         """Stop streaming; a second call does nothing."""
@@ -171,13 +169,10 @@ class SimulatedCamera:
         self.exposures.close()
         self._queue.clear()
 
-    def _ready_s(self, sequence: int) -> float:
-        return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s
-
     def _fill_buffers(self, now_s: float) -> None:
         """Fill free buffers with the frames that are finished at `now_s`."""
         finished = self.exposures.started(now_s - self.exposures.shutter.ready_after_s)
-        while self._next_sequence < finished and len(self._queue) < self._buffers:
+        while self._next_sequence < finished and len(self._queue) < _BUFFERS:
             start_s = self.exposures.start_s(self._next_sequence)
             self._queue.append(_FilledBuffer(self._next_sequence, start_s, self.scene))
             self._next_sequence += 1

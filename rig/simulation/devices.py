@@ -94,7 +94,7 @@ class DeviceSimulation:
             self._simulation.clock.sleep_s(self._period_s)
             return
         frame = self._simulation.frames.read(2.0 * self._period_s)
-        end_s = self._simulation.camera.frame_end_s(frame)
+        end_s = self._simulation.camera.ready_s(frame.sequence)
         if self._simulation.clock.now_s() - end_s > self._period_s:
             self.late += 1
             return

@@ -64,11 +64,6 @@ class Control:
         """Whether it has an integer value."""
         return self.kind in _READABLE and not self.flags & abi.CTRL_FLAG_WRITE_ONLY
 
-    @property
-    def is_inactive(self) -> bool:
-        """Whether another control, mostly an automatic one, overrides it."""
-        return bool(self.flags & abi.CTRL_FLAG_INACTIVE)
-
     def allowed(self) -> str:
         """The allowed values as text."""
         if self.menu:

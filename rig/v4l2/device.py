@@ -236,9 +236,14 @@ class V4l2Device(VideoNode):
         poll.register(self._fd, select.POLLIN)
         while True:
             # Even if poll reported nothing: a removed driver may not wake it, but returns ENODEV.
-            buffer = self._filled_buffer()
-            if buffer is not None:
+            buffer = self.buffer(0)
+            try:
+                self.try_call(abi.VIDIOC_DQBUF, buffer)
                 return self._copied(buffer)
+            except BlockingIOError:
+                pass
+            except OSError as error:
+                self.fail("delivers no frame", error)
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 raise CameraError(f"{self.path}: no frame in {timeout_s:g} s")
@@ -250,16 +255,6 @@ class V4l2Device(VideoNode):
                 raise CameraError(
                     f"{self.path}: the driver stopped the stream (hang-up or error); open it again"
                 )
-
-    def _filled_buffer(self) -> abi.Buffer | None:
-        buffer = self.buffer(0)
-        try:
-            self.try_call(abi.VIDIOC_DQBUF, buffer)
-        except BlockingIOError:
-            return None
-        except OSError as error:
-            self.fail("delivers no frame", error)
-        return buffer
 
     def _copied(self, buffer: abi.Buffer) -> Capture:
         """Copy a buffer, and return it to the driver."""

@@ -161,7 +161,7 @@ def _set_active(device: V4l2Device, control: Control, value: int) -> Setting:
     """Set a control, and check that no other one overrides it."""
     setting = _set(device, control, value)
     after = find_control(device, control.id)
-    if after is None or after.is_inactive:
+    if after is None or after.flags & abi.CTRL_FLAG_INACTIVE:
         fault = ControlFault(
             control.slug,
             f"control {control.slug} has no effect, because another control overrides it",
