@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 _CAUGHT = (0.03, 0.97)
 # The fit starts from the best point of a grid over the first and the last band: D in steps of this
 # many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
-# right minimum; test_any_camera in tests/rig/latency holds that for random cameras.
+# right minimum, which tests/rig/latency/test_camera.py checks for random cameras.
 _GRID_PERIODS = 0.04
 _GRID_READOUTS = 9
 _GRID_BANDS = [0, -1]

@@ -67,7 +67,7 @@ def test_pixel_values_come_back(tmp_path: Path, suffix: str, dtype: Any, channel
 
 
 def test_an_interlaced_png_with_ancillary_chunks_is_read(tmp_path: Path, capfd: Any) -> None:
-    """Its colour profile is damaged, of which libpng would warn."""
+    """The colour profile is damaged, and libpng would print a warning."""
     rows = [bytes([0, value]) for value in (1, 2)] + [bytes([0, 3, 4]), bytes([0, 5, 6, 7, 8])]
     content = png(
         zlib.compress(b"".join(rows)), chunk(b"iCCP", b"x\0\0zzz"), side=(4, 2), form="80001"
@@ -82,7 +82,7 @@ def test_an_interlaced_png_with_ancillary_chunks_is_read(tmp_path: Path, capfd: 
 
 @pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)])
 @pytest.mark.parametrize("image", [SMOOTH, SMOOTH[:, :, 0]], ids=["colour", "grey"])
-def test_a_jpeg_is_decoded_as_by_opencv_whatever_follows_its_end(
+def test_a_jpeg_with_bytes_after_its_end_is_decoded_as_by_opencv(
     tmp_path: Path, image: Pixels, options: tuple[int, ...]
 ) -> None:
     content = encoded(".jpg", image, *options)
@@ -106,7 +106,7 @@ def test_a_file_cut_off_anywhere_is_refused(tmp_path: Path, capfd: Any, suffix: 
 
 @pytest.mark.parametrize("options", [(), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1)])
 def test_a_damaged_jpeg_is_refused(tmp_path: Path, capfd: Any, options: tuple[int, ...]) -> None:
-    """Cut with its end marker put back, or with a block of other bytes, OpenCV fills in grey."""
+    """OpenCV fills in grey where a file was cut before its end marker, or bytes were replaced."""
     whole = encoded(".jpg", SMOOTH, *options)
     for share in (0.3, 0.6, 0.9):
         cut = int(share * len(whole))
@@ -140,7 +140,7 @@ def test_a_png_that_lost_its_middle_or_a_bit_is_refused(tmp_path: Path, capfd: A
         (png(ROWS, side=(30_000, 30_000)), r"declares 900030000 bytes of pixels in "),
     ],
 )
-def test_a_png_that_libpng_would_stumble_over_is_refused(
+def test_an_invalid_png_is_refused(
     tmp_path: Path, capfd: Any, content: bytes, message: str
 ) -> None:
     assert message in refused(tmp_path / "a.png", content, capfd)
@@ -176,7 +176,7 @@ def test_floating_point_pixels_are_refused(tmp_path: Path, capfd: Any, value: fl
 def test_tiff_pixels_that_are_not_brightness_are_refused(
     tmp_path: Path, capfd: Any, kind: Any
 ) -> None:
-    """The index into a palette, or white stored as 0, read as brightness gives another surface."""
+    """Palette indices, white stored as 0, or printing inks would give another surface."""
     image = np.zeros((5, 6, 4) if kind == "separated" else (5, 6), np.uint8)
     colours = np.zeros((3, 256), np.uint16) if kind == "palette" else None
     path = tmp_path / "a.tif"

@@ -30,13 +30,6 @@ def angular_error_deg(scene: SceneImages, surface: SurfaceEstimate) -> np.ndarra
     return np.degrees(np.arctan2(across, (truth * found).sum(axis=-1)))
 
 
-def photographed(
-    scene: SceneImages, sensor: SensorModel, lighting: Lighting, seed: int, method: Method
-) -> SurfaceEstimate:
-    """The solution of one set of a camera with ambient light and known noise."""
-    return SimulatedSet.expose(scene, lighting, sensor, seed).solve(method)
-
-
 def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:
     """Mean error in degrees by method and number of lights, and the share of such pixels.
 
@@ -50,7 +43,7 @@ def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:
             scene = render_frame(synthetic_surface(name, seed, 512), lighting, 256)
             lit = 4 - scene.shadowed.sum(axis=0)
             for method in METHODS:
-                surface = photographed(scene, sensor, lighting, seed, method)
+                surface = SimulatedSet.expose(scene, lighting, sensor, seed).solve(method)
                 error = angular_error_deg(scene, surface)
                 for lights, pixels in zip(LIT_BY, (lit == 4, lit == 3, lit < 3), strict=True):
                     errors.setdefault((method, lights), []).append(error[pixels])
@@ -244,7 +237,7 @@ def material_errors(slant_deg: float, size_px: int) -> dict[str, tuple[np.ndarra
         methods: tuple[Method, ...] = ("ps4", "ps4_robust")
         both = []
         for method in methods:
-            surface = photographed(scene, sensor, lighting, 1, method)
+            surface = SimulatedSet.expose(scene, lighting, sensor, 1).solve(method)
             error = np.hypot(surface.p - scene.p, surface.q - scene.q) / np.sqrt(2.0)
             squares = np.minimum(error, 5.0) ** 2
             groups = [squares[shadows == n] for n in range(4)] + [squares.ravel()]

@@ -74,7 +74,7 @@ def test_the_reported_start_is_bounded_by_the_number_of_buffers(camera: OpencvCa
     assert frame.exposure_start_s > opened_s - 0.061
 
 
-def test_its_metadata_state_that_there_are_no_time_stamps(camera: OpencvCamera) -> None:
+def test_the_metadata_state_that_there_are_no_time_stamps(camera: OpencvCamera) -> None:
     record = camera.info.controls["opencv"]
     assert "no time stamps" in record["time"]
     assert record["fixed_exposure"]

@@ -1,4 +1,4 @@
-"""What must not be interrupted runs to its end, and the signal is delivered afterwards."""
+"""An uninterrupted action runs to its end, and the signal is delivered afterwards."""
 
 import os
 import signal

@@ -77,7 +77,7 @@ def check_stored_values(truth: Truth, found: CameraLatency) -> None:
     assert number(found, "readout_ms") == pytest.approx(truth.readout_ms, abs=error_ms)
     rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
     # Jitter looks like slow light: by up to twice as much with few steps of a short exposure, see
-    # the example of test_any_camera.
+    # the example of the test of random cameras.
     within_ms = 0.3 + 2.0 * truth.jitter_ms
     assert rise_ms == pytest.approx(truth.rise_ms, abs=within_ms, rel=0.3)
     assert fall_ms == pytest.approx(truth.fall_ms, abs=within_ms, rel=0.3)
@@ -164,7 +164,7 @@ def test_the_measured_timing_is_true_and_lets_no_stale_frame_pass(truth: Truth) 
         fall_ms=st.floats(0.05, 5.0),
     )
 )
-def test_any_camera(truth: Truth) -> None:
+def test_the_timing_of_random_cameras_is_measured(truth: Truth) -> None:
     found = measured(truth)
     check_stored_values(truth, found)
     check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
