@@ -187,18 +187,6 @@ def test_additional_noise_does_not_make_a_texture_unknown(library, stationary, k
     assert library.classify(noisy).label == kind
 
 
-def test_invariants_bound_the_distance_of_every_reference(library, signatures) -> None:
-    references = JOINT.invariants(library.signatures)
-    for signature in signatures:
-        vector = JOINT.invariants(signature[None])[0]
-        bounds = np.square(references[:, :-1] - vector[:-1]).sum(axis=1)
-        bounds /= vector[-1]
-        distances = JOINT.compare(signature, library.signatures, library.parameters).distances
-        assert (bounds <= distances * (1 + 1e-4) + 1e-3).all()
-        # The bounds of wrong classes are above the smallest distance.
-        assert np.sort(bounds)[1] > distances.min()
-
-
 @pytest.fixture(scope="module")
 def low_light(stationary, photographed):
     """Make a surface solved from low lights, much in shadow: kind, orientation_deg, seed."""

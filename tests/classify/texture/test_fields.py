@@ -96,15 +96,10 @@ def test_any_shape_has_fields(surface_of, shape: tuple[int, int]) -> None:
     np.testing.assert_allclose(fields.albedo, 1.0, rtol=1e-6)
 
 
-def test_a_surface_without_a_valid_pixel_is_refused(surface_of) -> None:
+def test_surfaces_without_a_valid_pixel_or_any_albedo_are_refused(surface_of) -> None:
     ones = np.ones((4, 4))
-    surface = replace(surface_of(ones, ones, ones), valid=np.zeros((4, 4), bool))
     with pytest.raises(InputError, match="no pixel of this surface is valid"):
-        texture_fields(surface)
-
-
-def test_a_surface_that_reflects_nothing_is_refused(surface_of) -> None:
-    ones = np.ones((4, 4))
+        texture_fields(replace(surface_of(ones, ones, ones), valid=np.zeros((4, 4), bool)))
     with pytest.raises(InputError, match="reflect nothing"):
         texture_fields(surface_of(ones, ones, 0 * ones))
 

@@ -12,7 +12,6 @@ from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import MAX_SEGMENT_PX, segment_for
 from classify.texture.statistics import (
     PARTS,
-    LocalStatistics,
     levels_for,
     local_statistics,
     statistics_vector,
@@ -29,8 +28,13 @@ def fields_of(p: np.ndarray, q: np.ndarray, albedo: np.ndarray) -> TextureFields
     return TextureFields(*(np.ascontiguousarray(each, np.float32) for each in (p, q, albedo)))
 
 
+def vector(fields: TextureFields, levels: int, floor: float) -> np.ndarray:
+    floors = np.full(levels, floor)
+    return statistics_vector(local_statistics(fields, levels), floors, floors)
+
+
 def rotated_by_90(fields: TextureFields) -> TextureFields:
-    """Turned anticlockwise by 90 degrees, with its slopes."""
+    """Rotate the frame and its slopes anticlockwise."""
     p, q, albedo = (np.rot90(each) for each in (fields.p, fields.q, fields.albedo))
     return fields_of(-q, p, albedo)
 
@@ -50,12 +54,6 @@ def tinted(stationary) -> TextureFields:
     fields = texture_fields(stationary("domes", seed=3, side=ODD_SIDE))
     relief = -(np.gradient(fields.p, axis=1) - np.gradient(fields.q, axis=0))
     return fields_of(fields.p, fields.q, fields.albedo + 0.5 * relief)
-
-
-def whole_close(one: LocalStatistics, other: LocalStatistics, rtol: float) -> None:
-    """Compare whole frames, relative to the scale of each moment."""
-    for ours, theirs in ((one.moments, other.moments), (one.energies, other.energies)):
-        np.testing.assert_allclose(ours[0], theirs[0], rtol=rtol, atol=rtol * np.abs(ours).max())
 
 
 @pytest.mark.parametrize("change", [rotated_by_90, mirrored], ids=lambda f: f.__name__)
@@ -84,10 +82,8 @@ def test_a_rotation_changes_frames_of_even_side_little(stationary, side: int) ->
     """Less than two realisations of one texture differ from each other."""
     fields = texture_fields(stationary("domes", seed=4, side=side))
     other = texture_fields(stationary("domes", seed=5, side=side))
-    floors = np.full(3, 1e-4)
     still, rotated, another = (
-        statistics_vector(local_statistics(each, 3), floors, floors)[0]
-        for each in (fields, rotated_by_90(fields), other)
+        vector(each, 3, 1e-4)[0] for each in (fields, rotated_by_90(fields), other)
     )
     assert np.linalg.norm(rotated - still) < 0.5 * np.linalg.norm(another - still)
 
@@ -105,20 +101,16 @@ def test_pits_and_domes_differ_in_the_sign_of_skewness(stationary) -> None:
 
 
 def test_inversion_changes_the_sign_of_odd_moments_only(tinted) -> None:
-    out, inside = (local_statistics(each, 3) for each in (tinted, inverted(tinted)))
-    signs = np.ones(8)
-    signs[[RELIEF_3, BOTH]] = -1.0
-    np.testing.assert_allclose(inside.moments, signs * out.moments, rtol=1e-5, atol=1e-12)
-    np.testing.assert_array_equal(inside.energies, out.energies)
-    assert (out.moments[0, 0, BOTH] > 0).all()  # high places are bright
-
-
-def test_inverted_albedo_changes_the_sign_of_its_odd_moments(tinted) -> None:
-    before = local_statistics(tinted, 3)
-    after = local_statistics(fields_of(tinted.p, tinted.q, 2.0 - tinted.albedo), 3)
-    signs = np.ones(8)
-    signs[[ALBEDO_3, BOTH]] = -1.0
-    np.testing.assert_allclose(after.moments, signs * before.moments, rtol=2e-3, atol=1e-6)
+    negative = fields_of(tinted.p, tinted.q, 2.0 - tinted.albedo)
+    before, inside, dark = (
+        local_statistics(each, 3) for each in (tinted, inverted(tinted), negative)
+    )
+    signs, signs_of_albedo = np.ones((2, 8))
+    signs[[RELIEF_3, BOTH]] = signs_of_albedo[[ALBEDO_3, BOTH]] = -1.0
+    np.testing.assert_allclose(inside.moments, signs * before.moments, rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(dark.moments, signs_of_albedo * before.moments, rtol=2e-3, atol=1e-6)
+    np.testing.assert_array_equal(inside.energies, before.energies)
+    assert (before.moments[0, 0, BOTH] > 0).all()  # high places are bright
 
 
 def test_the_finest_moments_are_those_of_plain_filters(tinted) -> None:
@@ -224,20 +216,17 @@ def test_every_frame_is_large_enough_for_the_levels_of_its_library(rows: int, co
 @pytest.mark.parametrize("shape", [(64, 64), (64, 300), (301, 64), (65, 67)])
 def test_the_smallest_frames_have_statistics(shape: tuple[int, int]) -> None:
     p, q, albedo = np.random.default_rng(0).standard_normal((3, *shape))
-    found = local_statistics(fields_of(p, q, albedo), 2)
-    floors = np.full(2, 1e-6)
-    assert np.isfinite(statistics_vector(found, floors, floors)).all()
+    assert np.isfinite(vector(fields_of(p, q, albedo), 2, 1e-6)).all()
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_smooth_surface_has_finite_statistics() -> None:
     ones = np.ones((64, 80))
-    found = local_statistics(fields_of(0.1 * ones, 0 * ones, ones), 2)
-    np.testing.assert_allclose(found.moments, 0.0, atol=1e-9)
-    floors = np.full(2, 1e-6)
-    vector = statistics_vector(found, floors, floors)
-    assert np.isfinite(vector).all()
-    assert np.ptp(vector, axis=0).max() < 0.05  # the quarters are like the frame
+    smooth = fields_of(0.1 * ones, 0 * ones, ones)
+    np.testing.assert_allclose(local_statistics(smooth, 2).moments, 0.0, atol=1e-9)
+    found = vector(smooth, 2, 1e-6)
+    assert np.isfinite(found).all()
+    assert np.ptp(found, axis=0).max() < 0.05  # the quarters are like the frame
 
 
 def test_twice_the_relief_adds_to_one_number_a_level(tinted) -> None:
@@ -245,13 +234,8 @@ def test_twice_the_relief_adds_to_one_number_a_level(tinted) -> None:
 
     Of a strong relief a small share counts as paint.
     """
-    no_floors = np.zeros(3)
     one, two = (
-        statistics_vector(
-            local_statistics(fields_of(scale * tinted.p, scale * tinted.q, tinted.albedo), 3),
-            no_floors,
-            no_floors,
-        )
+        vector(fields_of(scale * tinted.p, scale * tinted.q, tinted.albedo), 3, 0.0)
         for scale in (0.02, 0.04)
     )
     np.testing.assert_allclose(two[:, :3] - one[:, :3], np.log(2.0), rtol=1e-4)
@@ -260,13 +244,8 @@ def test_twice_the_relief_adds_to_one_number_a_level(tinted) -> None:
 
 def test_textures_fainter_than_their_floors_differ_little() -> None:
     rng = np.random.default_rng(0)
-    floors = np.full(2, 1.0)
     faint = [
-        statistics_vector(
-            local_statistics(fields_of(*(scale * rng.standard_normal((3, 64, 64)))), 2),
-            floors,
-            floors,
-        )[0, :4]
+        vector(fields_of(*(scale * rng.standard_normal((3, 64, 64)))), 2, 1.0)[0, :4]
         for scale in (1e-5, 1e-3)
     ]
     np.testing.assert_allclose(faint[0], faint[1], atol=1e-3)
