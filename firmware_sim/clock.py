@@ -114,11 +114,6 @@ class VirtualClock:
     step, so that a main loop with its watchdog runs at its simulated time. Callbacks of `call_at`
     are called at their exact time, on the thread that sleeps. Several threads may sleep: each
     returns when the common time has reached its own deadline.
-
-    Parameters
-    ----------
-    start_s
-        The initial time.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:

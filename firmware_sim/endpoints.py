@@ -50,15 +50,8 @@ class Endpoint:
 
 
 class PtyEndpoint(Endpoint):
-    """A raw pseudo-terminal, optionally with a symbolic link to it.
+    """A raw pseudo-terminal, optionally with a symbolic link at a path that does not exist yet.
 
-    Parameters
-    ----------
-    link
-        A path that does not exist yet.
-
-    Notes
-    -----
     A pty does not announce that it has been opened, so `accept` must be polled.
     """
 
@@ -121,22 +114,15 @@ class PtyEndpoint(Endpoint):
 class TtyEndpoint(Endpoint):
     """A real serial device: this end of a null modem, or of a USB gadget's line.
 
-    Such a line does not tell whether its other end is open, so a host counts as connected while
+    Such a line does not show whether its other end is open, so a host counts as connected while
     the device exists. A device that disappears is opened again when it is back.
-
-    Parameters
-    ----------
-    path
-        The device, which no other program may have open.
-    baud
-        Its speed; lines over USB accept any.
 
     Raises
     ------
     OSError
-        If it is missing, not permitted, in use or not a serial device.
+        If the device is missing, not permitted, in use or not a serial device.
     ValueError
-        For a speed that serial devices do not have.
+        If serial devices do not have the speed `baud`.
     """
 
     def __init__(self, path: Path, baud: int) -> None:
@@ -186,17 +172,7 @@ class TtyEndpoint(Endpoint):
 
 
 class SocketEndpoint(Endpoint):
-    """A listening socket.
-
-    Parameters
-    ----------
-    listener
-        Bound and listening.
-    address
-        The address for hosts.
-    path
-        The socket's file, removed at the end.
-    """
+    """A bound and listening socket; its file `path` is removed at the end."""
 
     def __init__(self, listener: socket.socket, address: str, path: Path | None = None) -> None:
         listener.setblocking(False)

@@ -228,17 +228,7 @@ def faulty_leds(
 
 
 class FaultyLine(SimulatedController):
-    """A simulated controller behind a faulty line.
-
-    Parameters
-    ----------
-    board, clock, turn_us
-        As for `SimulatedController`.
-    faults
-        Faults of the line, applied one after the other.
-    seed
-        Seed of the random faults.
-    """
+    """A `SimulatedController` behind a line whose faults apply one after the other."""
 
     def __init__(
         self,

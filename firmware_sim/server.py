@@ -40,12 +40,7 @@ def serve_tcp(controller: SimulatedController, port: int = 0) -> "Server":
 class Server:
     """Serves a controller from construction until `stop` or the end of a `with` block.
 
-    Parameters
-    ----------
-    controller
-        The device. With a virtual clock it also runs once per simulated millisecond.
-    endpoint
-        Where it is served; closed by `stop`.
+    On a virtual clock the controller also runs once per simulated millisecond.
     """
 
     def __init__(self, controller: SimulatedController, endpoint: Endpoint) -> None:

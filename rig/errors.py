@@ -39,14 +39,7 @@ class CameraError(HardwareError):
 class ControlFault:
     """One control of a camera that does not hold its configured value.
 
-    Attributes
-    ----------
-    control
-        Name of the control.
-    seen
-        Name, configured value and found value.
-    advice
-        What to do.
+    `seen` names the control, its configured value and the value found.
     """
 
     control: str
@@ -55,15 +48,7 @@ class ControlFault:
 
 
 class ControlError(CameraError):
-    """Controls of a camera that do not hold their values; the message names all of them.
-
-    Parameters
-    ----------
-    path
-        Path of the camera.
-    faults
-        One or more.
-    """
+    """Controls of a camera that do not hold their values; the message names all of them."""
 
     def __init__(self, path: str, *faults: ControlFault) -> None:
         self.faults = faults

@@ -15,12 +15,8 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 def uninterrupted(action: Callable[[], object]) -> None:
     """Run `action` to its end, and deliver signals that end a program only afterwards.
 
-    An interrupt that arrives before the signals are held back runs `action` again.
-
-    Parameters
-    ----------
-    action
-        A function that may be repeated. It needs its own deadlines, since Ctrl-C does not end it.
+    An interrupt that arrives before the signals are held back runs `action` again, so it must be
+    harmless to repeat. It needs its own deadlines, since Ctrl-C does not end it.
     """
     try:
         with signals_held_back():

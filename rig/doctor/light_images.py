@@ -79,14 +79,7 @@ def check_light_images(
 ) -> Iterator[Check]:
     """Check ambient light, every LED, saturation, exposure, levels and order of the LEDs.
 
-    Parameters
-    ----------
-    images
-        Images of any part with relief.
-    lighting
-        The configured lights.
-    exposure_ms, longest_ms
-        Exposure of the images, and the longest that fits into a frame.
+    `lighting` is the configured one; `longest_ms` is the longest exposure that fits into a frame.
     """
     full = images.full_scale
     yield _ambient(float(images.ambient.mean()) / full)

@@ -27,14 +27,7 @@ def check_lights(
 ) -> Iterator[Check]:
     """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again.
 
-    Parameters
-    ----------
-    lights, clock
-        The open controller, and the rig's clock.
-    config
-        The section ``[lights]`` of ``rig.toml``.
-    firmware_version
-        The version that ``ps4rig rig flash`` installs.
+    `firmware_version` is the version that ``ps4rig rig flash`` installs.
     """
     yield _identity(lights, firmware_version)
     yield _led_count(lights, config)

@@ -123,16 +123,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: Ask 
 
     The configured USB serial number and USB id select ports; without a USB id only ports of known
     vendors remain. If more than one remains, or the serial number is the controller's own rather
-    than that of USB, each is asked ``*IDN?``.
-
-    Parameters
-    ----------
-    lights
-        The configuration, with or without `serial_number` and `usb_id`.
-    ports
-        The ports to choose from, see `list_serial_ports`.
-    ask
-        Identifies the controller at a device name.
+    than that of USB, `ask` identifies the controller of each.
 
     Raises
     ------

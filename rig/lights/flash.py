@@ -100,18 +100,8 @@ def flash_folder(
 ) -> Flashed:
     """Put files into the folder that a MicroPython board shows as its drive.
 
-    Parameters
-    ----------
-    folder
-        A folder that holds the firmware already, or one of `drives`.
-    files
-        The files to write, see `board_files`.
-    drives
-        Mounted drives of boards, by default those of `find_drives`.
-    force
-        Accept any other folder too.
-    dry_run
-        Check, and write nothing.
+    The folder must hold the firmware already or be one of `drives` (by default those of
+    `find_drives`), unless `force` is set. A `dry_run` checks and writes nothing.
 
     Raises
     ------

@@ -19,15 +19,8 @@ _INSTANT_S = 1e-9
 class LightUsage:
     """The time at which a program last used its lights, and whether they should stay on.
 
-    Parameters
-    ----------
-    clock
-        The rig's clock.
-    watchdog_ms
-        Silence after which the controller puts the LEDs out; a command is due after half of it.
-    unused_s
-        Time without use after which no keep-alive is sent: the program has forgotten its lights,
-        or hangs.
+    A command is due after half of `watchdog_ms`. After `unused_s` without use the program counts as
+    hanging, and no keep-alive is sent.
     """
 
     def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
@@ -59,10 +52,7 @@ class LightUsage:
 class Heartbeat:
     """A thread that keeps a controller alive in real time until it is stopped.
 
-    Parameters
-    ----------
-    keep_alive
-        Called from the thread; it must have a deadline of its own and must not raise.
+    The thread calls `keep_alive`, which needs its own deadline and must not raise.
     """
 
     def __init__(self, keep_alive: KeepAlive) -> None:
@@ -87,11 +77,6 @@ class KeepAliveClock:
 
     A thread would be too slow, since simulated time passes at once. A tick of a virtual clock must
     not wait for a reply that takes simulated time. The simulated hardware uses the inner clock.
-
-    Parameters
-    ----------
-    clock
-        The inner clock.
     """
 
     def __init__(self, clock: Clock) -> None:

@@ -36,10 +36,7 @@ def test_a_line_with_checksum_gets_a_reply_with_checksum(new_device, sequence, l
     assert reply == sealed(b"#%d OK %d,1000" % (sequence, led)) + b"\n"
 
 
-@given(
-    damage=st.integers(1, 255),
-    place=st.integers(0, len(b"#12 LED:SEL 2") - 1),
-)
+@given(damage=st.integers(1, 255), place=st.integers(0, len(b"#12 LED:SEL 2") - 1))
 def test_a_damaged_byte_never_switches(new_device, damage, place):
     message = bytearray(b"#12 LED:SEL 2")
     seal = sealed(message)[-3:]

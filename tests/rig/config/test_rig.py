@@ -67,10 +67,7 @@ def test_a_file_without_a_port_is_refused(tmp_path: Path, text: str) -> None:
         (SIMULATED + "[camera]\nkind = 'none'\n", "camera.kind"),
         (SIMULATED + "[camera]\nwidth_px = 8\n", "camera.width_px"),
         (SIMULATED + "[camera]\nframe_rate_hz = 60\n", "camera: .*exposure_ms = 20 does not fit"),
-        (
-            SIMULATED + "watchdog_ms = 100\n",
-            "lights.watchdog_ms = 100 would put the LEDs",
-        ),
+        (SIMULATED + "watchdog_ms = 100\n", "lights.watchdog_ms = 100 would put the LEDs"),
         (SIMULATED + "[simulation]\nclock = 'slow'\n", "simulation.clock"),
         (SIMULATED + "[simulation]\nreadout_ms = 34\n", "readout_ms = 34 does not fit"),
         (SIMULATED + "[simulation]\nambient = inf\n", "simulation.ambient"),

@@ -80,8 +80,7 @@ def test_a_usb_id_selects_ports_of_unknown_vendors_too() -> None:
 
 
 def test_the_controller_that_answers_is_chosen_among_several_ports(
-    plug_in: Callable[..., SerialPort],
-    silent_port: tuple[int, SerialPort],
+    plug_in: Callable[..., SerialPort], silent_port: tuple[int, SerialPort]
 ) -> None:
     master, silent = silent_port
     there = plug_in("A-1")
