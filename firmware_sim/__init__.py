@@ -9,7 +9,7 @@ opens the address cannot tell that it is simulated.
     clock = VirtualClock()
     board = SimulatedBoard(clock)
     with serve_pty(SimulatedController(board, clock)) as server:
-        ...  # open server.address as a serial port; ask `board` how much light an exposure saw
+        ...  # open server.address as a serial port; `board` gives the light of an exposure
 
 README.md describes the protocol. `python -m firmware_sim` serves a device to type at.
 """

@@ -28,7 +28,7 @@ from .check import Check, Status
 
 __all__ = ["LightImages", "capture_light_images", "check_light_images"]
 
-# The exposure is judged by this percentile, so that a few glints do not count. The proposed one
+# The exposure is rated by this percentile, so that a few glints do not count. The proposed exposure
 # brings it to the target, so that a part may be a quarter brighter.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
 _GOOD_EXPOSURE = (0.4, 0.95)

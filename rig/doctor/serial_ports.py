@@ -33,7 +33,7 @@ def check_ports(ports: Sequence[SerialPort], is_simulated: bool) -> Iterator[Che
         parts = (str(port), port.description, link, use, kind)
         yield Check("serial port", "ok", "; ".join(filter(None, parts)))
     if not is_simulated and not any(port.may_be_a_microcontroller for port in ports):
-        seen = f"none of {len(ports)} belongs to a known board"
+        seen = f"none of {len(ports)} ports belongs to a known board"
         advice = "plug the light controller in; with a charging cable no port appears"
         yield Check("serial ports", "warning", seen, advice)
 

@@ -56,7 +56,7 @@ class LightController:
     """An open LED controller: exclusive, with a deadline on every exchange.
 
     All LEDs are out after opening and after closing. A failed exchange raises
-    `LightControllerError` and is never repeated silently, so a returned `Switch` has happened.
+    `LightControllerError` and is never repeated silently; a returned `Switch` is confirmed.
     After a failure the controller's watchdog puts the LEDs out, unless `recover` is called before.
     Thread-safe: one exchange at a time.
 

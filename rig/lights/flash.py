@@ -106,7 +106,7 @@ def flash_folder(
     Raises
     ------
     InputError
-        If the folder is another drive or folder; the message says what to do.
+        If the folder is another one; the message says what to do.
     LightControllerError
         If the files that are read back differ.
     """

@@ -96,7 +96,8 @@ class LightStep:
 class SequenceReport:
     """The record of a sequence that has ended.
 
-    `cause` says why it ended early, None after the last step; `ended_us` is when the LEDs went out.
+    `cause` is the reason for an early end, None after the last step. The LEDs went out at
+    `ended_us`.
     """
 
     steps: tuple[LightStep, ...]

@@ -128,7 +128,7 @@ def test_a_call_may_add_another_call():
     assert calls_s[3:] == [0.0112]
 
 
-def test_calls_on_the_real_clock():
+def test_the_real_clock_makes_calls_in_order():
     clock = RealClock()
     calls: list[tuple[str, float]] = []
     done = threading.Event()

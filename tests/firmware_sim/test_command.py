@@ -48,7 +48,7 @@ def test_the_command_serves_until_a_signal(tmp_path, options, end):
     assert not link.is_symlink()
 
 
-def test_it_ignores_a_hangup_under_nohup():
+def test_the_command_ignores_a_hangup_under_nohup():
     ignore_hangup = partial(signal.signal, signal.SIGHUP, signal.SIG_IGN)
     with start("--tcp", preexec_fn=ignore_hangup) as process:
         address = re.search(r"socket://[\d.:]+", process.stdout.readline()).group()
@@ -58,7 +58,7 @@ def test_it_ignores_a_hangup_under_nohup():
         assert process.wait() == 0
 
 
-def test_bad_options_and_addresses_in_use(tmp_path):
+def test_bad_options_and_addresses_in_use_are_refused(tmp_path):
     taken = tmp_path / "taken"
     taken.touch()
     with socket.create_server(("127.0.0.1", 0)) as other:

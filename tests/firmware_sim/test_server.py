@@ -62,7 +62,7 @@ def test_hosts_connect_one_after_the_other(serve, clock_type):
                 port.write(b"LED:STAT?\n" * 5)  # closes without reading the replies
 
 
-def test_unix_socket(tmp_path):
+def test_a_unix_socket_is_served_and_removed(tmp_path):
     path = tmp_path / "led.sock"
     with serve_unix(controller(), path) as server:
         assert server.address == str(path)
@@ -84,7 +84,7 @@ def null_modem() -> Iterator[tuple[int, str]]:
         os.close(host)
 
 
-def test_serial_device():
+def test_a_serial_device_is_served_raw_and_locked():
     with null_modem() as (host, path), serve_tty(controller(), path, 9600) as server:
         assert server.address == path
         os.write(host, b"*IDN?\n")
@@ -281,7 +281,7 @@ def test_stopped_servers_leave_no_descriptors_and_callbacks():
     assert not clock._callbacks
 
 
-def test_a_link_to_the_terminal(tmp_path):
+def test_a_link_leads_to_the_terminal_and_is_removed(tmp_path):
     link = tmp_path / "led-controller"
     with serve_pty(controller(), link) as server:
         assert str(link.readlink()) == server.address

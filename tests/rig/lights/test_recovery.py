@@ -65,7 +65,7 @@ def test_an_unplugged_controller_is_named_as_missing() -> None:
         assert rig.lights.select(3).led == 3
 
 
-def test_a_restart_in_mid_set_rejects_that_set_and_not_the_next() -> None:
+def test_recovery_waits_for_a_controller_that_restarts() -> None:
     with open_rig(SMALL) as rig:
         assert rig.simulation is not None
         rig.lights.select(1)
