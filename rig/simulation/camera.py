@@ -55,15 +55,6 @@ class ReportedTiming:
     start_known_to_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class _FilledBuffer:
-    """A frame in the driver's queue; its pixels are computed when it is read."""
-
-    sequence: int
-    start_s: float
-    scene: LitScene
-
-
 class SimulatedCamera:
     """Camera with a global or a rolling shutter.
 
@@ -104,7 +95,8 @@ class SimulatedCamera:
         self._clock = clock
         self._seed = seed
         self._reported = reported
-        self._queue: deque[_FilledBuffer] = deque()
+        # Number and scene of each frame in the queue; its pixels are computed when it is read.
+        self._queue: deque[tuple[int, LitScene]] = deque()
         self._next_sequence = 0
         self._open = True
 
@@ -146,7 +138,7 @@ class SimulatedCamera:
         now_s = self._clock.now_s()
         self._fill_buffers(now_s)
         if self._queue:
-            return self._develop(self._queue.popleft())
+            return self._develop(*self._queue.popleft())
         is_known = self.exposures.await_start(self._next_sequence, now_s + timeout_s)
         ready_s = self.ready_s(self._next_sequence) if is_known else math.inf
         if ready_s - now_s > timeout_s:
@@ -155,7 +147,7 @@ class SimulatedCamera:
         # The pixels are computed during the transfer; on the real clock the frame would be late.
         self._clock.sleep_s(ready_s - TRANSFER_S + _SWITCH_S - self._clock.now_s())
         self._fill_buffers(ready_s)
-        frame = self._develop(self._queue.popleft())
+        frame = self._develop(*self._queue.popleft())
         self._clock.sleep_s(ready_s - self._clock.now_s())
         return frame
 
@@ -173,27 +165,27 @@ class SimulatedCamera:
         """Fill free buffers with the frames that are finished at `now_s`."""
         finished = self.exposures.started(now_s - self.exposures.shutter.ready_after_s)
         while self._next_sequence < finished and len(self._queue) < _BUFFERS:
-            start_s = self.exposures.start_s(self._next_sequence)
-            self._queue.append(_FilledBuffer(self._next_sequence, start_s, self.scene))
+            self._queue.append((self._next_sequence, self.scene))
             self._next_sequence += 1
         # Frames without a free buffer are lost.
         self._next_sequence = max(self._next_sequence, finished)
 
-    def _develop(self, filled: _FilledBuffer) -> Frame:
+    def _develop(self, sequence: int, scene: LitScene) -> Frame:
         exposure_s = self.exposures.shutter.exposure_s
-        light_ms = filled.scene.ambient * np.float32(1e3 * exposure_s)
-        for led, image in enumerate(filled.scene.lights):
-            lit_ms = self._lit_ms(led, filled.start_s, len(image))
+        true_start_s = self.exposures.start_s(sequence)
+        light_ms = scene.ambient * np.float32(1e3 * exposure_s)
+        for led, image in enumerate(scene.lights):
+            lit_ms = self._lit_ms(led, true_start_s, len(image))
             if lit_ms is not None:
                 light_ms += image * lit_ms
-        rng = np.random.default_rng((self._seed, filled.sequence))
-        start_s = self._reported.start_s(filled.sequence, filled.start_s)
+        rng = np.random.default_rng((self._seed, sequence))
+        start_s = self._reported.start_s(sequence, true_start_s)
         return Frame(
             pixels=self.sensor.expose(light_ms, rng),
             bit_depth=self.sensor.bit_depth,
             exposure_start_s=start_s,
             exposure_end_s=start_s + exposure_s,
-            sequence=filled.sequence,
+            sequence=sequence,
         )
 
     def _lit_ms(

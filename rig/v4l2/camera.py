@@ -99,7 +99,7 @@ class V4l2Camera:
             self._exposure_s,
         )
         return Frame(
-            pixels=self._blank() if capture.is_corrupt else self._decoded(capture),
+            pixels=self._decoded(capture),
             bit_depth=self._pixel_format.bit_depth,
             exposure_start_s=start_s,
             exposure_end_s=start_s + self._exposure_s,
@@ -129,6 +129,9 @@ class V4l2Camera:
 
     def _decoded(self, capture: Capture) -> Pixels:
         size, form = (self._config.width_px, self._config.height_px), self._format
+        if capture.is_corrupt:
+            blank = np.zeros(size[::-1], np.uint16)
+            return blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
         try:
             pixels = decode(self._pixel_format, capture.data, *size, form.bytes_per_line)
         except CameraError as error:
@@ -137,10 +140,6 @@ class V4l2Camera:
             # The limited range ends here; without this a saturated pixel would look valid.
             pixels[pixels >= _LIMITED_WHITE] = 255
         return pixels
-
-    def _blank(self) -> Pixels:
-        blank = np.zeros((self._config.height_px, self._config.width_px), np.uint16)
-        return blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
 
 
 def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> dict[str, Any]:

@@ -58,23 +58,16 @@ def calibrated(truth: Truth, found: CameraLatency) -> RigConfig:
     return truth.config.with_changes(camera=dict(found.camera), lights={"settle_ms": settle_ms})
 
 
-def number(found: CameraLatency, key: str) -> float:
-    value = found.camera[key]
-    assert isinstance(value, float)
-    return value
-
-
 def check_stored_values(truth: Truth, found: CameraLatency) -> None:
-    offset_ms, uncertainty_ms = (
-        number(found, f"timestamp_{name}_ms") for name in ("offset", "uncertainty")
-    )
+    keys = ("timestamp_offset_ms", "timestamp_uncertainty_ms", "readout_ms")
+    offset_ms, uncertainty_ms, readout_ms = (float(found.camera[key]) for key in keys)
     earliest_ms, latest_ms = truth.offset_ms - truth.jitter_ms, truth.offset_ms
     # Never later than the truth for any jitter, and earlier by no more than the uncertainty.
     # 0.02 ms is twice the rounding of the keys.
     assert offset_ms - uncertainty_ms <= earliest_ms + 0.02
     assert offset_ms + uncertainty_ms >= latest_ms - 0.02
     error_ms = max(5.0 * 1e3 * found.fit.readout_error_s, 0.1)
-    assert number(found, "readout_ms") == pytest.approx(truth.readout_ms, abs=error_ms)
+    assert readout_ms == pytest.approx(truth.readout_ms, abs=error_ms)
     rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
     # Jitter looks like slow light: by up to twice as much with few steps of a short exposure, see
     # the example of the test of random cameras.
