@@ -146,9 +146,8 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
     except OSError as error:
         if error.errno in _DEVICE_ERRORS:
             device.fail(f"control {control.slug} refuses {value}", error)
-        held = _held(device, control)
-        seen = f"refuses {value} ({error.strerror}){held}"
-        raise _error(device, control, seen, _by_hand(device)) from error
+        seen = f"refuses {value} ({error.strerror}){_held(device, control)}"
+        raise _error(device, control, seen) from error
     if control.is_readable:
         check_control(device, control, value)
 
@@ -157,24 +156,21 @@ def check_control(device: V4l2Device, control: Control, value: int) -> None:
     """Raise a `ControlError` that names the control if its value is not `value`."""
     held = read_control(device, control)
     if held != value:
-        seen = f"was set to {value} and reads {held}"
-        raise _error(device, control, seen, _by_hand(device))
+        raise _error(device, control, f"was set to {value} and reads {held}")
 
 
-def _error(device: V4l2Device, control: Control, seen: str, advice: str) -> ControlError:
+def _error(device: V4l2Device, control: Control, seen: str, advice: str = "") -> ControlError:
+    """An error about a control; the default advice is for one that does not keep its value."""
+    advice = advice or (
+        "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
+        f"{device.path} cannot set it either, {_OTHER}"
+    )
     fault = ControlFault(control.slug, f"control {control.slug} {seen}", advice)
     return ControlError(device.path, fault)
 
 
 def _held(device: V4l2Device, control: Control) -> str:
     return f" and reads {read_control(device, control)}" if control.is_readable else ""
-
-
-def _by_hand(device: V4l2Device) -> str:
-    return (
-        "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
-        f"{device.path} cannot set it either, {_OTHER}"
-    )
 
 
 def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | abi.QueryCtrl | None:
