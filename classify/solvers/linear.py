@@ -85,13 +85,14 @@ def _linear(
         lost = np.zeros(columns, np.float32)
         for k in range(lights):
             if used[k]:
+                gain, x, y, z = gains[k], weights[0, k], weights[1, k], weights[2, k]
                 for c in range(columns):
                     raw = images[k, r, c]
                     brightest[c] = max(brightest[c], raw)
-                    v = (raw - dark[c]) * gains[k]
-                    bx[c] += weights[0, k] * v
-                    by[c] += weights[1, k] * v
-                    bz[c] += weights[2, k] * v
+                    v = (raw - dark[c]) * gain
+                    bx[c] += x * v
+                    by[c] += y * v
+                    bz[c] += z * v
         for c in range(columns):
             if brightest[c] >= saturation:
                 rest = used.copy()

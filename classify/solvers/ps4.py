@@ -68,6 +68,7 @@ def _drop_darkest(
     its value by 1 / n of r / nul_k only: the second darkest value is lowered by the rest of it.
     """
     columns = p.shape[1]
+    g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
@@ -83,10 +84,10 @@ def _drop_darkest(
             v3 = np.float32(images[3, r, c])
             brightest = max(max(v0, v1), max(v2, v3))
             dark = np.float32(dark_row[c])
-            v0 = (v0 - dark) * gains[0]
-            v1 = (v1 - dark) * gains[1]
-            v2 = (v2 - dark) * gains[2]
-            v3 = (v3 - dark) * gains[3]
+            v0 = (v0 - dark) * g0
+            v1 = (v1 - dark) * g1
+            v2 = (v2 - dark) * g2
+            v3 = (v3 - dark) * g3
             low, other_low = min(v0, v1), min(v2, v3)
             darkest = min(low, other_low)
             second = min(max(low, other_low), min(max(v0, v1), max(v2, v3)))

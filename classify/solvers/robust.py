@@ -120,6 +120,7 @@ def _gate(
     zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     common = (frames - one) * (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
+    marked, values = np.empty(columns, np.int64), np.empty((columns, 5), np.float32)
     for r in range(first, last):
         dark_row = ambient[min(r, len(ambient) - 1)]
         # The maps hold the scaled normals until the second loop.
@@ -191,107 +192,114 @@ def _gate(
             bits |= LOST if lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0
+        doubts = 0
+        for c in range(columns):
+            if unlit[r, c] & _DOUBTFUL:
+                marked[doubts] = c
+                for k in range(4):
+                    values[doubts, k] = images[k, r, c]
+                values[doubts, 4] = dark_row[c]
+                doubts += 1
+        _settle_row(
+            marked[:doubts], values, gains, saturation, noise, frames, least_bz,
+            pinv, corrections, null, p[r], q[r], albedo[r], valid[r],
+            dropped[r], highlights[r], unlit[r],
+        )  # fmt: skip
         unsolved = 0
         for c in range(columns):
-            if unlit[r, c] != 0:
-                if unlit[r, c] & _DOUBTFUL:
-                    unlit[r, c] &= ~_DOUBTFUL
-                    raw = (
-                        np.float32(images[0, r, c]), np.float32(images[1, r, c]),
-                        np.float32(images[2, r, c]), np.float32(images[3, r, c]),
-                    )  # fmt: skip
-                    _settle_pixel(
-                        raw, np.float32(dark_row[c]), gains, saturation, noise, frames, least_bz,
-                        pinv, corrections, null, r, c,
-                        p, q, albedo, valid, dropped, highlights, unlit,
-                    )  # fmt: skip
-                unsolved += unlit[r, c] != 0
+            unsolved += unlit[r, c] != 0
         row_counts[r] = unsolved
 
 
 @kernel
-def _settle_pixel(
-    values: tuple[np.float32, ...], dark: np.float32, gains: Array, saturation: np.float32,
+def _settle_row(
+    marked: Array, values: Array, gains: Array, saturation: np.float32,
     noise: Array, frames: np.float32, least_bz: np.float32,
     pinv: Array, corrections: Array, null: Array,
-    r: int, c: int, p: Array, q: Array, albedo: Array, valid: Array,
+    p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
-    """Solve a pixel with saturated lights, or with four bright lights that do not agree.
+    """Solve the columns `marked` of a row: lights saturated, or four bright lights at odds.
 
     A saturated light is left out. If there is none, some light is darker than a Lambertian surface
     would be (penumbra) or brighter (highlight). The sign of the residual leaves one pair of
     lights to each: the darkest of one pair, the brightest of the other. Four values cannot
     distinguish the two explanations; the one with the flatter surface is taken.
+
+    `values` (n, 5) holds the four pixel values and the ambient value of each of these columns. In a
+    function called for each pixel, passing the arguments would take as long as solving it.
     """
     zero = np.float32(0.0)
     a, b, black = noise
-    variance = zero
-    dark_variance = frames * (a + b * max(dark - black, zero))
-    brightest, second, residual = zero, zero, zero
-    bx, by, bz = zero, zero, zero
-    for k in range(4):
-        raw = values[k]
-        v = (raw - dark) * gains[k]
-        variance += (null[k] * gains[k]) ** 2 * (a + b * max(raw - black, zero))
-        second = max(second, min(brightest, v))
-        brightest = max(brightest, v)
-        residual += null[k] * v
-        bx += pinv[0, k] * v
-        by += pinv[1, k] * v
-        bz += pinv[2, k] * v
-    dark_level = DARK * np.sqrt(dark_variance)
-    bits, count, left_out, low, high = 0, 0, 0, 0, 0
-    saturated = False
-    lowest, highest = np.float32(np.inf), -np.float32(np.inf)
-    for k in range(4):
-        raw = values[k]
-        v = (raw - dark) * gains[k]
-        limit = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
-        if raw >= saturation:
-            saturated = True
-        if raw >= saturation or v <= limit:
-            bits |= 1 << k
-            count += 1
-            left_out = k
-        elif null[k] * residual < zero and v < lowest:
-            low, lowest = k, v
-        elif null[k] * residual > zero and v > highest:
-            high, highest = k, v
-    if count > 1:
-        unlit[r, c] = bits | SATURATED if saturated else bits
-        valid[r, c] = False
-        return
-    if count == 0:
-        left_out = low
-        if highest > zero:
-            dark_z = bz - residual * corrections[2, low]
-            bright_z = bz - residual * corrections[2, high]
-            across_dark = (bx - residual * corrections[0, low]) ** 2 + (
-                by - residual * corrections[1, low]
-            ) ** 2
-            across_bright = (bx - residual * corrections[0, high]) ** 2 + (
-                by - residual * corrections[1, high]
-            ) ** 2
-            if bright_z > zero and (
-                dark_z <= zero or across_bright * dark_z**2 < across_dark * bright_z**2
-            ):
-                left_out = high
-                highlights[r, c] = True
-    bx -= residual * corrections[0, left_out]
-    by -= residual * corrections[1, left_out]
-    bz -= residual * corrections[2, left_out]
-    rho = np.sqrt(bx * bx + by * by + bz * bz)
-    visible = (
-        bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z) and bz * bz >= least_bz * np.sqrt(variance) * rho
-    )
-    inverse = np.float32(1.0) / bz if visible else zero
-    p[r, c] = -bx * inverse
-    q[r, c] = -by * inverse
-    albedo[r, c] = rho
-    dropped[r, c] = left_out
-    if count == 1:
-        v = (values[left_out] - dark) * gains[left_out]
-        highlights[r, c] = v > v - residual / null[left_out]
-    unlit[r, c] = np.uint8(0) if visible else LOST
-    valid[r, c] = visible
+    for n, c in enumerate(marked):
+        dark = values[n, 4]
+        variance = zero
+        dark_variance = frames * (a + b * max(dark - black, zero))
+        brightest, second, residual = zero, zero, zero
+        bx, by, bz = zero, zero, zero
+        for k in range(4):
+            raw = values[n, k]
+            v = (raw - dark) * gains[k]
+            variance += (null[k] * gains[k]) ** 2 * (a + b * max(raw - black, zero))
+            second = max(second, min(brightest, v))
+            brightest = max(brightest, v)
+            residual += null[k] * v
+            bx += pinv[0, k] * v
+            by += pinv[1, k] * v
+            bz += pinv[2, k] * v
+        dark_level = DARK * np.sqrt(dark_variance)
+        bits, count, left_out, low, high = 0, 0, 0, 0, 0
+        saturated = False
+        lowest, highest = np.float32(np.inf), -np.float32(np.inf)
+        for k in range(4):
+            raw = values[n, k]
+            v = (raw - dark) * gains[k]
+            limit = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
+            if raw >= saturation:
+                saturated = True
+            if raw >= saturation or v <= limit:
+                bits |= 1 << k
+                count += 1
+                left_out = k
+            elif null[k] * residual < zero and v < lowest:
+                low, lowest = k, v
+            elif null[k] * residual > zero and v > highest:
+                high, highest = k, v
+        if count > 1:
+            unlit[c] = bits | SATURATED if saturated else bits
+            valid[c] = False
+            continue
+        if count == 0:
+            left_out = low
+            if highest > zero:
+                dark_z = bz - residual * corrections[2, low]
+                bright_z = bz - residual * corrections[2, high]
+                across_dark = (bx - residual * corrections[0, low]) ** 2 + (
+                    by - residual * corrections[1, low]
+                ) ** 2
+                across_bright = (bx - residual * corrections[0, high]) ** 2 + (
+                    by - residual * corrections[1, high]
+                ) ** 2
+                if bright_z > zero and (
+                    dark_z <= zero or across_bright * dark_z**2 < across_dark * bright_z**2
+                ):
+                    left_out = high
+                    highlights[c] = True
+        bx -= residual * corrections[0, left_out]
+        by -= residual * corrections[1, left_out]
+        bz -= residual * corrections[2, left_out]
+        rho = np.sqrt(bx * bx + by * by + bz * bz)
+        visible = (
+            bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)
+            and bz * bz >= least_bz * np.sqrt(variance) * rho
+        )
+        inverse = np.float32(1.0) / bz if visible else zero
+        p[c] = -bx * inverse
+        q[c] = -by * inverse
+        albedo[c] = rho
+        dropped[c] = left_out
+        if count == 1:
+            v = (values[n, left_out] - dark) * gains[left_out]
+            highlights[c] = v > v - residual / null[left_out]
+        unlit[c] = np.uint8(0) if visible else LOST
+        valid[c] = visible
