@@ -133,7 +133,7 @@ def checked_ambient(ambient: npt.NDArray[Any], stack: npt.NDArray[Any]) -> npt.N
 
 
 def _check_values(image: npt.NDArray[np.float32], name: str) -> None:
-    largest = float(np.abs(image).max())
+    largest = max(float(image.max()), -float(image.min()))
     if not np.isfinite(largest):
         raise InputError(f"{name} contains NaN or infinity; mask or replace them")
     if largest > _LARGEST:

@@ -138,7 +138,7 @@ def _replace(
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
     residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
     darkest light that is too dark or the brightest that is too bright, whichever leaves the
-    flatter surface (as in `robust.settle_pixel`).
+    flatter surface (as in `robust._settle_row`).
 
     Returns
     -------

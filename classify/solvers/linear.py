@@ -93,15 +93,15 @@ def _linear(
                     bx[c] += x * v
                     by[c] += y * v
                     bz[c] += z * v
-        for c in range(columns):
-            if brightest[c] >= saturation:
-                rest = used.copy()
-                for k in range(lights):
-                    rest[k] &= images[k, r, c] < saturation
-                solved, x, y, z = solve_lights(images, dark[c], gains, directions, rest, r, c)
-                lost[c] = not solved
-                if solved:
-                    bx[c], by[c], bz[c] = x, y, z
+        # Not a test in a loop over all pixels, which would not be vectorised.
+        for c in np.flatnonzero(brightest >= saturation):
+            rest = used.copy()
+            for k in range(lights):
+                rest[k] &= images[k, r, c] < saturation
+            solved, x, y, z = solve_lights(images, dark[c], gains, directions, rest, r, c)
+            lost[c] = not solved
+            if solved:
+                bx[c], by[c], bz[c] = x, y, z
         judge_row(
             images, dark, gains, directions, used, r, bx, by, bz, floors, lost, p, q, albedo, valid
         )

@@ -219,15 +219,15 @@ def _settle_row(
     p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
-    """Solve the columns `marked` of a row: lights saturated, or four bright lights at odds.
+    """Solve the columns `marked` of a row: saturated lights, or four lights that do not agree.
 
     A saturated light is left out. If there is none, some light is darker than a Lambertian surface
     would be (penumbra) or brighter (highlight). The sign of the residual leaves one pair of
     lights to each: the darkest of one pair, the brightest of the other. Four values cannot
     distinguish the two explanations; the one with the flatter surface is taken.
 
-    `values` (n, 5) holds the four pixel values and the ambient value of each of these columns. In a
-    function called for each pixel, passing the arguments would take as long as solving it.
+    `values` (n, 5) holds the four pixel values and the ambient value of each of these columns. One
+    call for a row, because passing the arguments takes as long as solving a pixel.
     """
     zero = np.float32(0.0)
     a, b, black = noise
