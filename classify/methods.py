@@ -7,15 +7,7 @@ from typing import Literal, get_args
 __all__ = ["CLASSIFIER_NAMES", "DEFAULT_CLASSIFIER", "METHODS", "Method"]
 
 Method = Literal[
-    "ps3a",
-    "ps3b",
-    "ps3c",
-    "ps3d",
-    "ps4",
-    "least_squares",
-    "rushmeier",
-    "drbohlav",
-    "ps4_robust",
+    "ps3a", "ps3b", "ps3c", "ps3d", "ps4", "least_squares", "rushmeier", "drbohlav", "ps4_robust"
 ]
 METHODS: tuple[Method, ...] = get_args(Method)
 

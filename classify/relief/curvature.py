@@ -45,10 +45,7 @@ class Curvature:
 
 
 def surface_curvature(
-    surface: SurfaceEstimate,
-    scale_px: float = CURVATURE_SCALE_PX,
-    *,
-    strip_px: int = _STRIP_PX,
+    surface: SurfaceEstimate, scale_px: float = CURVATURE_SCALE_PX, *, strip_px: int = _STRIP_PX
 ) -> Curvature:
     """Mean and Gaussian curvature of the surface z(x, y) from its gradients.
 

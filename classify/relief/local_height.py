@@ -24,10 +24,7 @@ def default_cutoff_px(shape: tuple[int, int]) -> float:
 
 
 def local_relief(
-    height: FloatMap,
-    valid: npt.NDArray[np.bool_] | None = None,
-    *,
-    cutoff_px: float | None = None,
+    height: FloatMap, valid: npt.NDArray[np.bool_] | None = None, *, cutoff_px: float | None = None
 ) -> FloatMap:
     """Relative height above the Gaussian mean of the surroundings: raised > 0, indented < 0.
 

@@ -14,8 +14,7 @@ ROOT_HALF = np.sqrt(0.5)
 
 
 @pytest.mark.parametrize(
-    ("tilt_deg", "towards"),
-    [(0, (1, 0, 1)), (90, (0, 1, 1)), (180, (-1, 0, 1)), (270, (0, -1, 1))],
+    ("tilt_deg", "towards"), [(0, (1, 0, 1)), (90, (0, 1, 1)), (180, (-1, 0, 1)), (270, (0, -1, 1))]
 )
 def test_tilt_runs_anticlockwise_from_x_with_y_up(tilt_deg: float, towards: tuple) -> None:
     expected = np.array(towards) * ROOT_HALF

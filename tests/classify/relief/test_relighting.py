@@ -41,9 +41,7 @@ def test_a_facet_follows_lambert(
     assert image[0, 0, 0] == pytest.approx(0.7 * max(0.0, float(normal @ light)), abs=1e-6)
 
 
-def test_only_pixels_that_face_away_from_the_light_are_black(
-    surface_of: SurfaceOf,
-) -> None:
+def test_only_pixels_that_face_away_from_the_light_are_black(surface_of: SurfaceOf) -> None:
     """A steep ridge at x = 0 under a grazing light from the right: no shadow falls to its left."""
     p = np.zeros((9, 31))
     p[:, 10:15], p[:, 16:21] = 2.0, -2.0

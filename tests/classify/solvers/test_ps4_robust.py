@@ -19,10 +19,7 @@ def waves(steepness: float = 0.3, side: int = SIDE) -> tuple[np.ndarray, np.ndar
     """P and q of z = sin(x / 8) sin(y / 6): a surface, free of curl."""
     column, row = np.meshgrid(np.arange(side), -np.arange(side))
     x, y = column / 8.0, row / 6.0
-    return (
-        steepness * np.cos(x) * np.sin(y),
-        steepness * 8.0 / 6.0 * np.sin(x) * np.cos(y),
-    )
+    return (steepness * np.cos(x) * np.sin(y), steepness * 8.0 / 6.0 * np.sin(x) * np.cos(y))
 
 
 def shading(p: np.ndarray, q: np.ndarray, lighting: Lighting = RING) -> np.ndarray:

@@ -501,10 +501,7 @@ def test_ambient_image_must_fit_the_others(ambient: np.ndarray) -> None:
         photometric_stereo([FRAME] * 4, RING, ambient=ambient)
 
 
-@pytest.mark.parametrize(
-    ("full_scale", "intensity"),
-    [(1e-300, 1.0), (1e300, 1.0), (1e-5, 1e-5)],
-)
+@pytest.mark.parametrize(("full_scale", "intensity"), [(1e-300, 1.0), (1e300, 1.0), (1e-5, 1e-5)])
 def test_a_factor_beyond_float32_is_refused(full_scale: float, intensity: float) -> None:
     lighting = Lighting(RING.directions, np.array([1.0, 1.0, 1.0, intensity]))
     with pytest.raises(InputError, match="full_scale times the intensity of light"):
