@@ -29,8 +29,8 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     Kernels work on whole arrays or on a range of rows; `classify.threads` shares out the rows.
     `numba.prange` is not used: it takes three to four times as long to compile.
 
-    The machine code is cached on disk. Where numba finds no folder to write to, such as in a
-    read-only installation with a read-only home, the kernel is compiled in every process.
+    The machine code is cached on disk. Where numba can write to no folder, as in a read-only
+    installation with a read-only home, every process compiles the kernel again.
     """
     compiled: Callable[..., Any] = njit(nogil=True, fastmath=_FASTMATH, error_model="numpy")(
         function
@@ -49,9 +49,9 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 def kernel_cache_folder() -> Path | None:
     """Folder in which compiled kernels are cached, or None if they are not.
 
-    It is a subfolder of ``NUMBA_CACHE_DIR``, the ``__pycache__`` beside this file, or a folder in
-    the user's cache, whichever is the first that can be written to. Kernels of other files may
-    be in a folder beside it.
+    It is the first of these that can be written to: a subfolder of ``NUMBA_CACHE_DIR``, the
+    ``__pycache__`` beside this file, a folder in the user's cache. Kernels of other files may be
+    in a folder beside it.
     """
     path = _probe.stats.cache_path  # type: ignore[attr-defined]
     return None if path is None else Path(path)
@@ -70,4 +70,4 @@ def _kernel_sources() -> bytes:
 
 @kernel
 def _probe() -> None:
-    """Do nothing; its cache is where those of all kernels are."""
+    """Do nothing; `kernel_cache_folder` reads where this kernel is cached."""

@@ -36,12 +36,10 @@ def thread_count() -> int:
     if _count is not None:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
+    if not text and hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
     if not text:
-        return (
-            len(os.sched_getaffinity(0))
-            if hasattr(os, "sched_getaffinity")
-            else os.cpu_count() or 1
-        )
+        return os.cpu_count() or 1
     if not text.isdecimal() or int(text) < 1:
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
     return int(text)
@@ -67,7 +65,7 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
     The calling thread takes part, so that a call within a call cannot wait for itself.
     """
     results: dict[int, Result] = {}
-    # One iterator for all threads: whichever is done first takes the next item.
+    # One iterator for all threads: each takes the next item as soon as it is free.
     indices = iter(range(len(items)))
 
     def work() -> None:
@@ -108,5 +106,5 @@ def _kept_threads(count: int) -> ThreadPoolExecutor:
 
 
 if hasattr(os, "register_at_fork"):
-    # A child process has none of the threads of its parent.
+    # The threads of a process do not run in its forked children.
     os.register_at_fork(after_in_child=_kept_threads.cache_clear)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.lighting import Lighting
 
-__all__ = ["SensorNoise", "noise_of_images", "noise_of_sensor"]
+__all__ = ["BEYOND_NOISE", "SensorNoise", "chi_squared", "noise_of_images", "noise_of_sensor"]
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -26,8 +26,8 @@ _APART_PX = 2
 # A light that gives less than this share of the brightest may be in shadow.
 _MAYBE_SHADOW = 0.2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
-# with one degree of freedom (9.0 in `_chi_squared`), beyond which a residual is not noise.
-_TENTH, _BEYOND = -1.2816, 2.76
+# with one degree of freedom (9.0 in `chi_squared`), beyond which a residual is not noise.
+_TENTH, BEYOND_NOISE = -1.2816, 2.76
 # Squares of larger values, and their products with gains, are out of reach of float32.
 _LARGEST = 1e9
 # Variance of rounding to whole numbers.
@@ -99,15 +99,15 @@ def noise_of_images(
 
     N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
     whatever its shape and albedo. Their residual is noise, shadow, gloss and unequal LED levels.
-    Each of these only adds, so the smallest of several estimates is taken. There is one from the
+    All of these increase it, so the smallest of several estimates is taken. There is one from the
     combinations themselves, and one from their differences between near pixels, in which a light
     that fails everywhere cancels as well. Each is made for groups of pixels of similar brightness,
     because the residual of unequal LED levels is proportional to the brightness. Pixels with a
     light that may be in shadow are left out where enough others remain.
 
     In a group, the tenth with the smallest residuals gives a first variance. All residuals within
-    three standard deviations give the next, until it no longer changes. Three lights have no such
-    combination: then only the rounding of the pixel values is known.
+    three standard deviations give the next, until it no longer changes. Three lights have no
+    combination of this kind: then only the rounding of the pixel values is known.
 
     Parameters
     ----------
@@ -164,9 +164,11 @@ def _variance(energies: FloatArray, freedom: int, least: float) -> float:
     """Variance of the Gaussian part of `energies`, sums of `freedom` squares each."""
     ordered = np.sort(energies)
     sums = np.cumsum(ordered, dtype=np.float64)
-    variance = max(least, float(ordered[len(ordered) // 10]) / _chi_squared(freedom, _TENTH))
+    variance = max(least, float(ordered[len(ordered) // 10]) / chi_squared(freedom, _TENTH))
     for _ in range(30):
-        within = int(np.searchsorted(ordered, _chi_squared(freedom, _BEYOND) * variance, "right"))
+        within = int(
+            np.searchsorted(ordered, chi_squared(freedom, BEYOND_NOISE) * variance, "right")
+        )
         if within == 0:
             break
         before, variance = variance, max(least, float(sums[within - 1]) / within / freedom)
@@ -175,7 +177,7 @@ def _variance(energies: FloatArray, freedom: int, least: float) -> float:
     return variance
 
 
-def _chi_squared(freedom: int, deviate: float) -> float:
+def chi_squared(freedom: int, deviate: float) -> float:
     """The value of chi-squared at a standard normal deviate (Wilson and Hilferty, 1931)."""
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + deviate * math.sqrt(spread)) ** 3

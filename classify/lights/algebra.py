@@ -117,13 +117,9 @@ def drop_two_inverses(lighting: Lighting) -> Array32:
     return inverses
 
 
-def _volume(directions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Smallest singular value of three or more directions (..., N, 3)."""
-    return np.asarray(np.linalg.svd(directions, compute_uv=False)[..., -1], dtype=np.float64)
-
-
 def _pseudo_inverse(directions: npt.NDArray[np.float64], method: str) -> Array32:
-    if len(directions) < 3 or _volume(directions) < _MIN_VOLUME:
+    singular = np.linalg.svd(directions, compute_uv=False)
+    if len(directions) < 3 or singular[-1] < _MIN_VOLUME:
         raise InputError(
             f"{method} cannot solve from {len(directions)} lights that do not span three "
             "dimensions; at least three are needed, not all in one plane"

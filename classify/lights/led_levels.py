@@ -31,7 +31,7 @@ _OUTLIER = 3.0
 # Part of the variance of the residuals that is not noise of the images but of the surface.
 _SURFACE_VARIANCE = 0.05
 
-# The rest belongs to `level_corrections`; test_led_levels.py holds what it corrects and what not.
+# Constants of `level_corrections`; test_led_levels.py shows which levels it corrects.
 _MAX_SAMPLES = 16_384
 _MIN_SAMPLES = 1_024
 # Standard deviation of the levels of LEDs of one type.

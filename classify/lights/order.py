@@ -190,7 +190,7 @@ def _spread(values: FloatArray) -> float:
 
 
 def _opposite(lighting: Lighting) -> Order | None:
-    """The order with each light replaced by that across the axis; None without two such pairs."""
+    """The order with each light replaced by that across the axis; None without two pairs."""
     try:
         opposite = tuple(
             lighting.light_nearest_tilt(float(tilt) + 180.0, _ACROSS_DEG)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.noise import BEYOND_NOISE, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
 from classify.threads import run_on_rows
@@ -49,14 +50,11 @@ def solve_drbohlav(problem: Problem) -> Maps:
 def gates(lights: int) -> npt.NDArray[np.float32]:
     """(N + 1,) largest sum of squared residuals of n lights that is noise, in variances.
 
-    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom, by the formula of Wilson and
-    Hilferty (1931): 9 for four lights; infinite for three, which always agree.
+    The 99.7 % quantile of chi-squared with n - 3 degrees of freedom: 9 for four lights; infinite
+    for three, which always agree.
     """
-    freedom = np.maximum(np.arange(lights + 1) - 3.0, 1e-9)
-    spread = 2.0 / (9.0 * freedom)
-    limits = freedom * (1.0 - spread + 2.76 * np.sqrt(spread)) ** 3
-    limits[:4] = np.inf
-    return np.asarray(limits, dtype=np.float32)
+    limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
+    return np.array(limits, np.float32)
 
 
 @kernel
@@ -137,8 +135,8 @@ def _replace(
 
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
     residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
-    darkest light that is too dark or the brightest that is too bright, whichever leaves the
-    flatter surface (as in `robust._settle_row`).
+    darkest light that is too dark or the brightest that is too bright: the one without which the
+    surface is flatter (as in `robust._settle_row`).
 
     Returns
     -------
@@ -178,7 +176,7 @@ def _replace(
             if not used[k] or (any_dark and values[k] > levels[k]):
                 continue
             if remaining == 4:
-                # Whichever goes, the other three agree.
+                # The residuals do not decide: any three lights agree.
                 error = values[k] - _dot(directions, k, bx, by, bz)
                 if any_dark and values[k] < least:
                     chosen, least = k, values[k]

@@ -48,20 +48,8 @@ def in_fill(
 
     Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
     and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
-    with one light or none): there p = q = 0.
-
-    Parameters
-    ----------
-    problem
-        As it was solved.
-    maps
-        p, q, albedo, valid, left_out and repaired are written.
-    unlit
-        (H, W) mark of each pixel, 0 where it is solved.
-    row_counts
-        (H,) number of marked pixels in each row.
-    strip_px
-        Pixels of one strip of rows.
+    with one light or none): there p = q = 0. `row_counts` (H,) is the number of pixels to be
+    completed in each row, and `strip_px` that of all pixels in a strip of rows.
     """
     starts = np.concatenate(([0], np.cumsum(row_counts)))
     total = int(starts[-1])

@@ -1,8 +1,7 @@
 """Least squares and PS3, and the last steps of all solvers of any number of lights.
 
 A kernel goes from raw images to gradients, albedo and validity row by row, while the row is in the
-cache. A row is done in several short loops. Each is free of branches, so that the compiler makes
-it eight pixels wide, and short enough that the processor works on two rounds of it at once.
+cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
 from __future__ import annotations
@@ -93,15 +92,15 @@ def _linear(
                     bx[c] += x * v
                     by[c] += y * v
                     bz[c] += z * v
-        # Not a test in a loop over all pixels, which would not be vectorised.
-        for c in np.flatnonzero(brightest >= saturation):
+        # A loop over all pixels with this test would not be vectorised.
+        for column in np.flatnonzero(brightest >= saturation):
             rest = used.copy()
             for k in range(lights):
-                rest[k] &= images[k, r, c] < saturation
-            solved, x, y, z = solve_lights(images, dark[c], gains, directions, rest, r, c)
-            lost[c] = not solved
+                rest[k] &= images[k, r, column] < saturation
+            solved, x, y, z = solve_lights(images, dark[column], gains, directions, rest, r, column)
+            lost[column] = not solved
             if solved:
-                bx[c], by[c], bz[c] = x, y, z
+                bx[column], by[column], bz[column] = x, y, z
         judge_row(
             images, dark, gains, directions, used, r, bx, by, bz, floors, lost, p, q, albedo, valid
         )

@@ -1,4 +1,4 @@
-"""What every solver is given and what it returns."""
+"""The input and the output of every solver."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FloatArray = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """What a solver finds, each (H, W); see `SurfaceEstimate` for their meaning.
+    """The maps that a solver makes, each (H, W); see `SurfaceEstimate` for their meaning.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Problem:
 
 
 def nowhere(shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
-    """(H, W) False, without memory of its own."""
+    """(H, W) False in one byte of memory."""
     return np.broadcast_to(np.False_, shape)
 
 

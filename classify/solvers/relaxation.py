@@ -1,7 +1,7 @@
-"""Unknown slopes, made as smooth and as free of curl as those around them.
+"""The kernels of `in_fill`: unknown slopes as smooth and as free of curl as those around them.
 
-The kernels of `in_fill`. Each runs over a list of pixels kept row by row, in one thread for a
-short list and in all for a long one, with the same result to the last bit.
+Each kernel runs over a list of pixels ordered by rows. The number of threads changes no bit of the
+result.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NOT_REACHED = np.uint8(255)
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
 
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
-# with two. The error grows with it; test_ps4_robust.py holds the error of what is filled in.
+# with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
 _REACH_DARK_PX, _REACH_PX = 8, 24
 # More sweeps take more time for less than the noise (test_ps4_robust.py).
 _SWEEPS = 10

@@ -1,8 +1,8 @@
-"""`ps4_robust` and its first pass: the noise gate, and one light left out where it is to blame.
+"""`ps4_robust` and its first pass: the noise gate, and at most one light left out of a pixel.
 
-The first loop over a row is free of branches, so that the compiler makes it eight pixels wide.
-Pixels that need a decision of their own are marked there and settled one by one afterwards.
-Pixels with fewer than three usable lights are left to `in_fill`.
+The first loops over a row have no branches, so that the compiler vectorises them. They mark the
+doubtful pixels, which `_settle_row` solves one by one. `in_fill` completes those with fewer than
+three usable lights.
 """
 
 from __future__ import annotations

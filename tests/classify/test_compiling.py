@@ -32,7 +32,7 @@ def run(program: str = PROGRAM, **variables: str) -> str:
     return done.stdout.strip()
 
 
-def test_kernels_are_cached_in_the_folder_that_is_told(tmp_path: Path) -> None:
+def test_kernels_are_cached_in_the_folder_of_the_environment(tmp_path: Path) -> None:
     folder = Path(run(NUMBA_CACHE_DIR=str(tmp_path)))
     assert folder.parent == tmp_path
     assert list(tmp_path.rglob("ps4.*.nbc"))

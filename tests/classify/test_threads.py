@@ -65,7 +65,7 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
     assert os.waitpid(child, 0)[1] == 0
 
 
-def test_the_environment_says_how_many_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_sets_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
     assert thread_count() == len(os.sched_getaffinity(0))
     monkeypatch.setenv("NUMBA_NUM_THREADS", "3")

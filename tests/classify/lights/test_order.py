@@ -37,57 +37,57 @@ def images(request: pytest.FixtureRequest, stationary: Texture) -> np.ndarray:
 
 
 def test_the_right_order_is_confirmed(images: np.ndarray) -> None:
-    told = light_order(images, RING)
-    assert told.is_confirmed
-    assert not told.is_refuted
-    assert {*told.plausible} == {(0, 1, 2, 3), OPPOSITE}
-    assert told.excess < 1e-3
+    result = light_order(images, RING)
+    assert result.is_confirmed
+    assert not result.is_refuted
+    assert {*result.plausible} == {(0, 1, 2, 3), OPPOSITE}
+    assert result.excess < 1e-3
 
 
 @pytest.mark.parametrize("order", [o for o in ORDERS if o not in ((0, 1, 2, 3), OPPOSITE)])
 def test_every_other_order_is_refuted_and_found_up_to_180_degrees(
     images: np.ndarray, order: tuple[int, ...]
 ) -> None:
-    told = light_order(images[list(order)], RING)
-    assert told.is_refuted
-    assert not told.is_confirmed
-    assert told.excess > 0.15
-    assert {*told.plausible} == {order, tuple(OPPOSITE[light] for light in order)}
+    result = light_order(images[list(order)], RING)
+    assert result.is_refuted
+    assert not result.is_confirmed
+    assert result.excess > 0.15
+    assert {*result.plausible} == {order, tuple(OPPOSITE[light] for light in order)}
 
 
 def test_an_order_rotated_by_180_degrees_stays_plausible(images: np.ndarray) -> None:
-    told = light_order(images[list(OPPOSITE)], RING)
-    assert told.is_confirmed
-    assert told.opposite == OPPOSITE
-    assert OPPOSITE in told.plausible
+    result = light_order(images[list(OPPOSITE)], RING)
+    assert result.is_confirmed
+    assert result.opposite == OPPOSITE
+    assert OPPOSITE in result.plausible
 
 
 def test_a_level_surface_decides_nothing() -> None:
     rng = np.random.default_rng(2)
     flat = np.zeros((128, 128))
     albedo = np.kron(rng.uniform(0.2, 0.9, (16, 16)), np.ones((8, 8)))
-    told = light_order(images_of(flat, flat, albedo, RING), RING)
-    assert not told.is_refuted
-    assert not told.is_confirmed
-    assert len(told.plausible) > 12
+    result = light_order(images_of(flat, flat, albedo, RING), RING)
+    assert not result.is_refuted
+    assert not result.is_confirmed
+    assert len(result.plausible) > 12
 
 
 def test_dark_images_decide_nothing() -> None:
-    told = light_order(np.zeros((4, 96, 96), np.uint16), RING)
-    assert {*told.plausible} == {*ORDERS}
-    assert not told.is_refuted
-    assert not told.is_confirmed
+    result = light_order(np.zeros((4, 96, 96), np.uint16), RING)
+    assert {*result.plausible} == {*ORDERS}
+    assert not result.is_refuted
+    assert not result.is_confirmed
 
 
 def test_ridges_along_one_axis_do_not_decide_their_sides() -> None:
     x = np.arange(160)
     p = np.broadcast_to(0.4 * np.sin(0.3 * x + np.sin(0.05 * x)), (160, 160))
     images = images_of(p, np.zeros_like(p), np.full_like(p, 0.6), RING)
-    told = light_order(images, RING)
-    # Lights 1 and 3 gave the same image, and 0 and 2 that of the ridges turned inside out.
-    assert {*told.plausible} == {(0, 1, 2, 3), (0, 3, 2, 1), (2, 1, 0, 3), OPPOSITE}
-    assert not told.is_refuted
-    assert not told.is_confirmed
+    result = light_order(images, RING)
+    # Lights 1 and 3 gave the same image, and 0 and 2 that of inverted ridges.
+    assert {*result.plausible} == {(0, 1, 2, 3), (0, 3, 2, 1), (2, 1, 0, 3), OPPOSITE}
+    assert not result.is_refuted
+    assert not result.is_confirmed
     assert light_order(images[[1, 0, 3, 2]], RING).is_refuted
 
 
@@ -113,8 +113,8 @@ def test_known_intensities_and_ambient_light_are_removed(stationary: Texture) ->
     lights = Lighting(RING.directions, np.array([1.0, 0.3, 1.0, 0.6]))
     images = images_of(surface.p, surface.q, surface.albedo, lights)
     ambient = np.full(images.shape[1:], 1000, np.uint16)
-    told = light_order(images, lights, ambient=ambient, full_scale=65_535)
-    assert told.is_confirmed
+    result = light_order(images, lights, ambient=ambient, full_scale=65_535)
+    assert result.is_confirmed
 
 
 def test_saturated_pixels_are_left_out(stationary: Texture) -> None:
@@ -139,10 +139,10 @@ def test_lights_that_are_not_two_opposite_pairs_decide_nothing(stationary: Textu
     for tilts in ((0.0, 60.0, 120.0, 180.0), (0.0, 20.0, 190.0, 10.0)):
         lights = Lighting.from_angles(tilts, [45.0, 45.0, 45.0, 30.0])
         images = images_of(surface.p, surface.q, surface.albedo, lights)
-        told = light_order(images, lights)
-        assert {*told.plausible} == {*ORDERS}
-        assert not told.is_refuted
-        assert not told.is_confirmed
+        result = light_order(images, lights)
+        assert {*result.plausible} == {*ORDERS}
+        assert not result.is_refuted
+        assert not result.is_confirmed
 
 
 def test_photographs_under_a_measured_ring(photographs: np.ndarray) -> None:
@@ -155,8 +155,8 @@ def test_photographs_under_a_measured_ring(photographs: np.ndarray) -> None:
     )
     for chosen in ([6, 0, 2, 4], [7, 1, 3, 5]):
         lights = Lighting(directions[chosen])
-        told = light_order(photographs[chosen], lights, full_scale=255)
-        assert told.is_confirmed
+        result = light_order(photographs[chosen], lights, full_scale=255)
+        assert result.is_confirmed
         for order in ((0, 3, 2, 1), (2, 1, 0, 3), (1, 0, 2, 3), (1, 0, 3, 2), (1, 2, 3, 0)):
             again = light_order(photographs[chosen][list(order)], lights, full_scale=255)
             assert again.is_refuted
@@ -172,7 +172,7 @@ def photographs() -> np.ndarray:
 @settings(max_examples=10, deadline=None)
 @given(st.floats(-15.0, 15.0), st.floats(25.0, 65.0), st.permutations(range(4)))
 def test_the_result_does_not_depend_on_the_numbering_of_lights(
-    turn_deg: float, slant_deg: float, order: list[int]
+    rotation_deg: float, slant_deg: float, order: list[int]
 ) -> None:
     """For a rotated ring with its images and lights in any order."""
     rng = np.random.default_rng(7)
@@ -180,7 +180,7 @@ def test_the_result_does_not_depend_on_the_numbering_of_lights(
     y, x = np.mgrid[48:-48:-1, -48:48]
     phase = waves[:, :1, None] * x + waves[:, 1:, None] * y + rng.uniform(0, 6.3, (40, 1, 1))
     p, q = (0.15 * np.tensordot(waves[:, axis] / 0.12, np.cos(phase), 1) for axis in (0, 1))
-    lights = Lighting.ring(slant_deg, tuple(np.array([0.0, 90.0, 180.0, 270.0])[order] + turn_deg))
+    lights = Lighting.ring(slant_deg, tuple(90.0 * np.array(order) + rotation_deg))
     assert light_order(images_of(p, q, np.full_like(p, 0.6), lights), lights).is_confirmed
 
 

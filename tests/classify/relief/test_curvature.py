@@ -71,26 +71,17 @@ def test_a_tilted_plane_has_no_curvature(of: SurfaceOf, slopes: tuple[float, flo
     np.testing.assert_allclose(found.gaussian, 0.0, atol=1e-7)
 
 
-def test_a_saddle_has_negative_gaussian_curvature(of: SurfaceOf) -> None:
-    """Z = (x^2 - y^2) / (2 R): p_x = 1/R, q_y = -1/R."""
+@pytest.mark.parametrize("twisted", [False, True])
+def test_a_saddle_has_negative_gaussian_curvature(of: SurfaceOf, twisted: bool) -> None:
+    """Z = (x^2 - y^2) / (2 R), or x y / R with the mixed derivative alone, p_y = q_x = 1/R."""
     radius = 200.0
     x, y = grid()
-    p, q = x / radius, -y / radius
+    p, q = (y / radius, x / radius) if twisted else (x / radius, -y / radius)
     w2 = 1 + p * p + q * q
     found = surface_curvature(of((p, q)))
+    mean = p * q if twisted else (p * p - q * q) / 2
     np.testing.assert_allclose(found.gaussian * radius**2, -1 / w2**2, atol=6e-3)
-    np.testing.assert_allclose(found.mean * radius, -(q * q - p * p) / (2 * w2**1.5), atol=3e-3)
-
-
-def test_a_twisted_saddle_needs_the_mixed_derivative(of: SurfaceOf) -> None:
-    """Z = x y / R: p = y / R, q = x / R, nothing but p_y = q_x = 1/R."""
-    radius = 200.0
-    x, y = grid()
-    p, q = y / radius, x / radius
-    w2 = 1 + p * p + q * q
-    found = surface_curvature(of((p, q)))
-    np.testing.assert_allclose(found.gaussian * radius**2, -1 / w2**2, atol=6e-3)
-    np.testing.assert_allclose(found.mean * radius, p * q / w2**1.5, atol=3e-3)
+    np.testing.assert_allclose(found.mean * radius, mean / w2**1.5, atol=3e-3)
 
 
 def test_curl_adds_no_curvature(of: SurfaceOf) -> None:
@@ -185,10 +176,10 @@ slopes = hnp.arrays(
 def test_a_rotated_surface_has_rotated_maps(surface_of: SurfaceOf, gradients: np.ndarray) -> None:
     """Rotation by 90 degrees anticlockwise takes (p, q) to (-q, p)."""
     p, q = gradients
-    still = surface_curvature(surface_of(p, q, np.ones(p.shape)))
-    turned = surface_curvature(surface_of(*np.rot90([-q, p], axes=(1, 2)), np.ones(p.T.shape)))
-    np.testing.assert_allclose(turned.mean, np.rot90(still.mean), atol=1e-4)
-    np.testing.assert_allclose(turned.gaussian, np.rot90(still.gaussian), atol=1e-4)
+    plain = surface_curvature(surface_of(p, q, np.ones(p.shape)))
+    rotated = surface_curvature(surface_of(*np.rot90([-q, p], axes=(1, 2)), np.ones(p.T.shape)))
+    np.testing.assert_allclose(rotated.mean, np.rot90(plain.mean), atol=1e-4)
+    np.testing.assert_allclose(rotated.gaussian, np.rot90(plain.gaussian), atol=1e-4)
 
 
 @settings(deadline=None)
@@ -198,13 +189,13 @@ def test_mirroring_keeps_curvature_and_inverting_negates_the_mean(
 ) -> None:
     p, q = gradients
     ones = np.ones(p.shape)
-    still = surface_curvature(surface_of(p, q, ones))
+    plain = surface_curvature(surface_of(p, q, ones))
     mirrored = surface_curvature(surface_of(-p[:, ::-1], q[:, ::-1], ones))
     inverted = surface_curvature(surface_of(-p, -q, ones))
-    np.testing.assert_allclose(mirrored.mean[:, ::-1], still.mean, atol=1e-4)
-    np.testing.assert_allclose(mirrored.gaussian[:, ::-1], still.gaussian, atol=1e-4)
-    np.testing.assert_allclose(inverted.mean, -still.mean, atol=1e-6)
-    np.testing.assert_allclose(inverted.gaussian, still.gaussian, atol=1e-6)
+    np.testing.assert_allclose(mirrored.mean[:, ::-1], plain.mean, atol=1e-4)
+    np.testing.assert_allclose(mirrored.gaussian[:, ::-1], plain.gaussian, atol=1e-4)
+    np.testing.assert_allclose(inverted.mean, -plain.mean, atol=1e-6)
+    np.testing.assert_allclose(inverted.gaussian, plain.gaussian, atol=1e-6)
 
 
 def test_one_pixel_and_one_row_have_curvature_along_their_extent(surface_of: SurfaceOf) -> None:

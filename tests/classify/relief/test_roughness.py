@@ -84,18 +84,18 @@ def test_rotating_or_mirroring_the_surface_changes_nothing(
     p, q, mask = values
     valid = mask >= 0
     valid[0, 0] = True
-    still = surface_roughness(replace(surface_of(p, q, 0 * p), valid=valid))
-    turned_p, turned_q = np.rot90([-q, p], axes=(1, 2))
-    turned = surface_roughness(
-        replace(surface_of(turned_p, turned_q, 0 * turned_p), valid=np.rot90(valid))
+    plain = surface_roughness(replace(surface_of(p, q, 0 * p), valid=valid))
+    rotated_p, rotated_q = np.rot90([-q, p], axes=(1, 2))
+    rotated = surface_roughness(
+        replace(surface_of(rotated_p, rotated_q, 0 * rotated_p), valid=np.rot90(valid))
     )
     mirrored = surface_roughness(
         replace(surface_of(-p[:, ::-1], q[:, ::-1], 0 * p), valid=valid[:, ::-1])
     )
-    assert astuple(turned) == pytest.approx(astuple(still), rel=1e-3, abs=1e-4)
-    assert astuple(mirrored) == pytest.approx(astuple(still), rel=1e-3, abs=1e-4)
-    assert still.sa_px <= still.sq_px * (1 + 1e-5) + 1e-6
-    assert still.sdr_percent <= 50 * still.sdq**2 * (1 + 1e-5)
+    assert astuple(rotated) == pytest.approx(astuple(plain), rel=1e-3, abs=1e-4)
+    assert astuple(mirrored) == pytest.approx(astuple(plain), rel=1e-3, abs=1e-4)
+    assert plain.sa_px <= plain.sq_px * (1 + 1e-5) + 1e-6
+    assert plain.sdr_percent <= 50 * plain.sdq**2 * (1 + 1e-5)
 
 
 def test_only_valid_pixels_count(surface_of: SurfaceOf) -> None:

@@ -1,4 +1,4 @@
-"""ps4_robust: the noise gate, what is left out, and what is filled in."""
+"""ps4_robust: the noise gate, the light left out, and slopes filled in."""
 
 import numpy as np
 import pytest
@@ -133,11 +133,11 @@ def test_a_scene_rotated_by_90_degrees_gives_rotated_maps() -> None:
     values[:, 50:53, :] *= np.array([1, 1, 0, 0])[:, None, None]
     surface = solved(values)
     # Anticlockwise: light k shines from where light k + 1 did, and (p, q) -> (-q, p).
-    turned = solved(np.rot90(np.roll(values, 1, axis=0), 1, (1, 2)))
+    rotated = solved(np.rot90(np.roll(values, 1, axis=0), 1, (1, 2)))
     assert surface.repaired.mean() > 0.02
-    np.testing.assert_allclose(turned.p, -np.rot90(surface.q), atol=0.02)
-    np.testing.assert_allclose(turned.q, np.rot90(surface.p), atol=0.02)
-    np.testing.assert_array_equal(turned.repaired, np.rot90(surface.repaired))
+    np.testing.assert_allclose(rotated.p, -np.rot90(surface.q), atol=0.02)
+    np.testing.assert_allclose(rotated.q, np.rot90(surface.p), atol=0.02)
+    np.testing.assert_array_equal(rotated.repaired, np.rot90(surface.repaired))
 
 
 def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
