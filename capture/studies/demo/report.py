@@ -118,9 +118,7 @@ def _detail(number: int, entry: ReportEntry) -> str:
             f"<figcaption>polar spectrum of {name}</figcaption></figure>"
         )
     verdict = (
-        f"Found <b>{escape(match.label or 'unknown')}</b> at {match.orientation_deg:.1f}°, "
-        f"distance {match.distance:.4f}; next {escape(match.runner_up or '-')}. "
-        f"True: {escape(trial.label)} at {trial.orientation_deg:.1f}°. "
+        f"Found <b>{escape(match.label or 'unknown')}</b> at {match.orientation_deg:.1f}°. "
         f"{surface.shadow_mask.mean():.1%} of the pixels are in shadow of a light."
     )
     return (
