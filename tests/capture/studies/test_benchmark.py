@@ -144,10 +144,8 @@ def test_a_mosaic_has_the_given_size_and_depth(bits: int) -> None:
 
 
 def test_solvers_are_compared_with_floor_and_numpy() -> None:
-    eight, sixteen = solver_sections(SMALL)
-    assert "8 bit" in eight.title
-    assert "16 bit" in sixteen.title
-    for section in (eight, sixteen):
+    for section, bits in zip(solver_sections(SMALL), ("8 bit", "16 bit"), strict=True):
+        assert bits in section.title
         found = values(section)
         assert found["floor: read 4 planes, write 3 float32 x floor"] == 1.0
         assert all(math.isfinite(value) and value > 0 for value in found.values())

@@ -54,8 +54,7 @@ def test_a_height_of_known_relief_keeps_its_scale(tmp_path: Path, truth: Periodi
     surface = load_material(tmp_path)
     assert surface.name == tmp_path.name
     assert np.ptp(surface.height) == pytest.approx(relief_px, rel=1e-4)
-    np.testing.assert_allclose(surface.p, truth.p, atol=1e-3)
-    np.testing.assert_allclose(surface.q, truth.q, atol=1e-3)
+    np.testing.assert_allclose((surface.p, surface.q), (truth.p, truth.q), atol=1e-3)
 
 
 @pytest.mark.parametrize("notes", [None, {"size_mm": 10}, {"relief_mm": 2.0}, {}])
@@ -80,8 +79,7 @@ def test_a_normal_map_alone_gives_slopes_and_height(
 ) -> None:
     write_normal(tmp_path, truth, name, white)
     surface = load_material(tmp_path)
-    np.testing.assert_allclose(surface.p, truth.p, atol=bound)
-    np.testing.assert_allclose(surface.q, truth.q, atol=bound)
+    np.testing.assert_allclose((surface.p, surface.q), (truth.p, truth.q), atol=bound)
     level = truth.height - truth.height.mean()
     assert np.abs(surface.height - level).max() < 0.05 * truth.relief_px
 
@@ -122,8 +120,7 @@ def test_albedo_is_linear_luminance(tmp_path: Path, truth: PeriodicSurface) -> N
 def test_a_constant_height_gives_a_flat_surface(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "height.png"), np.full((32, 32), 77, np.uint8))
     surface = load_material(tmp_path)
-    assert not surface.p.any()
-    assert not surface.q.any()
+    assert not np.any((surface.p, surface.q))
 
 
 def test_waves_that_would_alias_after_rotation_are_removed(tmp_path: Path) -> None:

@@ -73,9 +73,7 @@ def test_rotated_gradients_are_those_of_the_rotated_height() -> None:
          - (np.roll(patch.height, -2 * s, a) - np.roll(patch.height, 2 * s, a))) / 12
         for a, s in ((1, 1), (0, -1))
     )  # fmt: skip
-    inside = (slice(3, -3), slice(3, -3))
-    assert np.abs(p - patch.p)[inside].max() < 0.01
-    assert np.abs(q - patch.q)[inside].max() < 0.01
+    assert np.abs((p - patch.p, q - patch.q))[:, 3:-3, 3:-3].max() < 0.01
     assert rms_slope(patch.p, patch.q) > 0.3
 
 

@@ -75,8 +75,7 @@ def skewness(values: np.ndarray) -> float:
 def test_there_are_30_textures_and_each_twin_has_its_original_among_them() -> None:
     assert SYNTHETIC_NAMES == ("rock", "sand", "malv", "ogil")
     assert SYNTHETIC_30[:4] == SYNTHETIC_NAMES
-    assert len(set(SYNTHETIC_30)) == 30
-    assert len(EQUAL_SPECTRUM_TWINS) == 2
+    assert len(SYNTHETIC_30) == 30
     assert set(EQUAL_SPECTRUM_TWINS.values()) < set(SYNTHETIC_30)
     assert (*SYNTHETIC_30, *EQUAL_SPECTRUM_TWINS) == SYNTHETIC_TEXTURES
     assert len(set(SYNTHETIC_TEXTURES)) == 32
@@ -118,8 +117,7 @@ def test_a_texture_is_scaled_band_limited_and_repeatable(name: str) -> None:
     np.testing.assert_array_equal(surface.albedo, again.albedo)
     assert abs(np.corrcoef(surface.p.ravel(), other.p.ravel())[0, 1]) < 0.3
     assert 0.4 <= rms_slope(surface.p, surface.q) <= 0.501
-    assert abs(surface.p.mean()) < 1e-4
-    assert abs(surface.q.mean()) < 1e-4
+    assert np.abs([surface.p.mean(), surface.q.mean()]).max() < 1e-4
     assert 0.05 < surface.albedo.min() <= surface.albedo.max() <= 1.0
     beyond = np.hypot(*np.meshgrid(np.fft.fftfreq(SIDE), np.fft.fftfreq(SIDE))) > 0.485
     for spectrum in (slope_power(surface), power(surface.albedo)):
