@@ -1,6 +1,6 @@
 """The file of a captured set: 16-bit pages, and fields of metadata as JSON in the OME-XML.
 
-`capture` writes and solves these files, `rig` plays them back as a camera. Both read them here.
+`capture` writes and solves these files; a camera of `rig` replays them.
 """
 
 from __future__ import annotations

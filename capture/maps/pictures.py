@@ -28,7 +28,6 @@ __all__ = [
     "shaded",
     "shadow_colours",
     "shadow_map",
-    "thinned",
 ]
 
 Picture = npt.NDArray[np.uint8]
@@ -146,17 +145,11 @@ def light_images(captured: CapturedSet, count: int) -> dict[str, Picture]:
     }
 
 
-def reduced(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Average (H, W) or (H, W, 3) values down to a longer side of at most 512 px."""
-    return _resized(values, cv2.INTER_AREA)
+def reduced(values: npt.NDArray[Any], interpolation: int = cv2.INTER_AREA) -> npt.NDArray[Any]:
+    """Reduce (H, W) or (H, W, 3) values to a longer side of at most 512 px, by default by means.
 
-
-def thinned(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Reduce a map of labels by leaving pixels out; labels have no mean."""
-    return _resized(values, cv2.INTER_NEAREST)
-
-
-def _resized(values: npt.NDArray[Any], interpolation: int) -> npt.NDArray[Any]:
+    A map of labels, which have no mean, needs `cv2.INTER_NEAREST`.
+    """
     rows, columns = values.shape[:2]
     scale = _PICTURE_PX / max(rows, columns)
     if scale >= 1.0:

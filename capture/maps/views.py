@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -156,7 +157,7 @@ def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapV
         ),
         MapView(
             "dropped.png", "dropped light", "The light that the solution leaves out.",
-            pictures.thinned(pictures.dropped_map(surface, lights)),
+            pictures.reduced(pictures.dropped_map(surface, lights), cv2.INTER_NEAREST),
             legend=_legend(surface.dropped, pictures.dropped_colours(lights), light_names),
         ),
         _mask(

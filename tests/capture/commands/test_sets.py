@@ -217,6 +217,7 @@ def test_a_light_list_replaces_the_names_of_photographs(
         (["--slant", "nan"], "slant nan is outside"),
         (["--slant", "45", "--tilts", "0,90,180"], "4 images for 3 lights"),
         (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west: give degrees"),
+        (["--slant", "45", "--tilts", ""], "--tilts '': give degrees separated by commas"),
         (["--slant", "45", "--tilts", "0,90,180,inf"], "--tilts 0,90,180,inf: give degrees"),
         (["--slant", "45", "--lights", "x.lp"], "--lights gives the directions; leave out --slant"),
         (["--tilts", "0,90", "--lights", "x.lp"], "leave out --slant and --tilts"),

@@ -215,21 +215,7 @@ def test_an_existing_set_is_replaced_by_force_only(
     assert CapturedSet.load(output).label == "oak"
 
 
-def test_captured_sets_are_replaced_by_force_only(tmp_path: Path, refused: Refused) -> None:
-    (tmp_path / "a-002.ome.tif").write_bytes(b"mine")
-    arguments = ("capture", "--rig", "sim", "--size", 16, "--count", 2, tmp_path / "a.ome.tif")
-    assert "a-002.ome.tif: exists already" in refused(*arguments)
-    assert [path.name for path in tmp_path.iterdir()] == ["a-002.ome.tif"]
-
-
 def test_lights_without_image_names_need_images(tmp_path: Path, refused: Refused) -> None:
     (tmp_path / "l.json").write_text(json.dumps(RING.directions.tolist()))
     line = refused("import", tmp_path / "a.ome.tif", "--lights", tmp_path / "l.json")
     assert line == f"{tmp_path}/l.json: gives no image names; name the images themselves"
-
-
-def test_empty_tilts_are_refused(four: Photographs, tmp_path: Path, refused: Refused) -> None:
-    line = refused(
-        "import", *four(pattern(np.uint8)), tmp_path / "a.ome.tif", "--slant", 45, "--tilts", ""
-    )
-    assert line == "--tilts '': give degrees separated by commas, such as 0,90,180,270"
