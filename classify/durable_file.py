@@ -1,4 +1,4 @@
-"""Writing a file so that a reader, or a power cut, never meets half of it."""
+"""Write files so that no reader, even after a power cut, sees a partial one."""
 
 from __future__ import annotations
 

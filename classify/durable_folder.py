@@ -1,4 +1,4 @@
-"""Replacing a folder of result files so that a reader never meets files of two results."""
+"""Replace a folder of result files so that no reader sees files of two results."""
 
 from __future__ import annotations
 

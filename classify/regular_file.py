@@ -64,4 +64,4 @@ def _descriptor(path: str, flags: int) -> int:
 
 
 def _too_large(path: Path, max_bytes: int) -> InputError:
-    return InputError(f"{path}: larger than {max_bytes} bytes, the most that is read")
+    return InputError(f"{path}: larger than {max_bytes} bytes, the limit for this file")

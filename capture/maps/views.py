@@ -146,7 +146,7 @@ def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapV
     return [
         MapView(
             "shadow.png", "lights in shadow",
-            "Number of lights that give at most half of what the solution predicts: cast and "
+            "Number of lights that give at most half of the predicted brightness: cast and "
             "attached shadow.",
             pictures.reduced(pictures.shadow_map(surface)),
             legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),

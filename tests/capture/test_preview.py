@@ -215,7 +215,7 @@ def test_slow_clients_do_not_lock_viewers_out(shown: Preview) -> None:
             thread.join()
 
 
-def test_a_port_that_is_taken_is_named(shown: Preview) -> None:
+def test_a_port_in_use_is_named(shown: Preview) -> None:
     with serving(shown, 0) as server:
         again = serving(shown, server.server_port)
         with pytest.raises(InputError, match="give another with --port"):

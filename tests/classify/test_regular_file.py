@@ -18,7 +18,7 @@ def test_a_file_and_a_link_to_it_are_read_up_to_the_limit(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("target", ["/dev/zero", "/dev/tty", "pipe", "folder", "a\0b", "\ud800"])
-def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, target: str) -> None:
+def test_pipes_devices_and_invalid_names_are_refused_at_once(tmp_path: Path, target: str) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     places = [tmp_path / target]

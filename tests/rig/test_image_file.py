@@ -115,7 +115,7 @@ def test_a_damaged_jpeg_is_refused(tmp_path: Path, capfd: Any, options: tuple[in
             assert message.startswith("not a complete JPEG image: ")
 
 
-def test_a_png_that_lost_its_middle_or_a_bit_is_refused(tmp_path: Path, capfd: Any) -> None:
+def test_a_damaged_png_is_refused(tmp_path: Path, capfd: Any) -> None:
     whole = encoded(".png")
     half = len(whole) // 2
     flipped = bytearray(whole)

@@ -59,9 +59,9 @@ def test_large_maps_are_averaged_and_small_ones_are_unchanged() -> None:
     assert pictures.reduced(np.zeros((3, 4000, 3), np.float32)).shape[1:] == (512, 3)
 
 
-def test_reducing_a_map_of_names_keeps_its_values() -> None:
-    names = np.random.default_rng(0).choice(np.array([0, 3, 255], np.uint8), (900, 1100))
-    thinned = pictures.reduced(names, cv2.INTER_NEAREST)
+def test_reducing_a_map_of_labels_keeps_its_values() -> None:
+    labels = np.random.default_rng(0).choice(np.array([0, 3, 255], np.uint8), (900, 1100))
+    thinned = pictures.reduced(labels, cv2.INTER_NEAREST)
     assert thinned.shape == (419, 512)
     assert set(np.unique(thinned)) == {0, 3, 255}
 

@@ -23,7 +23,7 @@ def found_and_true(request: pytest.FixtureRequest) -> tuple[SurfaceMaps, Surface
     return SurfaceMaps.of(found), SurfaceMaps.of(replace(found, p=p, q=q, valid=everywhere))
 
 
-def test_maps_are_those_of_the_true_surface(
+def test_maps_agree_with_the_true_surface(
     found_and_true: tuple[SurfaceMaps, SurfaceMaps],
 ) -> None:
     found, true = found_and_true
@@ -33,7 +33,7 @@ def test_maps_are_those_of_the_true_surface(
         assert pair[0].std() == pytest.approx(pair[1].std(), rel=0.05), name
 
 
-def test_roughness_is_that_of_the_true_surface(
+def test_roughness_agrees_with_the_true_surface(
     found_and_true: tuple[SurfaceMaps, SurfaceMaps],
 ) -> None:
     found, true = (maps.roughness for maps in found_and_true)
