@@ -55,7 +55,7 @@ class CameraLatency:
     settle_ms
         Time until the light is within a thousandth of its level.
     first_row, last_row
-        When the rows that are exposed first and last have changed completely.
+        Complete change of the row that is exposed first, and of the row that is exposed last.
     fit
         The model fitted to the frames.
     switches

@@ -37,19 +37,15 @@ _NEIGHBOURS = 8
 _AIM_BEYOND = 0.1
 
 
-@dataclass(frozen=True)
-class _Step:
-    asked_s: float
-    acknowledged_s: float
-    controller_s: float
-    rising: bool
-
-
 @dataclass
 class Recording:
-    """Switches, and for each frame its times and the light in each band of its rows."""
+    """Switches, and for each frame its times and the light in each band of its rows.
 
-    switches: list[_Step] = field(default_factory=list)
+    Each switch has the time of its command, of its acknowledge, and of the switch on the
+    controller's clock, all in s; and whether it turned the LED on.
+    """
+
+    switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
     of_step: list[int] = field(default_factory=list)
@@ -111,9 +107,8 @@ def record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> Reco
             clock.sleep_s(half.wait_s(place, clock.now_s(), recording.reported_s[-1]))
         asked_s, rising = clock.now_s(), number % 2 == 0
         switch = switch_to(rig, led if rising else None)
-        recording.switches.append(
-            _Step(asked_s, switch.acknowledged_s, switch.controller_time_us / 1e6, rising)
-        )
+        controller_s = switch.controller_time_us / 1e6
+        recording.switches.append((asked_s, switch.acknowledged_s, controller_s, rising))
         for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + after_s):
             if frame.flags != FrameFlag.GOOD:
                 continue
@@ -128,10 +123,11 @@ def record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> Reco
 
 def evaluate(rig: Rig, recording: Recording) -> Evaluation:
     """Evaluate the frames recorded so far."""
-    info, switches = rig.camera.info, recording.switches
-    switched_s, unknown_s = _switch_times(switches)
-    of_step = np.array(recording.of_step)
-    rising = np.array([step.rising for step in switches])
+    info, of_step = rig.camera.info, np.array(recording.of_step)
+    asked_s, acknowledged_s, controller_s, rising = map(
+        np.array, zip(*recording.switches, strict=True)
+    )
+    switched_s, unknown_s = _switch_times(asked_s, acknowledged_s, controller_s)
     shares, kept = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
     edges = _band_edges(info.height_px)
     steps = Steps(
@@ -141,10 +137,6 @@ def evaluate(rig: Rig, recording: Recording) -> Evaluation:
         bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[kept],
         exposure_s=info.exposure_s,
         period_s=info.frame_period_s,
-    )
-    asked_s, acknowledged_s = (
-        np.array([getattr(step, name) for step in switches])
-        for name in ("asked_s", "acknowledged_s")
     )
     return Evaluation(
         steps,
@@ -176,19 +168,15 @@ def _band_levels(frame: Frame) -> Floats:
     return levels
 
 
-def _switch_times(switches: list[_Step]) -> tuple[Floats, float]:
+def _switch_times(asked: Floats, answered: Floats, theirs: Floats) -> tuple[Floats, float]:
     """Time of each switch on the rig's clock, and the uncertainty.
 
     The controller reports the time of a switch on its own clock. Each exchange bounds the
     difference of the clocks by the times of command and answer; the bounds of neighbouring
     exchanges are combined.
     """
-    asked, answered, theirs = (
-        np.array([getattr(step, name) for step in switches])
-        for name in ("asked_s", "acknowledged_s", "controller_s")
-    )
-    switched, unknown_s = np.empty(len(switches)), 0.0
-    for index in range(len(switches)):
+    switched, unknown_s = np.empty(len(asked)), 0.0
+    for index in range(len(asked)):
         near = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
         low, high = float((asked - theirs)[near].max()), float((answered - theirs)[near].min())
         drift_s = _CLOCK_DRIFT * float(answered[near].max() - asked[near].min())

@@ -22,7 +22,7 @@ class ListedCamera:
     Attributes
     ----------
     node
-        The kernel's name, which depends on the order in which cameras are plugged in.
+        Device node, whose number depends on the order in which cameras are plugged in.
     by_id
         Permanent names in ``/dev/v4l/by-id``.
     name, driver, bus
@@ -32,7 +32,7 @@ class ListedCamera:
     controls
         Controls with their values; None for a control without an integer value.
     problem
-        Why the camera could not be queried, or None.
+        Cause why the camera could not be queried, or None.
     """
 
     node: Path

@@ -371,12 +371,10 @@ def test_after_any_exception_the_leds_are_off_and_the_next_set_is_accepted(
     assert capture_set(rig).metadata.failed_attempts == ()
 
 
-def test_a_light_slot_is_repeated_if_its_frame_is_late() -> None:
+def test_a_light_slot_is_repeated_if_its_frame_is_late(small_config: RigConfig) -> None:
     def captured_with(frames: list[dict[str, object]]) -> CapturedSet:
-        config = RigConfig().with_changes(
-            camera={"width_px": 64, "height_px": 64}, simulation={"faults": {"frames": frames}}
-        )
-        with open_rig(config) as rig:
+        plan = {"faults": {"frames": frames}}
+        with open_rig(small_config.with_changes(simulation=plan)) as rig:
             return capture_set(rig)
 
     def signals(captured: CapturedSet) -> np.ndarray:
