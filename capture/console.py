@@ -1,4 +1,4 @@
-"""What commands print: results on stdout, progress and one line for an error on stderr."""
+"""Output of commands: results on stdout, progress and one line for an error on stderr."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def complain(message: str) -> None:
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """Turn the foreseen exceptions of a command into one line on stderr and an exit status.
+    """Decorate a command: report expected exceptions as one line on stderr and an exit status.
 
     An interrupt becomes a status only; `__main__` prints its line.
     """

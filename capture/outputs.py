@@ -1,4 +1,4 @@
-"""The checks that an output file passes before a command starts its work."""
+"""Check an output file before a command starts its work."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def check_output(
     path
         The output file. A symbolic link stands for the file that it leads to.
     suffix
-        The end that the name must have, such as ``.ome.tif``.
+        The required end of the name, such as ``.ome.tif``.
     inputs
         Files that the command reads. The output never replaces one of them, not even with `force`.
     force

@@ -1,4 +1,4 @@
-"""Memory and threads of a process that works on one frame after the other."""
+"""Memory and thread settings of a process that works on many frames."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["settle_process"]
 
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-# Free memory that is kept: the maps of a frame of several megapixels.
+# Freed memory that the process keeps: the maps of a frame of several megapixels.
 _TRIM_BYTES = 256 * 2**20
 _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
 
@@ -20,9 +20,9 @@ _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
 def settle_process() -> None:
     """Keep freed memory for the next frame, in this process and in its child processes.
 
-    Call it before numba is imported. The GNU C library returns the memory of each frame to the
-    system, and new pages cost more time than most operations on them. Environment variables that
-    the user has set take precedence. Other systems ignore these settings.
+    Call it before numba is imported. By default the GNU C library returns the memory of each frame
+    to the system, and new pages cost more time than most operations on them. Environment variables
+    that the user has set take precedence. Other systems ignore these settings.
 
     Raises
     ------

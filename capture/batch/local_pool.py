@@ -16,7 +16,7 @@ from .one_thread import call_in_one_thread
 
 __all__ = ["LocalPool"]
 
-# Time in which an interrupted worker may remove its temporary files; removing takes milliseconds.
+# Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
 
 Item = TypeVar("Item")
@@ -36,7 +36,7 @@ class LocalPool:
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        # The other workers have items to run while the first item in order takes long.
+        # So that the other workers have items while the first item in order takes long.
         self.in_flight = 4 * workers
         self._start()
 

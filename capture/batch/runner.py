@@ -72,8 +72,8 @@ class Batch:
     scheduler
         Address of the scheduler of a Dask cluster, which then does all the work.
     starting_s
-        Time in seconds until a worker process is ready. The default is the time in which a worker
-        on each core of a laptop imports numba, scipy and OpenCV.
+        Time in seconds to start the worker processes. The default is the time in which a worker on
+        each core of a laptop imports numba, scipy and OpenCV.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The functions that batches call for one captured set.
+"""Functions that batches call, each for one captured set.
 
 Each function reads the set from its file and returns a small result without pixels. Paths must be
 absolute, because a worker of a cluster has another working folder.
@@ -42,10 +42,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class SetHeader:
-    """What training needs of a set apart from its pixels.
-
-    `segment_px` is the largest size of segments that the images allow.
-    """
+    """Metadata of a training set; `segment_px` is the largest segment that its images allow."""
 
     label: str
     orientation_deg: float | None
@@ -93,7 +90,7 @@ def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
 
 
 def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER) -> Observation:
-    """Solve a set and compute the observation that training keeps of it.
+    """Solve a set and compute its observation for training.
 
     Raises
     ------

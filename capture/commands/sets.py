@@ -114,15 +114,15 @@ def _captured(
 
 
 def _numbered(output: Path, count: int) -> list[Path]:
+    """Return `output`, or for several sets as many names with numbers from 1."""
     from capture.sets.ome_tiff import SUFFIX
 
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SUFFIX)
     digits = max(3, len(str(count)))
-    return [
-        output.with_name(f"{stem}-{number:0{digits}d}{SUFFIX}") for number in range(1, count + 1)
-    ]
+    numbers = (f"{number:0{digits}d}" for number in range(1, count + 1))
+    return [output.with_name(f"{stem}-{number}{SUFFIX}") for number in numbers]
 
 
 @reported

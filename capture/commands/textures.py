@@ -78,24 +78,18 @@ def classify(
     paths = find_sets(sets)
     with Batch(workers, scheduler) as batch:
         answers = _classified(paths, library, batch)
-    results = [
-        {"set": str(path), **asdict(answer.match), "simulated": answer.simulated}
-        for path, answer in zip(paths, answers, strict=True)
-    ]
     if json:
-        print_json(results)
+        fields = ({**asdict(each.match), "simulated": each.simulated} for each in answers)
+        print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
-    for row in results:
-        table.add_row(
-            row["set"] + ("\n(simulated)" if row["simulated"] else ""),
-            row["label"] or "unknown",
-            _degrees(row["orientation_deg"], 1),
-            f"{row['distance']:.4f}",
-            "-" if row["limit"] is None else f"{row['limit']:.4f}",
-            row["reason"],
-        )
+    for path, each in zip(paths, answers, strict=True):
+        match = each.match
+        name = f"{path}\n(simulated)" if each.simulated else str(path)
+        limit = "-" if match.limit is None else f"{match.limit:.4f}"
+        found = (match.label or "unknown", _degrees(match.orientation_deg, 1))
+        table.add_row(name, *found, f"{match.distance:.4f}", limit, match.reason)
     print_table(table)
 
 
@@ -159,7 +153,7 @@ def _classified(
     from capture.batch.tasks import classify_set, warn_unprotected
     from classify import TextureLibrary
 
-    TextureLibrary.load(library)  # here too, so that a wrong library fails before the first set
+    TextureLibrary.load(library)  # so that a wrong library is found before the first set
     task = partial(classify_set, library=library.absolute(), label_required=label_required)
     answers = batch.map(task, [path.absolute() for path in paths])
     answered = list(progress(answers, len(paths), "classify"))

@@ -1,4 +1,4 @@
-"""Standard output and standard error that a command can always write to."""
+"""Standard output and standard error that accept all writes."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ class _TolerantFile(io.FileIO):
 class StandardStreams:
     """Replace ``sys.stdout`` and ``sys.stderr`` for the rest of the process.
 
-    A reader that goes away does not stop the work. A stream that the parent process has closed is
-    discarded. Characters that the stream's encoding lacks are written as escapes.
+    After a failed write, such as to a closed pipe, all further output is discarded. So is output to
+    a stream that the parent process has closed. Characters that the stream's encoding lacks are
+    written as escapes.
     """
 
     def __init__(self) -> None:
-        # Otherwise the next file that is opened gets the number of the missing stream.
+        # Otherwise the next opened file would get the descriptor of a closed stream.
         while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
             pass
         os.close(descriptor)

@@ -104,7 +104,7 @@ def refused(ps4rig: Callable[..., Any]) -> Callable[..., str]:
 
 @pytest.fixture(scope="session")
 def spawn() -> Callable[..., subprocess.Popen[str]]:
-    """Start the command in a process of its own."""
+    """Start the command in a separate process."""
 
     def start(*arguments: object, **options: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -121,7 +121,7 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
 
 @pytest.fixture(scope="session")
 def run_python() -> Callable[..., str]:
-    """Run a program in a process that must succeed without a message; return what it prints."""
+    """Run a program in a separate process, without an error; return its standard output."""
 
     def run(program: str, *arguments: str, before: tuple[str, ...] = (), **changed: str) -> str:
         done = subprocess.run(

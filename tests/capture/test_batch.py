@@ -125,7 +125,7 @@ class Trap:
         os.mkfifo(path)
 
     def caught(self) -> tuple[int, int]:
-        """Return a process that waits, and the open end of the pipe that keeps it waiting."""
+        """Return a waiting process, and the open end of the pipe that keeps it waiting."""
         writing = eventually(self._writing)
         return eventually(self._reader), writing
 
@@ -236,7 +236,7 @@ def test_an_item_that_kills_the_workers_of_a_cluster_is_named(cluster: Cluster) 
 
 
 def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Writing to such a worker breaks a pipe. It dies too early for a test to kill it in time."""
+    """Simulated by the broken pipe that follows: a test cannot kill the worker in time."""
     real, broken = ProcessPoolExecutor.submit, iter([BrokenPipeError(), BrokenPipeError()])
 
     def submit(executor: ProcessPoolExecutor, *task: Any) -> Any:
@@ -249,7 +249,7 @@ def test_a_worker_killed_while_it_is_started_is_replaced(monkeypatch: pytest.Mon
         assert list(run.map(abs, [-1, 2, -3])) == [1, 2, 3]
 
 
-# the end of a command ends its workers
+# workers end with the command
 
 READS_FILES = """
 import signal, sys
@@ -301,8 +301,12 @@ def everywhere(cluster: Cluster) -> dict[str, dict[str, Any]]:
     }
 
 
-def test_results_are_the_same_everywhere(sets: Path, tmp_path: Path, cluster: Cluster) -> None:
+def test_results_and_errors_are_the_same_everywhere(
+    sets: Path, tmp_path: Path, cluster: Cluster
+) -> None:
     paths = sorted(sets.glob("*.ome.tif"))
+    damaged = tmp_path / "damaged.ome.tif"
+    damaged.write_bytes(b"hello")
     results = []
     for name, options in everywhere(cluster).items():
         folder = tmp_path / name
@@ -314,6 +318,8 @@ def test_results_are_the_same_everywhere(sets: Path, tmp_path: Path, cluster: Cl
             trained.save(library)
             answers = list(run.map(partial(classify_set, library=library), paths))
             solved = list(run.map(partial(solve_set, method=None), tasks))
+            with pytest.raises(InputError, match=f"^{damaged}: not a readable TIFF"):
+                list(run.map(read_header, [paths[0], damaged]))
         learned = (
             trained.labels,
             trained.orientations_deg.tolist(),
@@ -331,9 +337,10 @@ def test_results_are_the_same_everywhere(sets: Path, tmp_path: Path, cluster: Cl
     assert results[2] == results[0]
 
 
-@pytest.mark.parametrize("place", ["local", "dask"])
+# Enough repetitions that the workers are still busy when one of them is killed.
+@pytest.mark.parametrize(("place", "times"), [("local", 2), ("dask", 40)])
 def test_a_killed_worker_changes_no_answer(
-    sets: Path, library: Path, cluster: Cluster, place: str
+    sets: Path, library: Path, cluster: Cluster, place: str, times: int
 ) -> None:
     task = partial(classify_set, library=library)
     paths = sorted(sets.glob("*.ome.tif"))
@@ -343,29 +350,13 @@ def test_a_killed_worker_changes_no_answer(
     def kill_a_process() -> None:
         os.kill(min(eventually(lambda: workers() - others)), signal.SIGKILL)
 
-    killers = {"local": kill_a_process, "dask": cluster.kill_a_worker_at_work}
     options = everywhere(cluster)[place]
-    killer = threading.Thread(target=killers[place])
+    kill = kill_a_process if place == "local" else cluster.kill_a_worker_at_work
+    killer = threading.Thread(target=kill)
     killer.start()
-    # Enough sets that the workers are still busy when one of them is killed.
-    times = {"local": 2, "dask": 40}[place]
     with Batch(**options) as run:
         assert list(run.map(task, paths * times)) == expected * times
     killer.join()
-
-
-def test_a_damaged_set_has_the_same_line_everywhere(
-    sets: Path, library: Path, tmp_path: Path, cluster: Cluster
-) -> None:
-    damaged = tmp_path / "damaged.ome.tif"
-    damaged.write_bytes(b"hello")
-    paths = [sets / "rock-001.ome.tif", damaged]
-    for options in everywhere(cluster).values():
-        with (
-            Batch(**options) as run,
-            pytest.raises(InputError, match=f"^{damaged}: not a readable TIFF"),
-        ):
-            list(run.map(partial(classify_set, library=library), paths))
 
 
 def test_commands_print_the_same_with_a_cluster(
@@ -386,7 +377,7 @@ def test_commands_print_the_same_with_a_cluster(
     assert texts[0] == texts[1]
 
 
-# clusters that are not there
+# clusters that do not answer
 
 
 def test_missing_dask_is_one_line(
@@ -409,7 +400,7 @@ def test_workers_with_another_version_are_an_input_error(cluster: Cluster) -> No
         DaskPool(cluster.with_two_workers(), version="0.0.7")
 
 
-def test_a_scheduler_that_goes_away_is_an_input_error(tmp_path: Path) -> None:
+def test_a_scheduler_that_stops_is_an_input_error(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     cluster = Cluster(tmp_path)
     with Batch(scheduler=cluster.address) as run:

@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,13 +33,12 @@ def test_an_existing_file_is_replaced_with_force_only(existing: Path) -> None:
     check_output(existing, suffix=".ome.tif", force=True)
 
 
-@pytest.mark.parametrize("link", [os.symlink, os.link, None])
-def test_an_output_never_replaces_an_input(existing: Path, link: object) -> None:
-    name = existing
-    if callable(link):
-        name = existing.with_name("link.ome.tif")
-        link(existing, name)
-    refuse(name, "is an input", inputs=(existing,), force=True)
+@pytest.mark.parametrize("link", [os.symlink, os.link])
+def test_an_output_never_replaces_an_input(existing: Path, link: Callable[..., None]) -> None:
+    name = existing.with_name("link.ome.tif")
+    link(existing, name)
+    for output in (existing, name):
+        refuse(output, "is an input", inputs=(existing,), force=True)
 
 
 def test_other_names_and_places_are_refused(tmp_path: Path) -> None:

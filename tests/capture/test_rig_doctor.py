@@ -7,7 +7,6 @@ from typing import Any
 
 Command = Callable[..., Any]
 
-
 SMALL = "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 160\nheight_px = 160\n"
 
 

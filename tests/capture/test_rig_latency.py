@@ -12,7 +12,7 @@ from rig import load_config
 Command = Callable[..., Any]
 Refused = Callable[..., str]
 BENCH = """\
-# ours
+# comment
 [lights]
 port = "simulated"
 
@@ -35,8 +35,8 @@ def bench(in_folder: Path) -> Path:
 
 
 def test_the_timing_is_stored_and_used_by_capture(ps4rig: Command, bench: Path) -> None:
-    said = ps4rig("rig", "latency", "--steps", "12").output
-    assert "stored in rig.toml" in said
+    output = ps4rig("rig", "latency", "--steps", "12").output
+    assert "stored in rig.toml" in output
     kept = [line for line in bench.read_text().splitlines() if line in BENCH.splitlines()]
     assert kept == BENCH.splitlines()
     config = load_config(bench)

@@ -44,7 +44,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 
 @pytest.mark.slow
-def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..., Any]) -> None:
+def test_an_led_is_on_until_an_interrupt(bench: Bench, spawn: Callable[..., Any]) -> None:
     process = spawn("rig", "lights", 2, "--level", 40, "--rig", bench.config)
     while bench.lit() != [0.0, 0.0, 0.4, 0.0]:
         assert process.poll() is None, process.stderr.read()
@@ -60,34 +60,27 @@ def test_an_led_is_on_until_somebody_interrupts(bench: Bench, spawn: Callable[..
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "signals",
-    [
-        (signal.SIGINT, signal.SIGINT),
-        (signal.SIGTERM, signal.SIGINT),
-        (signal.SIGQUIT,),
-        (signal.SIGHUP,),
-    ],
-    ids=str,
+    "signals", [("SIGINT", "SIGINT"), ("SIGTERM", "SIGINT"), ("SIGQUIT",), ("SIGHUP",)]
 )
 def test_the_leds_are_out_before_the_message_says_so(
-    bench: Bench, spawn: Callable[..., Any], signals: tuple[signal.Signals, ...]
+    bench: Bench, spawn: Callable[..., Any], signals: tuple[str, ...]
 ) -> None:
     write_config(bench, watchdog_ms=60_000)  # so that the watchdog does not put them out
     process = spawn("rig", "lights", 2, "--rig", bench.config)
     assert process.stdout.readline() == "LED 2 is on at 100 %; Ctrl-C puts it out\n"
-    for number in signals:
-        process.send_signal(number)
+    for name in signals:
+        process.send_signal(signal.Signals[name])
         time.sleep(0.001)
     assert process.stdout.readline() == "all LEDs are out\n"
-    said_s = time.monotonic()
+    printed_s = time.monotonic()
     time.sleep(0.01)
-    assert bench.board.output(2, said_s + 0.002) < 0.01  # the light falls in 0.3 ms
+    assert bench.board.output(2, printed_s + 0.002) < 0.01  # the light falls in 0.3 ms
     process.communicate(timeout=120)
     assert process.returncode == 0
 
 
 @pytest.mark.slow
-def test_cycle_lights_all_leds_in_turn(bench: Bench, spawn: Callable[..., Any]) -> None:
+def test_cycle_lights_one_led_after_the_other(bench: Bench, spawn: Callable[..., Any]) -> None:
     process = spawn("rig", "lights", "cycle", "--rig", bench.config)
     seen: list[int] = []
     deadline_s = time.monotonic() + 30.0

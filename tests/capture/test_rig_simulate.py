@@ -54,11 +54,11 @@ def test_the_firmware_answers_on_a_serial_device_until_ctrl_c(spawn: Spawn) -> N
         with LightController(port) as lights:
             assert lights.select(2).led == 2
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=120)
-    assert (process.returncode, said) == (0, "no LED lit\n")
+        _, stderr = process.communicate(timeout=120)
+    assert (process.returncode, stderr) == (0, "no LED lit\n")
 
 
-def test_a_simulation_without_devices_says_what_to_give(refused: Refused) -> None:
+def test_the_error_for_a_missing_device_names_the_options(refused: Refused) -> None:
     line = refused("rig", "simulate")
     assert "--serial DEV" in line
     assert "modprobe v4l2loopback" in line

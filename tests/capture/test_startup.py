@@ -1,4 +1,4 @@
-"""The modules that a page of help loads, and the public names of the packages."""
+"""The modules that ``--help`` loads, and the public names of the packages."""
 
 from collections.abc import Callable
 from typing import Any

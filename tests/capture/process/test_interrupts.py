@@ -1,4 +1,4 @@
-"""Signals that end a command, during its start-up and in the middle of a set."""
+"""Signals that end a command, during its start-up and during a set."""
 
 import random
 import signal
@@ -43,7 +43,7 @@ except KeyboardInterrupt:
 
 @pytest.fixture
 def slow_capture(spawn: Spawn, tmp_path: Path) -> Callable[[], Any]:
-    """Start a capture that takes five seconds; its only output would be tmp_path/sets."""
+    """Start a capture of five seconds that writes to tmp_path/sets only."""
     config = tmp_path / "rig.toml"
     config.write_text(RIG)
     (tmp_path / "sets").mkdir()
@@ -74,7 +74,7 @@ def has_opened_lights(pid: int) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_a_signal_in_mid_set_is_one_line_and_leaves_no_file(
+def test_a_signal_during_a_set_is_one_line_and_leaves_no_file(
     slow_capture: Callable[[], Any], tmp_path: Path, number: str
 ) -> None:
     process = slow_capture()
@@ -104,7 +104,7 @@ def test_a_signal_at_any_moment_of_the_start_is_one_line(
 def test_an_interrupt_that_an_import_swallows_is_raised_later(
     spawn: Spawn, sets: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:
-    """The module swallows the interrupt of its import, and loads the real one in its place."""
+    """A fake module swallows the interrupt of its import and then loads the real module."""
     (tmp_path / f"{module}.py").write_text(
         "import signal, sys\n"
         "try:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\n"
