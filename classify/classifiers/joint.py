@@ -20,14 +20,15 @@ from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_sc
 
 from .classifier import Classifier, Comparison, Parameters
 from .joint_features import (
+    LOCAL_SHARE,
     SERIES,
+    SPECTRAL_SHARE,
     JointObservation,
     JointTraining,
     combined,
     observe,
     observe_training,
     quarter_distances,
-    shares,
     spectral_series,
     statistics_rows,
 )
@@ -73,12 +74,11 @@ def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
 
 def _vector(observation: JointObservation, parameters: Parameters, last: float) -> FloatMap:
     """Series and statistics in units of the distance between quarters, heading, `last`."""
-    spectral_share, local_share = shares()
     series = spectral_series(observation.polar, parameters["density_floor"])
-    series *= np.float32(np.sqrt(spectral_share / parameters["spectral_scatter"]))
+    series *= np.float32(np.sqrt(SPECTRAL_SHARE / parameters["spectral_scatter"]))
     statistics = statistics_rows(observation.statistics, parameters)
     white = statistics[0] @ parameters["whitening"].T
-    white *= np.sqrt(local_share / parameters["local_scatter"])
+    white *= np.sqrt(LOCAL_SHARE / parameters["local_scatter"])
     heading = heading_numbers(observation.statistics.headings, parameters["heading_variances"])
     return np.concatenate(
         [series.ravel().view(np.float32), white.astype(np.float32), heading, [np.float32(last)]]

@@ -66,11 +66,8 @@ class LibraryContents:
             if name not in self.parameters:
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
             found = self.parameters[name].shape
-            expected = tuple(
-                max(length, 1) if wanted < 0 else wanted
-                for length, wanted in zip(found, shape, strict=False)
-            )
-            if len(found) != len(shape) or found != expected:
+            fits = all(n == m or m < 0 < n for n, m in zip(found, shape, strict=False))
+            if len(found) != len(shape) or not fits:
                 raise LibraryError(
                     f"parameter {name} has shape {found}, that of {self.classifier} {shape}; "
                     "train it again"

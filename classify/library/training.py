@@ -55,8 +55,15 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
     """Learn from observed sets; see `TextureLibrary.train` for orientations and errors."""
     if not rows:
         raise LibraryError("nothing to train on; give at least one set")
-    for row in rows:
-        _check(row)
+    for label, _, orientation_deg in rows:
+        if not label.strip():
+            raise LibraryError("a training set has no label; give each set its class")
+        checked_label(label)
+        if orientation_deg is not None and not math.isfinite(orientation_deg):
+            raise LibraryError(
+                f"the orientation of a training set of {label} is {orientation_deg}; "
+                "give degrees, or leave it out"
+            )
     parameters = classifier.learn([row.observation for row in rows], [row.label for row in rows])
     labels: list[str] = []
     orientations_deg: list[float] = []
@@ -105,14 +112,3 @@ def _aligned(
         # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)
     return references, float(found.orientations_deg[0]) + 180.0 * (heading < 0.0)
-
-
-def _check(row: TrainingRow) -> None:
-    if not row.label.strip():
-        raise LibraryError("a training set has no label; give each set its class")
-    checked_label(row.label)
-    if row.orientation_deg is not None and not math.isfinite(row.orientation_deg):
-        raise LibraryError(
-            f"the orientation of a training set of {row.label} is {row.orientation_deg}; "
-            "give degrees, or leave it out"
-        )

@@ -293,10 +293,6 @@ def _energy_covariances(energies: Array) -> Moments:
     halves = (slice(None, rows // 2), slice(rows // 2, None))
     sides = (slice(None, columns // 2), slice(columns // 2, None))
     parts = [logs, *(logs[half, side] for half in halves for side in sides)]
-    return np.stack([_covariance(part.reshape(-1, logs.shape[2])) for part in parts])
-
-
-def _covariance(samples: Array) -> Moments:
-    centred = samples - samples.mean(axis=0)
-    covariance: Moments = (centred.T @ centred).astype(np.float64) / len(samples)
-    return covariance
+    samples = [part.reshape(-1, logs.shape[2]) for part in parts]
+    centred = [each - each.mean(axis=0) for each in samples]
+    return np.stack([(each.T @ each).astype(np.float64) / len(each) for each in centred])

@@ -143,8 +143,9 @@ def test_the_unit_of_distances_is_the_distance_between_quarters(library, signatu
 def test_frames_of_other_sizes_are_recognised(library, stationary, side: int, rows: int) -> None:
     """A smaller frame scatters more, and is not rejected for that."""
     for kind in ("sand", "brushed", "malv", "domes"):
-        surface = stationary(kind, 61.0, seed=8, side=side, rows=rows)
-        assert library.classify(surface).label == kind
+        match = library.classify(stationary(kind, 61.0, seed=8, side=side, rows=rows))
+        assert match.label == kind
+        assert kind not in DIRECTED or off_deg(match.orientation_deg, 61.0) < 3.0
 
 
 def test_distances_of_a_smaller_frame_are_divided_by_its_scatter(library, stationary) -> None:

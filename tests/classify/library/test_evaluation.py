@@ -52,13 +52,13 @@ def test_a_rejected_trial_counts_by_its_nearest_class_too() -> None:
 
 def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:
     assert Trial("a", None, answer("a", 5.0)).orientation_error_deg is None
+    assert Trial("a", 5.0, answer("a", None)).orientation_error_deg is None
     assert Trial("a", 5.0, answer("b", 5.0)).orientation_error_deg is None
     assert Trial("a", 5.0, answer(None, 5.0)).orientation_error_deg is None
 
 
 def test_a_classifier_without_orientations_makes_no_orientation_error() -> None:
     result = evaluate([Trial("a", 5.0, answer("a", None)), Trial("a", 5.0, answer("a", 8.0))])
-    assert Trial("a", 5.0, answer("a", None)).orientation_error_deg is None
     assert result.correct == 2
     assert result.orientation_error_deg.median == pytest.approx(3.0)
 

@@ -32,7 +32,7 @@ def test_the_nearest_reference_gives_the_class_and_the_next_class_is_the_runner_
     assert (match.label, match.nearest, match.distance) == ("a", "a", 0.1)
     assert (match.runner_up, match.runner_up_distance) == ("b", 0.4)
     assert match.margin == pytest.approx(0.75)
-    assert match.limit is None
+    assert match.limit is match.orientation_deg is match.sharpness is None
     assert match.reason == "a is 0.10 away, next is b at 0.40"
 
 
@@ -109,12 +109,6 @@ def test_the_orientation_is_relative_to_that_of_the_reference(
     )
     assert match.orientation_deg == expected
     assert match.sharpness == 0.8
-
-
-def test_a_match_without_orientations_has_none() -> None:
-    match = matched([0.5, 0.1, 0.7, 0.9])
-    assert match.orientation_deg is None
-    assert match.sharpness is None
 
 
 def test_a_match_contains_plain_numbers() -> None:

@@ -595,11 +595,6 @@ def test_a_large_library_keeps_its_invariants(library, saved: Path, stationary) 
         assert loaded.classify(surface) == library.classify(surface)
 
 
-def test_a_folder_that_does_not_exist_is_named(library, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written: there is no folder"):
-        library.save(tmp_path / "none" / "x.ps4lib")
-
-
 FILL_DISK = """
 import resource, signal, sys
 from classify import InputError, TextureLibrary
@@ -628,8 +623,10 @@ def test_a_full_disk_is_one_line_and_leaves_the_old_library(saved: Path) -> None
     assert [p.name for p in saved.parent.iterdir()] == [saved.name]
 
 
-def test_another_suffix_is_refused(library, tmp_path: Path) -> None:
+def test_other_suffixes_and_missing_folders_are_refused(library, tmp_path: Path) -> None:
     for name in ("x.ome.tif", "x", "ps4lib"):
         with pytest.raises(LibraryError, match=r"let the name .* end in \.ps4lib"):
             library.save(tmp_path / name)
+    with pytest.raises(InputError, match="cannot be written: there is no folder"):
+        library.save(tmp_path / "none" / "x.ps4lib")
     assert list(tmp_path.iterdir()) == []

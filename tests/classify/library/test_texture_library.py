@@ -44,16 +44,6 @@ def test_a_training_set_has_orientation_0_and_not_just_below_180(library, statio
         assert library.classify(stationary(kind, seed=1)).orientation_deg == 0.0
 
 
-def test_a_frame_of_another_shape_is_matched_with_the_segments_of_the_library(
-    library, stationary
-) -> None:
-    assert library.segment_px == 64
-    for side, rows in ((300, 180), (130, 411)):
-        match = library.classify(stationary("brushed", 40.0, seed=5, side=side, rows=rows))
-        assert match.label == "brushed"
-        assert off_deg(match.orientation_deg, 40.0) < 3.0
-
-
 def test_the_smallest_training_frame_sets_the_segments(stationary) -> None:
     library = TextureLibrary.train([
         ("a", stationary("sand", side=256)), ("b", stationary("malv", side=100))

@@ -1,11 +1,10 @@
 """The circular shift between polar spectra, against brute force."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
+from classify.texture.orientation import best_shift, roll_angles, squared_errors_by_shift
 from classify.texture.spectra import ANGLES
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -30,14 +29,6 @@ def test_errors_by_shift_are_those_of_brute_force(
         difference = np.roll(test, -j, axis=-1) - stored
         expected = (difference**2).reshape(references, -1).sum(axis=1)
         np.testing.assert_allclose(errors[:, j], expected, atol=1e-9)
-
-
-@given(st.integers(0, ANGLES - 1), SEEDS)
-def test_a_spectrum_rolled_by_whole_steps_is_found_exactly(steps: int, seed: int) -> None:
-    reference = np.random.default_rng(seed).random(ANGLES)
-    errors = squared_errors_by_shift(np.roll(reference, steps), reference[None])
-    assert int(errors.argmin()) == steps
-    assert errors.min() == pytest.approx(0.0, abs=1e-9)
 
 
 @given(st.floats(0, ANGLES, exclude_max=True))
@@ -68,7 +59,3 @@ def test_a_shift_by_whole_steps_rolls_the_array(seed: int, steps: int) -> None:
     polar = np.random.default_rng(seed).random((3, ANGLES))
     expected = np.roll(polar, -steps, axis=-1)
     np.testing.assert_allclose(roll_angles(polar, np.array([float(steps)]))[0], expected, atol=1e-9)
-
-
-def test_the_grid_covers_180_degrees() -> None:
-    assert STEP_DEG * ANGLES == 180.0
