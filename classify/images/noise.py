@@ -108,15 +108,6 @@ def noise_of_images(
     In a group, the tenth with the smallest residuals gives a first variance. All residuals within
     three standard deviations give the next, until it no longer changes. Three lights have no
     combination of this kind: then only the rounding of the pixel values is known.
-
-    Parameters
-    ----------
-    images
-        (N, H, W) uint8, uint16 or float32.
-    ambient
-        (H, W), subtracted, or None.
-    gains
-        (N,) factors of the images.
     """
     rounding = 0.0
     if images.dtype.kind != "f":

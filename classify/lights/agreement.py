@@ -102,18 +102,8 @@ def light_agreement(
     whole frame and over its halves: the same levels everywhere are weak LEDs. Rows and bands of
     rows with a residual beyond that are of frames that are torn, mixed, or of another light.
 
-    Parameters
-    ----------
-    images
-        (4, H, W), in the order of the lighting.
-    lighting
-        Four lights in general position.
-    ambient
-        (H, W), subtracted.
-    full_scale
-        Pixel value of saturation.
-    noise
-        Of the images; None is estimated from them.
+    `images` (4, H, W) are in the order of the lighting, `ambient` (H, W) is subtracted from them,
+    and their noise is estimated if it is None.
 
     Raises
     ------
@@ -159,15 +149,8 @@ def image_difference(
 ) -> float:
     """Rms difference beyond noise of two images of one scene, as a share of `signal`.
 
-    Parameters
-    ----------
-    first, second
-        (H, W), linear in light.
-    signal
-        Pixel value above dark that counts as 1.
-    noise
-        Of both; None is estimated from the steps of their difference from pixel to pixel, for
-        pixels of similar brightness.
+    `signal` is the pixel value above dark that counts as 1. Without `noise` it is estimated from
+    the steps of the difference from pixel to pixel, for pixels of similar brightness.
     """
     step = max(1, -(-first.shape[1] // _MAX_COLUMNS))
     a, b = (image[:, ::step].astype(np.float32) for image in (first, second))

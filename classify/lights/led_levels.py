@@ -111,24 +111,17 @@ def level_corrections(
 ) -> FloatArray:
     """Find factors of mean 1 for the images of four lights of which each differs by a few percent.
 
+    The factors (4,) are all 1 where the images agree as well without a correction, or not even
+    with one. They multiply the known `gains` (4,) of the images (4, H, W).
+
     Parameters
     ----------
-    images
-        (4, H, W) as they are given.
-    ambient
-        (H, W), subtracted, or None.
-    gains
-        (4,) factors that are known.
     saturation
         Pixel value from which on a pixel is saturated.
     variance
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
     null
         (4,) left null vector of the light directions, of length 1.
-
-    Returns
-    -------
-    (4,) float32, all 1 where the images agree as well without, or not even with a correction.
     """
     equal = np.ones(4, np.float32)
     step = max(1, math.ceil(math.sqrt(images[0].size / _MAX_SAMPLES)))

@@ -122,7 +122,7 @@ def _below_horizon(
     first_row: int, last_row: int, height: Array, rows_per_col: float, first: int,
     horizon: Array, shadow: Array,
 ) -> None:  # fmt: skip
-    """Interpolate the horizon of the lines on the pixels, and compare it with the height."""
+    """Compare the height with the horizon, interpolated between lines."""
     for r in range(first_row, last_row):
         for c in range(height.shape[1]):
             line = r - c * rows_per_col - first

@@ -66,16 +66,8 @@ def _drop_inconsistent(
 ) -> None:  # fmt: skip
     """Solve rows from all lights, or without those that are inconsistent.
 
-    Parameters
-    ----------
-    noise
-        (3,) a, b and black of the variance a + b (value - black) of a pixel value.
-    frames
-        1, or 2 where an ambient image, which is noisy as well, was subtracted.
-    least_bz
-        A slope is valid where bz^2 >= least_bz sigma rho, sigma the rms noise of the values.
-    gates
-        See `gates`.
+    `noise`, `frames` and `least_bz` are those of `robust._gate`, with sigma the rms noise of the
+    values.
     """
     lights = images.shape[0]
     rows, columns = p.shape

@@ -60,16 +60,7 @@ class Maps:
 class Problem:
     """Images under known lights, checked, to be solved for slopes and albedo.
 
-    Attributes
-    ----------
-    stack
-        The images and the ambient image.
-    lighting
-        The N lights.
-    full_scale
-        Pixel value at which the sensor saturates, or None.
-    sensor_noise
-        Of the sensor that took the images; None is estimated from the images.
+    The noise is estimated from the images where that of the sensor is not known.
     """
 
     stack: ImageStack

@@ -147,12 +147,8 @@ def test_lights_that_are_not_two_opposite_pairs_decide_nothing(stationary: Textu
 
 def test_photographs_under_a_measured_ring(photographs: np.ndarray) -> None:
     """The lights of images 6, 0, 2 and 4 are 11.6 to 13 degrees from the axis."""
-    directions = np.array(
-        [
-            image["direction"]
-            for image in json.loads((BUTTERFLY / "lights.json").read_text())["images"]
-        ]
-    )
+    images = json.loads((BUTTERFLY / "lights.json").read_text())["images"]
+    directions = np.array([image["direction"] for image in images])
     for chosen in ([6, 0, 2, 4], [7, 1, 3, 5]):
         lights = Lighting(directions[chosen])
         result = light_order(photographs[chosen], lights, full_scale=255)
