@@ -140,24 +140,14 @@ def test_a_set_without_a_valid_pixel_has_maps_and_no_roughness(
         assert not tifffile.imread(tmp_path / f"{name}.tif").any()
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (3, 200), (200, 3)])
-def test_images_of_any_shape_have_maps(
-    made_set: Callable[..., CapturedSet], tmp_path: Path, shape: tuple[int, int]
+@pytest.mark.parametrize("shape", [(4, 1, 1), (4, 3, 200), (4, 200, 3), (3, 40, 50), (9, 40, 50)])
+def test_sets_of_any_shape_and_number_of_lights_have_maps(
+    made_set: Callable[..., CapturedSet], tmp_path: Path, shape: tuple[int, int, int]
 ) -> None:
-    set_ = made_set(np.full((4, *shape), 2000, np.uint16))
-    write_maps(set_, set_.solve(), tmp_path)
+    set_ = made_set(np.full(shape, 2000, np.uint16))
+    write_maps(set_, set_.solve(None if len(set_.images) == 4 else "least_squares"), tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == NAMES
-    assert tifffile.imread(tmp_path / "mean_curvature.tif").shape == shape
-
-
-@pytest.mark.parametrize("lights", [3, 9])
-def test_sets_of_three_or_nine_lights_have_maps(
-    made_set: Callable[..., CapturedSet], tmp_path: Path, lights: int
-) -> None:
-    set_ = made_set(np.full((lights, 40, 50), 2000, np.uint16))
-    write_maps(set_, set_.solve("least_squares"), tmp_path)
-    page = (tmp_path / "index.html").read_text()
-    assert ("Light images (the first 8 of 9)" in page) == (lights == 9)
+    assert tifffile.imread(tmp_path / "mean_curvature.tif").shape == shape[1:]
 
 
 def test_relighting_needs_exactly_one_light(
