@@ -74,9 +74,9 @@ def _print_page(found: CameraLatency, changes: Mapping[str, Mapping[str, str | f
         table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)
     print_table(table)
     out.print(
-        f"{fit.caught} of the frames caught one of {found.switches} switches. The LED rises in "
-        f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); "
-        f"{found.settle_ms:g} ms after a switch a thousandth is missing. Rows are read out "
+        f"{fit.caught} frames contain one of {found.switches} switches. The LED rises in "
+        f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); it is "
+        f"within a thousandth of its level after {found.settle_ms:g} ms. Rows are read out "
         f"{'upwards' if fit.bottom_up else 'downwards'} in {1e3 * fit.readout_s:.2f} +- "
         f"{1e3 * fit.readout_error_s:.2f} ms.",
         soft_wrap=True,

@@ -60,7 +60,7 @@ def lights(
                 )
             try:
                 _hold(opened, leds, level)
-            except KeyboardInterrupt:  # the ordinary end
+            except KeyboardInterrupt:  # Ctrl-C is the normal end
                 opened.put_out()
                 out.print("all LEDs are out")
     finally:

@@ -78,7 +78,7 @@ def simulate(
         sys.stdout.flush()
         _run(simulation)
     except KeyboardInterrupt:
-        print(_status(simulation), file=sys.stderr)  # the ordinary end
+        print(_status(simulation), file=sys.stderr)  # Ctrl-C is the normal end
     finally:
         simulation.close()
 
