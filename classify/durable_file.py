@@ -108,7 +108,10 @@ def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int]
         temporary = home / f"{_PREFIX}{secrets.token_hex(8)}{suffix}"
         if is_folder:
             temporary.mkdir()
-            lock = os.open(temporary, os.O_DIRECTORY)
+            try:
+                lock = os.open(temporary, os.O_DIRECTORY)
+            except FileNotFoundError:
+                continue  # removed as abandoned, as below
         else:
             # `tempfile` makes files that only their owner may read. Changing that takes the umask,
             # which can be read only by setting it for all threads.

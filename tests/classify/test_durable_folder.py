@@ -1,6 +1,7 @@
 """Folders of results: replaced as a whole, and other files stay."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,13 @@ def test_a_file_in_the_place_of_the_folder_stays(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="maps: cannot be made: File exists"):
         write(tmp_path / "maps", "new")
     assert held(tmp_path) == {"maps": "mine"}
+
+
+def test_many_writers_share_a_parent_folder(tmp_path: Path) -> None:
+    def write(number: int) -> None:
+        with durable_folder(tmp_path / str(number), ["p.tif"], "p.tif") as temporary:
+            (temporary / "p.tif").write_text(str(number))
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(write, range(400)))
+    assert {path.name for path in tmp_path.iterdir()} == {str(number) for number in range(400)}
