@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 import time
@@ -82,8 +83,7 @@ class PreviewServer(ThreadingHTTPServer):
                     request.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        # A viewer that disconnects during an answer is not an error.
-        pass
+        """Ignore a viewer that disconnects during an answer."""
 
 
 class _Request(BaseHTTPRequestHandler):
@@ -98,22 +98,17 @@ class _Request(BaseHTTPRequestHandler):
             self._answer(421, "text/plain", b"not the address of the preview\n")
             return
         path = self.path.partition("?")[0]
+        light = re.fullmatch(r"/light/([0-9]{1,4})\.png", path)
         if path in _FILES:
             name, kind = _FILES[path]
             self._answer(200, kind, (_HERE / name).read_bytes())
         elif path == "/state.json":
             state = json.dumps(self.server.preview.state(), allow_nan=False)
             self._answer(200, "application/json", state.encode())
-        elif (png := self._png(path)) is not None:
+        elif light and (png := self.server.preview.png(int(light[1]))) is not None:
             self._answer(200, "image/png", png)
         else:
             self._answer(404, "text/plain", b"no such page\n")
-
-    def _png(self, path: str) -> bytes | None:
-        light = path.removeprefix("/light/").removesuffix(".png")
-        if path != f"/light/{light}.png" or not (light.isascii() and light.isdecimal()):
-            return None
-        return self.server.preview.png(int(light[:4]))
 
     def _answer(self, status: int, kind: str, body: bytes) -> None:
         self.send_response(status)
@@ -125,8 +120,7 @@ class _Request(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, *_: object) -> None:
-        # A line for every image would hide the messages of the command.
-        pass
+        """Print nothing: a line for every image would hide the messages of the command."""
 
 
 @contextmanager
