@@ -212,7 +212,9 @@ class OpencvCamera:
         if obeyed and held == value:
             return []
         seen = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
-        advice = "the camera does not obey, or has no such control; use kind = 'v4l2' or another"
+        advice = (
+            "the camera does not obey, or lacks the control; use kind = 'v4l2' or another camera"
+        )
         return [ControlFault(name.lower(), seen, advice)]
 
 

@@ -1,5 +1,5 @@
-"""Capture sets: light after light, fresh frames only, checked.
+"""Capture sets: fresh frames under one light after the other, and checks of the images.
 
 `attempts` holds `capture_set`. `light_images` and `fresh_frames` capture with lights switched by
-software, `hardware_set` with strobe or trigger. `quality` and `light_checks` reject sets.
+software, `hardware_set` with strobe or trigger. `light_checks` rejects sets.
 """

@@ -34,12 +34,12 @@ from .light_checks import (
     LightImages,
     check_agreement,
     check_ambient,
+    check_images,
     check_order,
     check_retake,
     retake_reasons,
 )
 from .light_images import images_under
-from .quality import check_images
 
 __all__ = ["MAX_ATTEMPTS", "MAX_AVERAGE", "capture_set"]
 

@@ -1,4 +1,4 @@
-"""Check whether light images show the lights that they are named for.
+"""Reject light images that are saturated, dark, or not of the light that they are named for.
 
 The redundancy of four light images of a matt surface shows faults. Where it cannot, the images are
 compared with a retake in the opposite order, in which a passing fault has other effects.
@@ -21,13 +21,17 @@ from classify.images.noise import SensorNoise
 from classify.lights.agreement import LightAgreement, image_difference, light_agreement
 from classify.lights.order import light_order
 from rig.acceptance import (
+    DEAD_LED_SHARE,
     LED_LEVEL_STANDARD_ERRORS,
     MAX_AMBIENT_CHANGE,
+    MAX_AMBIENT_SHARE,
     MAX_LED_LEVEL_DIFFERENCE,
     MAX_LED_LEVEL_ERROR,
     MAX_REDUNDANCY_RESIDUAL,
     MAX_RETAKE_CHANGE,
+    MAX_SATURATED_SHARE,
     MIN_COMPARED_ROWS,
+    MIN_SIGNAL_SHARE,
     WEAK_LED_SHARE,
 )
 
@@ -35,6 +39,7 @@ __all__ = [
     "LightImages",
     "check_agreement",
     "check_ambient",
+    "check_images",
     "check_order",
     "check_retake",
     "retake_reasons",
@@ -76,6 +81,43 @@ class LightImages:
         """(N,) mean of each light image above the ambient one."""
         signals: npt.NDArray[np.float64] = self.images.mean(axis=(1, 2)) - self.ambient.mean()
         return signals
+
+
+def check_images(images: LightImages) -> None:
+    """Reject images that are saturated or dark, by the levels of `rig.acceptance`.
+
+    Raises
+    ------
+    SetRejected
+        Names each such light with its value.
+    """
+    causes: list[str] = []
+    full_scale, ambient_mean = images.full_scale, float(images.ambient.mean())
+    if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
+        causes.append(
+            f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
+        )
+    signals = images.signals()
+    brightest = float(signals.max())
+    for name, image, signal in zip(images.names, images.images, signals, strict=True):
+        saturated = float(np.count_nonzero(image >= full_scale)) / image.size
+        if saturated > MAX_SATURATED_SHARE:
+            causes.append(
+                f"{name}: {saturated:.1%} of the pixels are saturated (limit "
+                f"{MAX_SATURATED_SHARE:.0%}); shorten the exposure"
+            )
+        elif signal < MIN_SIGNAL_SHARE * full_scale:
+            causes.append(
+                f"{name}: dark, {signal:.1f} of {full_scale} above ambient light: the LED is dead "
+                "or always on, or the exposure too short; run ps4rig rig doctor"
+            )
+        elif signal < DEAD_LED_SHARE * brightest:
+            causes.append(
+                f"{name}: only {signal / brightest:.0%} of the brightest light (limit "
+                f"{DEAD_LED_SHARE:.0%}); uncover or replace the LED"
+            )
+    if causes:
+        raise SetRejected("set rejected: " + "; ".join(causes))
 
 
 def check_ambient(images: LightImages) -> float | None:

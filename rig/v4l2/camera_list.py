@@ -32,7 +32,7 @@ class ListedCamera:
     controls
         Controls with their values; None for a control without an integer value.
     problem
-        Cause why the camera could not be queried, or None.
+        Error of the query, None if it succeeded.
     """
 
     node: Path
