@@ -1,4 +1,4 @@
-"""Features of the joint classifier: what it observes, as vectors whose squared differences add up.
+"""Features of the joint classifier: observations, and vectors whose squared differences add up.
 
 The tuned numbers below are held by the recognition, rejection and shadow tests of
 ``tests/classify/classifiers/test_joint.py`` and by the tables of ``ps4rig reproduce``.
@@ -137,7 +137,7 @@ def _polar(spectra: Spectra) -> FloatMap:
 def spectral_series(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> Complex:
     """(..., 3, R, A) densities to (..., SERIES, 16): log relief, log albedo, coherence, weighted.
 
-    The floor is added to each density: logarithms of errors would differ as much as those of
+    The floor is added to each density: logarithms of errors would vary like those of
     textures.
     """
     floor = np.float32(density_floor)

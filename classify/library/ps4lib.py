@@ -120,14 +120,16 @@ class _Archive:
         info = self._member(_HEADER)
         if info.file_size > _MAX_HEADER_BYTES:
             raise LibraryError(
-                f"{_HEADER} has {info.file_size} bytes; more than {_MAX_HEADER_BYTES} are refused"
+                f"{_HEADER} has {info.file_size} bytes, over {_MAX_HEADER_BYTES}; train it again"
             )
         return self._archive.read(info)
 
     def parameters(self) -> dict[str, Array]:
         names = [name for name in self.names if name.startswith(_PARAMETERS)]
         if len(names) > _MAX_PARAMETERS:
-            raise LibraryError(f"holds {len(names)} parameters; the file is damaged")
+            raise LibraryError(
+                f"holds {len(names)} parameters; the file is damaged, train it again"
+            )
         return {
             name.removeprefix(_PARAMETERS).removesuffix(".npy"): self.array(name, "<f8")
             for name in names

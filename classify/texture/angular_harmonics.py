@@ -93,12 +93,10 @@ def shift_invariant_norms(series: Complex) -> FloatMap:
     """(..., K, 16) series to (..., 2 K) float32 that no shift changes.
 
     They are harmonic 0 of each map, which is real, and the norm of all others. The squared distance
-    of two such vectors is at most their least error (triangle inequality).
+    of two of these vectors is at most the least error of their maps (triangle inequality).
     """
-    norms: FloatMap = np.concatenate(
-        [series[..., 0].real, np.sqrt(_squares(series[..., 1:]).sum(axis=-1))], axis=-1
-    ).astype(np.float32)
-    return norms
+    others = np.sqrt(_squares(series[..., 1:]).sum(axis=-1))
+    return np.concatenate([series[..., 0].real, others], axis=-1, dtype=np.float32)
 
 
 def _squares(series: Complex) -> npt.NDArray[np.float32]:

@@ -172,10 +172,8 @@ def _wave_directions(side: int) -> FloatMap:
     radius = np.hypot(u, v)
     radius[0, 0] = 1.0
     cos, sin = u / radius, v / radius
-    directions: FloatMap = np.stack([cos, sin, cos * cos - sin * sin, 2.0 * cos * sin]).astype(
-        np.float32
-    )
-    return directions
+    directions = np.stack([cos, sin, cos * cos - sin * sin, 2.0 * cos * sin])
+    return np.asarray(directions, np.float32)
 
 
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:

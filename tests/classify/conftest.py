@@ -163,7 +163,7 @@ def stationary() -> Texture:
 
 
 def _photographed(surface: SurfaceEstimate, slant_deg: float = 45.0) -> SurfaceEstimate:
-    """The surface with 16-bit images of it, without cast shadows, and their lights."""
+    """The surface with its 16-bit images, without cast shadows, and their lights."""
     lighting = Lighting.ring(slant_deg)
     shading = np.einsum("nk,hwk->nhw", lighting.directions, surface.normals)
     images = np.clip(surface.albedo * np.maximum(shading, 0.0) * 50_000, 0, 65_535)
@@ -172,5 +172,5 @@ def _photographed(surface: SurfaceEstimate, slant_deg: float = 45.0) -> SurfaceE
 
 @pytest.fixture(scope="session")
 def photographed() -> Texture:
-    """Give a surface images of it: surface, slant_deg."""
+    """Add images to a surface: surface, slant_deg."""
     return _photographed

@@ -81,10 +81,6 @@ def test_two_equally_near_classes_make_a_surface_unknown() -> None:
         assert match.reason == "b and a are equally near"
 
 
-def test_equal_distances_within_a_class_are_no_tie() -> None:
-    assert matched([0.2, 0.4, 0.2, 1.0]).label == "a"
-
-
 def test_a_single_class_has_no_runner_up() -> None:
     match = matched([0.2, 0.1], ("a", "a"))
     assert match.label == "a"

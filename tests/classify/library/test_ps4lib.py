@@ -71,7 +71,7 @@ def write_members(path: Path, content: dict[str, bytes], compression: int = zipf
 
 
 def put(path: Path, **content: bytes) -> None:
-    """Replace or add members by name, ``.npy`` understood; ``header`` is the JSON header."""
+    """Replace or add members, named without ``.npy``; ``header`` is the JSON header."""
     names = {name: "library.json" if name == "header" else f"{name}.npy" for name in content}
     write_members(path, members(path) | {names[name]: data for name, data in content.items()})
 
@@ -555,7 +555,7 @@ def test_nan_in_a_mapped_library_is_found_by_a_match(saved: Path, stationary) ->
         (0, b"PK\x01\x02"),  # no local header
         (26, b"\xff\xff"),  # a name of 65,535 bytes
         (26, b"\x00\x00"),  # no name
-        (28, b"\xff\xff"),  # as much more behind the name
+        (28, b"\xff\xff"),  # an extra field of 65,535 bytes
         (28, b"\x00\x00"),
         (28, b"\x04\x00"),
         (30, b"S"),  # another name

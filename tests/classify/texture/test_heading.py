@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from classify import Match, SurfaceEstimate, TextureLibrary
+from classify import SurfaceEstimate, TextureLibrary
 from classify.texture.fields import texture_fields
 from classify.texture.heading import (
     HEADING_FLOATS,
@@ -42,14 +42,9 @@ def sawtooth(
 
 @pytest.fixture(scope="module")
 def library(stationary, surface_of) -> TextureLibrary:
-    return TextureLibrary.train(
-        [
-            ("sawtooth", sawtooth(surface_of, 0.0, 0)),
-            ("even", sawtooth(surface_of, 0.0, 1, skew=0.0)),
-            ("malv", stationary("malv", seed=1, side=SIDE)),
-            ("brushed", stationary("brushed", seed=1, side=SIDE)),
-        ]
-    )
+    ripples, even = sawtooth(surface_of, 0.0, 0), sawtooth(surface_of, 0.0, 1, skew=0.0)
+    others = [(kind, stationary(kind, seed=1, side=SIDE)) for kind in ("malv", "brushed")]
+    return TextureLibrary.train([("sawtooth", ripples), ("even", even), *others])
 
 
 @pytest.mark.parametrize("orientation_deg", [0.0, 33.0, 90.0, 150.0, 180.0, 213.0, 270.0, 341.0])
@@ -75,7 +70,7 @@ def test_a_texture_with_equal_sides_has_no_heading(
 
 
 def test_sets_of_a_class_are_aligned_over_the_full_circle(surface_of) -> None:
-    """The second set was learned upside down: its orientation is 200, not 20."""
+    """The second set is at 200 degrees, not at 20."""
     first, second = (sawtooth(surface_of, angle, seed) for angle, seed in ((0.0, 0), (200.0, 1)))
     library = TextureLibrary.train([("sawtooth", first), ("sawtooth", second)])
     assert library.orientations_deg[-1] == pytest.approx(200.0, abs=2.0)
@@ -92,13 +87,9 @@ def test_sets_of_a_class_are_aligned_over_the_full_circle(surface_of) -> None:
 
 def test_a_set_aligned_modulo_180_gives_no_heading(surface_of) -> None:
     """A skewed set that is aligned to an even one has an orientation modulo 180 only."""
-    library = TextureLibrary.train(
-        [
-            ("ripples", sawtooth(surface_of, 0.0, 0, skew=0.0)),
-            ("ripples", sawtooth(surface_of, 40.0, 1)),
-        ]
-    )
-    match: Match = library.classify(sawtooth(surface_of, 60.0, 2))
+    even, skewed = sawtooth(surface_of, 0.0, 0, skew=0.0), sawtooth(surface_of, 40.0, 1)
+    library = TextureLibrary.train([("ripples", even), ("ripples", skewed)])
+    match = library.classify(sawtooth(surface_of, 60.0, 2))
     assert match.orientation_deg == pytest.approx(60.0, abs=2.0)
     assert match.heading_deg is None
 

@@ -131,11 +131,12 @@ def test_a_frame_smaller_than_the_segments_asked_for_is_refused(texture) -> None
             surface_spectra(texture("grain"), segment_px=side)
 
 
-def test_a_smooth_plane_has_no_spectrum(surface_of) -> None:
+def test_a_smooth_plane_and_a_constant_image_have_no_spectrum(surface_of) -> None:
     ones = np.ones((80, 100))
     spectra = surface_spectra(surface_of(0.3 * ones, -0.1 * ones, 0.7 * ones))
     np.testing.assert_allclose(spectra.gradient, 0.0, atol=1e-10)
     np.testing.assert_allclose(spectra.albedo, 0.0, atol=1e-10)
+    np.testing.assert_allclose(image_spectrum(np.full((64, 80), 200, np.uint8), 32), 0.0, atol=1e-9)
 
 
 def coherence(spectra) -> np.ndarray:
@@ -253,10 +254,6 @@ def test_images_without_a_spectrum_are_refused() -> None:
         image_spectrum(np.zeros((64, 64), np.uint8), 32)
     with pytest.raises(InputError, match="smaller than the 64 px segments"):
         image_spectrum(np.ones((64, 63), np.uint8), 64)
-
-
-def test_the_spectrum_of_a_constant_image_is_zero() -> None:
-    np.testing.assert_allclose(image_spectrum(np.full((64, 80), 200, np.uint8), 32), 0.0, atol=1e-9)
 
 
 def test_fields_have_the_spectra_of_their_surface(texture) -> None:
