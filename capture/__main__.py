@@ -1,12 +1,8 @@
 """The start of ``ps4rig`` and ``python -m capture``."""
 
-from __future__ import annotations
-
 import sys
 
 from .process.interrupts import INTERRUPTED_LINE, INTERRUPTED_STATUS, install_handlers
-
-__all__ = ["main"]
 
 
 def main() -> None:

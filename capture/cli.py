@@ -3,8 +3,6 @@
 A command imports what it needs when it runs, so that ``--help`` answers at once.
 """
 
-from __future__ import annotations
-
 import logging
 import shutil
 import sys
@@ -20,8 +18,6 @@ from .commands.rig import rig_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
 from .process_settings import settle_process
-
-__all__ = ["app", "run"]
 
 app = typer.Typer(
     pretty_exceptions_enable=False,

@@ -18,8 +18,6 @@ from .process.interrupts import INTERRUPTED_STATUS, interruptible
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["complain", "new_table", "out", "print_json", "print_table", "progress", "reported"]
-
 _ANY_WIDTH = 10_000  # of a terminal, to measure a table without a limit
 
 P = ParamSpec("P")

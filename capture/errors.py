@@ -2,8 +2,6 @@
 
 from classify.errors import Ps4rigError
 
-__all__ = ["SetRejected"]
-
 
 class SetRejected(Ps4rigError):  # noqa: N818 - a verdict on a set, not an error of the program
     """A set failed its checks and is not written; the message names every cause."""

@@ -1,14 +1,10 @@
 """Check an output file before a command starts its work."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 
 from classify.durable_file import require_folder
 from classify.errors import InputError
-
-__all__ = ["check_output"]
 
 
 def check_output(

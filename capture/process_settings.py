@@ -1,14 +1,10 @@
 """Memory and thread settings of a process that works on many frames."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys
 
 from classify.threads import thread_count
-
-__all__ = ["settle_process"]
 
 # Names and numbers of mallopt(3).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3

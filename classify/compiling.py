@@ -1,7 +1,5 @@
 """Compile numeric kernels, and keep the machine code on disk where that is possible."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,8 +9,6 @@ from typing import Any
 
 import numpy.typing as npt
 from numba import njit
-
-__all__ = ["Array", "kernel", "kernel_cache_folder"]
 
 Array = npt.NDArray[Any]
 """An argument of a kernel, of the type that its function states."""

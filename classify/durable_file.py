@@ -1,7 +1,5 @@
 """Write files so that no reader, even after a power cut, sees a partial one."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import secrets
@@ -11,8 +9,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
-
-__all__ = ["durable_file", "locked_temporary", "make_folder", "require_folder", "sync"]
 
 _PREFIX = ".writing-"
 

@@ -1,7 +1,5 @@
 """Replace a folder of result files so that no reader sees files of two results."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 from collections.abc import Collection, Iterator
@@ -10,8 +8,6 @@ from pathlib import Path
 
 from .durable_file import locked_temporary, make_folder, sync
 from .errors import InputError
-
-__all__ = ["durable_folder"]
 
 # From linux/fcntl.h and linux/fs.h.
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2

@@ -1,7 +1,5 @@
 """Base classes of all exceptions; `rig` and `capture` derive theirs from them."""
 
-__all__ = ["InputError", "LibraryError", "Ps4rigError"]
-
 
 class Ps4rigError(Exception):
     """An error reported in one line; the command line then returns `exit_status`."""

@@ -2,8 +2,6 @@
 
 from .errors import InputError
 
-__all__ = ["checked_label"]
-
 
 def checked_label(label: str) -> str:
     """Return `label` if it can name a class in files, tables and results.

@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from .errors import InputError
 
-__all__ = ["RING_TILTS_DEG", "Lighting", "light_vectors"]
-
 RING_TILTS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 

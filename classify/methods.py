@@ -1,10 +1,6 @@
 """Names of solvers and classifiers, in a file that loads no numerics."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
-
-__all__ = ["CLASSIFIER_NAMES", "DEFAULT_CLASSIFIER", "METHODS", "Method"]
 
 Method = Literal[
     "ps3a", "ps3b", "ps3c", "ps3d", "ps4", "least_squares", "rushmeier", "drbohlav", "ps4_robust"

@@ -1,15 +1,11 @@
 """Reading input files: regular files of bounded size, never pipes or devices."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path
 from typing import BinaryIO
 
 from .errors import InputError
-
-__all__ = ["open_regular_file", "read_regular_file"]
 
 # Opening a pipe without a writer would block without O_NONBLOCK; a terminal must not become ours.
 _FLAGS = os.O_NONBLOCK | os.O_NOCTTY

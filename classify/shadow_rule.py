@@ -2,8 +2,6 @@
 
 import numpy as np
 
-__all__ = ["MIN_NORMAL_Z", "MIN_SCALED_Z", "NO_DROPPED_LIGHT", "SHADOW_FLOOR", "SHADOW_FRACTION"]
-
 # A normal nearer to the horizon than this (a slope of 50) is noise, not surface.
 MIN_NORMAL_Z = np.float32(0.02)
 # Slopes are divided by the z component of the scaled normal; 1 / 1e-38 is infinite in float32.

@@ -1,7 +1,5 @@
 """Share out work among threads that are kept from call to call."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,8 +7,6 @@ from functools import lru_cache
 from typing import TypeVar
 
 from .errors import InputError
-
-__all__ = ["STRIP_PX", "map_in_threads", "run_on_rows", "set_thread_count", "thread_count"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

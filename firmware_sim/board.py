@@ -9,8 +9,6 @@ from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
 from .led import Led, LedLight
 
-__all__ = ["Board", "SimulatedBoard"]
-
 _OUTPUT_BYTES = 4096  # that wait for a host; about 100 replies
 _CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
 

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Clock", "RealClock", "VirtualClock"]
-
 _TICK_NS = 1_000_000
 
 

@@ -7,8 +7,6 @@ from .board import SimulatedBoard
 from .clock import Clock
 from .firmware import Firmware
 
-__all__ = ["SimulatedController"]
-
 
 class SimulatedController:
     """An LED controller as a host sees it at the other end of a cable.

@@ -11,15 +11,6 @@ import termios
 import tty
 from pathlib import Path
 
-__all__ = [
-    "Endpoint",
-    "PtyEndpoint",
-    "SocketEndpoint",
-    "TtyEndpoint",
-    "tcp_endpoint",
-    "unix_endpoint",
-]
-
 
 class Endpoint:
     """A place to connect to, for one host at a time.

@@ -12,8 +12,6 @@ from .clock import Clock
 from .controller import SimulatedController
 from .led import Led, LedLight
 
-__all__ = ["FaultyLine", "LedFault", "LineFault", "When", "faulty_leds", "require"]
-
 # Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
 # period is exact to rounding, since a sine sampled evenly sums to zero.
 _PIECES_PER_PERIOD = 16

@@ -5,8 +5,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["Led", "LedLight"]
-
 _HISTORY_EVENTS = 65536  # at two switches a second more than nine hours
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 

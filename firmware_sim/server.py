@@ -11,8 +11,6 @@ from .clock import VirtualClock
 from .controller import SimulatedController
 from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
 
-__all__ = ["Server", "serve_pty", "serve_tcp", "serve_tty", "serve_unix"]
-
 _POLL_MS = 5  # longest time between two polls; the watchdog is late by this at most
 _READ_BYTES = 256  # few lines at a time, so that stop() does not wait for many link delays
 

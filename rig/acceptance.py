@@ -6,23 +6,6 @@ of full scale unless stated otherwise. The fault matrix in
 is accepted), ``test_clean_sets.py`` beside it holds the lower ones (no good set is rejected).
 """
 
-__all__ = [
-    "DEAD_LED_SHARE",
-    "EQUAL_LED_LEVELS",
-    "HIGH_AMBIENT_SHARE",
-    "LED_LEVEL_STANDARD_ERRORS",
-    "MAX_AMBIENT_CHANGE",
-    "MAX_AMBIENT_SHARE",
-    "MAX_LED_LEVEL_DIFFERENCE",
-    "MAX_LED_LEVEL_ERROR",
-    "MAX_REDUNDANCY_RESIDUAL",
-    "MAX_RETAKE_CHANGE",
-    "MAX_SATURATED_SHARE",
-    "MIN_COMPARED_ROWS",
-    "MIN_SIGNAL_SHARE",
-    "WEAK_LED_SHARE",
-]
-
 # Signal of an LED (mean of its light image above ambient light) as a share of the brightest LED's.
 # Low enough for a part that is half in shadow, high enough that noise does not dominate a slope.
 DEAD_LED_SHARE = 0.1

@@ -10,8 +10,6 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Camera", "CameraInfo", "Frame", "FrameFlag", "Pixels"]
-
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 

@@ -4,15 +4,6 @@ from dataclasses import dataclass
 
 from classify.errors import InputError, Ps4rigError
 
-__all__ = [
-    "CameraError",
-    "ConfigError",
-    "ControlError",
-    "ControlFault",
-    "HardwareError",
-    "LightControllerError",
-]
-
 
 class ConfigError(InputError):
     """A rig configuration that cannot be used; the message names file and field."""

@@ -1,11 +1,7 @@
 """Exposure start of a frame from its driver's time stamp."""
 
-from __future__ import annotations
-
 from .config.camera import StampedCameraConfig
 from .errors import ConfigError
-
-__all__ = ["exposure_start_s", "require_measured_mode", "start_known_to_s"]
 
 
 def exposure_start_s(

@@ -1,7 +1,5 @@
 """Wait for a frame that was exposed after a switch of the lights."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from enum import Enum
@@ -10,16 +8,6 @@ from .camera import Frame, FrameFlag
 from .errors import CameraError
 from .lights.driver import Switch
 from .rig import Rig
-
-__all__ = [
-    "FrameKind",
-    "NoFreshFrameError",
-    "frames_until_fresh",
-    "fresh_frame",
-    "kind_of",
-    "next_fresh_frame",
-    "switch_to",
-]
 
 # Time to wait beyond what frame rate and queue explain, for a camera that has just started to
 # stream or a busy computer. A longer time only delays the error message.

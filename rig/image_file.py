@@ -4,8 +4,6 @@ OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints w
 is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import struct
@@ -20,8 +18,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
-
-__all__ = ["read_image"]
 
 Image = npt.NDArray[np.uint8 | np.uint16]
 _MAX_BYTES = 2**31

@@ -1,7 +1,5 @@
 """The commented ``rig.toml`` that ``ps4rig rig init`` writes, from the devices plugged in."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -13,8 +11,6 @@ from .lights.discovery import SerialPort, identify
 from .lights.link import ControllerIdentity
 from .v4l2.camera_list import ListedCamera
 from .v4l2.pixel_formats import PIXEL_FORMATS
-
-__all__ = ["answering_controllers", "initial_config"]
 
 Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 

@@ -1,7 +1,5 @@
 """A camera through OpenCV, for systems without V4L2; its frame times are only bounded."""
 
-from __future__ import annotations
-
 import queue
 import threading
 import time
@@ -15,8 +13,6 @@ from .camera import CameraInfo, Frame, Pixels
 from .config.camera import OpencvCameraConfig
 from .errors import CameraError, ControlError, ControlFault
 from .v4l2.camera_list import device_path
-
-__all__ = ["OpencvCamera"]
 
 # Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
 _UNKNOWN_BUFFERS = 10

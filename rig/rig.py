@@ -1,7 +1,5 @@
 """An open rig: lights, camera and one clock for both."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +19,6 @@ from .lights.recovery import Whereabouts
 from .lights.timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .signals import uninterrupted
 from .simulation.rig import Simulation
-
-__all__ = ["Rig", "clock_of", "open_camera", "open_lights", "open_rig", "port_of"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,6 @@
 `capture` writes and solves these files; a camera of `rig` replays them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import xml.etree.ElementTree as ET
@@ -19,16 +17,6 @@ import tifffile
 
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
-
-__all__ = [
-    "NAMESPACE",
-    "SCHEMA_VERSION",
-    "Planes",
-    "fields_sha256",
-    "pixels_sha256",
-    "read_set_file",
-    "read_set_header",
-]
 
 SCHEMA_VERSION = 2
 NAMESPACE = "ps4rig/captured-set"

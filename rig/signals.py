@@ -1,13 +1,9 @@
 """Hold signals back during actions that must not be interrupted, such as putting LEDs out."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-__all__ = ["signals_held_back", "uninterrupted"]
 
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 from rig import Camera, CameraInfo, Frame, Rig
 
-__all__ = ["with_frames"]
-
 
 @dataclass
 class _ChangedCamera:

@@ -4,8 +4,6 @@ import os
 import shutil
 from pathlib import Path
 
-__all__ = ["KERNEL", "MICROPYTHON", "NEEDS", "missing"]
-
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4rig"
 KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
 MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")

@@ -1,7 +1,5 @@
 """`capture_set`: attempts at a set until its light images pass all checks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
@@ -40,8 +38,6 @@ from .light_checks import (
     retake_reasons,
 )
 from .light_images import images_under
-
-__all__ = ["MAX_ATTEMPTS", "MAX_AVERAGE", "capture_set"]
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024

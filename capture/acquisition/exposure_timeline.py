@@ -1,13 +1,9 @@
 """Exposure times of the frames of a set, from all their time stamps together."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 
 from capture.errors import SetRejected
-
-__all__ = ["ExposureTimeline"]
 
 # Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
 # the error of the period is larger than the pause between two exposures.

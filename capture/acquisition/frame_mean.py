@@ -1,7 +1,5 @@
 """Images of a set from frames: each frame is checked, and several are averaged to 16 bits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +7,6 @@ import numpy.typing as npt
 
 from capture.sets.metadata import FrameRecord, ImageRecord
 from rig import CameraError, CameraInfo, Frame
-
-__all__ = ["FrameMean", "SetImage", "check_frame"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,5 @@
 """Fresh frames of one light slot, and counts of all other frames."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from capture.errors import SetRejected
@@ -11,8 +9,6 @@ from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_fr
 from .exposure_timeline import ExposureTimeline
 from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
-
-__all__ = ["FrameHistory", "FreshFrames", "light_name"]
 
 # As in `rig.fresh_frame`, but shorter, because a set has several attempts.
 _SPARE_S = 0.5

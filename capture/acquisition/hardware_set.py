@@ -4,8 +4,6 @@ The controller records the edges of the camera's strobe, this computer receives 
 is assigned to a light only if both agree, in the number of frames from light to light and in time.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -28,8 +26,6 @@ from rig.lights.sequence import exposure_left_s
 
 from .frame_mean import FrameMean, SetImage, check_frame
 from .fresh_frames import light_name
-
-__all__ = ["images_in_sequence"]
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.

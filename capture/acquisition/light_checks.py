@@ -4,8 +4,6 @@ The redundancy of four light images of a matt surface shows faults. Where it can
 compared with a retake in the opposite order, in which a passing fault has other effects.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -34,16 +32,6 @@ from rig.acceptance import (
     MIN_SIGNAL_SHARE,
     WEAK_LED_SHARE,
 )
-
-__all__ = [
-    "LightImages",
-    "check_agreement",
-    "check_ambient",
-    "check_images",
-    "check_order",
-    "check_retake",
-    "retake_reasons",
-]
 
 Images = npt.NDArray[np.uint16]
 

@@ -5,8 +5,6 @@ end of exposure can be predicted, the next light is switched on at that time, an
 the frame must confirm the prediction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from capture.sets.metadata import ImageRecord
@@ -15,8 +13,6 @@ from rig.fresh_frame import FrameKind, switch_to
 
 from .frame_mean import FrameMean, SetImage
 from .fresh_frames import FrameHistory, FreshFrames
-
-__all__ = ["images_under"]
 
 
 def images_under(

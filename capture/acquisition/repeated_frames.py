@@ -1,10 +1,6 @@
 """Frames that the camera delivers twice, recognised by their number or by their pixels."""
 
-from __future__ import annotations
-
 from rig import Frame
-
-__all__ = ["RepeatDetector"]
 
 # Pixels compared. With noise of 1 DN two exposures agree in a third of their pixels; even where
 # most of the noise is rounded away, some of so many pixels differ.

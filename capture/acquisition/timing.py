@@ -1,7 +1,5 @@
 """Measure how long sets take, with lights switched by software and by the controller."""
 
-from __future__ import annotations
-
 import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,8 +12,6 @@ from rig import RigConfig, open_rig
 from rig.latency.switch import measure_switch_latency
 
 from .attempts import capture_set
-
-__all__ = ["SetTiming", "compared_configs", "measure_set_timing"]
 
 # Frame rates in Hz, each with an exposure in ms after which the LEDs can settle within the period.
 _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))

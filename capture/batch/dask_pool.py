@@ -1,7 +1,5 @@
 """Workers of a Dask cluster."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -11,8 +9,6 @@ from typing import TypeVar
 from classify.errors import InputError
 
 from .one_thread import call_in_one_thread
-
-__all__ = ["DaskPool"]
 
 # Least number of submitted items, so that workers that join later find work. It costs little
 # memory, because an item is a path.

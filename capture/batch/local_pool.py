@@ -1,7 +1,5 @@
 """Worker processes on this machine."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -13,8 +11,6 @@ from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
 from .one_thread import call_in_one_thread
-
-__all__ = ["LocalPool"]
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1

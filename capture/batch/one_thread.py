@@ -1,12 +1,8 @@
 """Run the items of a batch in one thread."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import TypeVar
-
-__all__ = ["call_in_one_thread"]
 
 _one_at_a_time = threading.Lock()
 

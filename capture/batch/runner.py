@@ -4,8 +4,6 @@ All three yield the same results: one for each item, in the order of the items. 
 function is raised in place of the item's result. The items of a killed worker are run again.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections import deque
@@ -16,8 +14,6 @@ from itertools import chain, islice
 from typing import Generic, Protocol, Self, TypeVar
 
 from classify.errors import InputError
-
-__all__ = ["Batch", "Pool"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

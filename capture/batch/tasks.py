@@ -4,8 +4,6 @@ Each function reads the set from its file and returns a small result without pix
 absolute, because a worker of a cluster has another working folder.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,18 +24,6 @@ from classify.labels import checked_label
 from classify.library.training import observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
-
-__all__ = [
-    "ClassifiedSet",
-    "SetHeader",
-    "SolveTask",
-    "SolvedSet",
-    "classify_set",
-    "observe_set",
-    "read_header",
-    "solve_set",
-    "warn_unprotected",
-]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Train texture libraries from captured sets."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from functools import partial
@@ -15,8 +13,6 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
 from .tasks import observe_set, read_header, warn_unprotected
-
-__all__ = ["retrain_library", "train_library"]
 
 
 def train_library(

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from classify import Lighting
     from rig import Placement, Rig
 
-__all__ = ["capture", "import_", "solve"]
-
 LabelOption = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 
 _RING = "0,90,180,270"

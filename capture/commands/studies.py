@@ -1,7 +1,5 @@
 """Commands that measure this package: demo, reproduce, bench."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +8,6 @@ import typer
 from capture.console import out, reported
 
 from . import options
-
-__all__ = ["bench", "demo", "reproduce"]
 
 
 @reported

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from capture.batch.tasks import ClassifiedSet
     from classify import Evaluation
 
-__all__ = ["classify", "evaluate_", "train"]
-
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]

@@ -1,7 +1,5 @@
 """The maps of a solved set as files: float32 TIFF, PNG, JSON and a page."""
 
-from __future__ import annotations
-
 import json
 from importlib.metadata import version
 from pathlib import Path
@@ -20,8 +18,6 @@ from .page import map_page
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
 from .views import map_views
-
-__all__ = ["write_maps"]
 
 # preview.png shows the first maps of each section of the page, in rows of four.
 _PREVIEW_ROW = 4

@@ -1,7 +1,5 @@
 """The page of maps: one self-contained HTML file."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Iterator, Sequence
 from html import escape
@@ -19,8 +17,6 @@ from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
-
-__all__ = ["map_page"]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 # A smaller picture is enlarged on the page, with square pixels instead of interpolation.

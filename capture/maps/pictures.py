@@ -14,22 +14,6 @@ from classify import Lighting, SurfaceEstimate
 from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import FloatMap
 
-__all__ = [
-    "ColourScale",
-    "Picture",
-    "contact_sheet",
-    "dropped_colours",
-    "dropped_map",
-    "grey",
-    "light_images",
-    "normal_map",
-    "png_bytes",
-    "reduced",
-    "shaded",
-    "shadow_colours",
-    "shadow_map",
-]
-
 Picture = npt.NDArray[np.uint8]
 _PICTURE_PX = 512  # twice the width of a map on the page
 # Percentile of the values at the end of a colour scale, so that outliers do not pale the rest.

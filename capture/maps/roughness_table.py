@@ -1,12 +1,8 @@
 """Roughness parameters with names and units."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from classify import Roughness
-
-__all__ = ["ROUGHNESS_NOTE", "roughness_parameters"]
 
 ROUGHNESS_NOTE = (
     "ISO 25178-2 over the valid pixels, at the scale of a pixel; noise raises all of them. Sa and "

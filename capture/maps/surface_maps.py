@@ -17,8 +17,6 @@ from classify import (
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 
-__all__ = ["RELIT_LIGHT", "SurfaceMaps"]
-
 # From the upper left, as viewers expect, and between two lights of the ring.
 RELIT_LIGHT = Lighting.from_angles([135.0], 45.0)
 

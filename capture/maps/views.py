@@ -1,7 +1,5 @@
 """The maps of a surface as shown on the page: a picture, its colours and a caption for each."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,8 +17,6 @@ from classify.surface.estimate import FloatMap
 from . import pictures
 from .pictures import ColourScale, Picture
 from .surface_maps import SurfaceMaps
-
-__all__ = ["SHOWN_LIGHTS", "MapView", "map_views"]
 
 # Light images on the page; a dome may have hundreds.
 SHOWN_LIGHTS = 8

@@ -1,7 +1,5 @@
 """The loop of the preview: show light after light, and open the rig again after an error."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable
@@ -13,8 +11,6 @@ from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
 from .preview_image import PreviewImage, preview_image
-
-__all__ = ["Preview", "run_preview"]
 
 # Time to plug in a cable again.
 _RETRY_S = 2.0

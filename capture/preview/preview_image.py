@@ -1,7 +1,5 @@
 """The preview of one frame: an image, a histogram and a few figures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2
@@ -9,8 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rig import Frame
-
-__all__ = ["PreviewImage", "preview_image"]
 
 # Enough to judge focus and framing where the page shows four images.
 _LONGEST_SIDE_PX = 800

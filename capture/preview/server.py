@@ -1,7 +1,5 @@
 """The web server of the preview, on 127.0.0.1 only."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket
@@ -16,8 +14,6 @@ from typing import Any
 from classify.errors import InputError
 
 from .loop import Preview
-
-__all__ = ["MAX_REQUESTS", "PreviewServer", "serving"]
 
 _ADDRESS = "127.0.0.1"
 # Simultaneous requests, each with a thread; a page makes up to six. Further ones are closed.

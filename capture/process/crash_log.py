@@ -1,7 +1,5 @@
 """Log files of unforeseen errors."""
 
-from __future__ import annotations
-
 import os
 import platform
 import sys
@@ -12,8 +10,6 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-
-__all__ = ["CRASH_STATUS", "log_threads", "report_crash"]
 
 CRASH_STATUS = 70  # EX_SOFTWARE of sysexits.h
 # Enough for several reports of a fault, and at most 1.3 MB on the disk.

@@ -17,8 +17,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-__all__ = ["INTERRUPTED_LINE", "INTERRUPTED_STATUS", "install_handlers", "interruptible"]
-
 INTERRUPTED_STATUS = 130  # 128 + SIGINT, as shells report it
 INTERRUPTED_LINE = "ps4rig: interrupted"
 # Time for a command to clean up undisturbed. It covers the time-outs of a controller that no longer

@@ -1,13 +1,9 @@
 """Standard output and standard error that accept all writes."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys
 from typing import Any, TextIO
-
-__all__ = ["StandardStreams"]
 
 BROKEN_PIPE_STATUS = 141  # 128 + SIGPIPE, as shells report it
 WRITE_ERROR_STATUS = 2

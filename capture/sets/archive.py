@@ -1,7 +1,5 @@
 """Find captured sets below folders, and name a folder for the results of each."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,8 +7,6 @@ from pathlib import Path
 from classify.errors import InputError
 
 from .ome_tiff import SUFFIX
-
-__all__ = ["find_sets", "output_folders"]
 
 
 def find_sets(places: Sequence[Path]) -> list[Path]:

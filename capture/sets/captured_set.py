@@ -14,8 +14,6 @@ from classify.errors import InputError
 from . import ome_tiff
 from .metadata import SetMetadata, image_noise
 
-__all__ = ["CapturedSet"]
-
 
 @dataclass(frozen=True, eq=False)
 class CapturedSet:

@@ -1,7 +1,5 @@
 """Import of photographs as a captured set."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -20,8 +18,6 @@ from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
 from .metadata import ImageRecord, LightingRecord, SetMetadata
-
-__all__ = ["Gamma", "import_images"]
 
 Gamma = Literal["linear", "srgb"]
 

@@ -1,7 +1,5 @@
 """Light directions of photographs, from an RTI ``.lp`` file or JSON."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -14,8 +12,6 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter
 from classify import Lighting
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
-
-__all__ = ["LightList", "load_light_list"]
 
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient

@@ -1,7 +1,5 @@
 """The metadata of a captured set: the JSON inside its file."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Literal, Self
 
@@ -11,18 +9,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 from classify import Lighting
 from classify.images.noise import SensorNoise
 from rig import Placement
-
-__all__ = [
-    "UNPROTECTED",
-    "CameraRecord",
-    "ChecksRecord",
-    "ControllerRecord",
-    "FrameRecord",
-    "ImageRecord",
-    "LightingRecord",
-    "SetMetadata",
-    "image_noise",
-]
 
 UNPROTECTED = (
     "a set of schema 1: its metadata have no hash, so that a change of lights or label after the "

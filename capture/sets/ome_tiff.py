@@ -1,7 +1,5 @@
 """A captured set as one multi-page 16-bit OME-TIFF that Fiji, QuPath and tifffile open."""
 
-from __future__ import annotations
-
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -23,8 +21,6 @@ from rig.set_file import (
 )  # fmt: skip
 
 from .metadata import SetMetadata
-
-__all__ = ["SUFFIX", "read", "read_header", "write"]
 
 SUFFIX = ".ome.tif"
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"

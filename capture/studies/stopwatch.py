@@ -1,12 +1,8 @@
 """Timing of functions that are compared with each other."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
-
-__all__ = ["Work", "shortest_ms", "time_ms"]
 
 Work: TypeAlias = Callable[[], Any]
 Clock: TypeAlias = Callable[[], float]

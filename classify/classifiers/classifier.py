@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
-__all__ = ["Classifier", "Comparison", "Observation", "Parameters", "Shape", "simple_classifier"]
-
 
 class Observation:
     """What a classifier keeps of one surface: a small dataclass that pickles cheaply."""

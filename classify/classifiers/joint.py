@@ -34,8 +34,6 @@ from .joint_features import (
 )
 from .joint_learning import LIMIT_MARGIN, learn, parameter_shapes, scatter_factor
 
-__all__ = ["JOINT"]
-
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
 # Squared distance from the set's own signature from which a reference under rotated lights is kept,

@@ -25,22 +25,6 @@ from classify.texture.statistics import (
 
 from .classifier import Observation, Parameters
 
-__all__ = [
-    "ALBEDO_GAINS",
-    "LOCAL_SHARE",
-    "SERIES",
-    "SPECTRAL_SHARE",
-    "Distances",
-    "JointObservation",
-    "JointTraining",
-    "combined",
-    "observe",
-    "observe_training",
-    "quarter_distances",
-    "spectral_series",
-    "statistics_rows",
-]
-
 Distances = npt.NDArray[np.float64]
 
 # Weights of log relief, log albedo and coherence. The coherence of two equal spectra has a quarter

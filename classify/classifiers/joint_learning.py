@@ -23,8 +23,6 @@ from .joint_features import (
     statistics_rows,
 )
 
-__all__ = ["LIMIT_MARGIN", "learn", "parameter_shapes", "scatter_factor"]
-
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
 # upper quartile of the sets counts: a part in little shadow has more in other orientations.

@@ -12,18 +12,6 @@ from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, sur
 
 from .classifier import Comparison, Observation, Parameters, simple_classifier
 
-__all__ = [
-    "IMAGE_POLAR",
-    "POLAR",
-    "POLAR_RADIAL",
-    "SPECTRA_2D",
-    "SPECTRA_2D_POWER",
-    "PolarSpectra",
-    "first_light",
-    "images_of",
-    "shifts_by_polar",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class PolarSpectra(Observation):

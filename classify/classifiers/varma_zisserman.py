@@ -12,8 +12,6 @@ from classify.texture.textons import chi_squared, learn_textons, texton_histogra
 from .classifier import Classifier, Comparison, Observation, Parameters, Shape
 from .thesis import first_light, images_of
 
-__all__ = ["VARMA_ZISSERMAN"]
-
 
 @dataclass(frozen=True, eq=False)
 class FilterResponses(Observation):

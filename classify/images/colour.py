@@ -1,11 +1,7 @@
 """From display colours to linear light."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
-
-__all__ = ["linear_from_srgb", "luminance"]
 
 _BT709_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 

@@ -1,7 +1,5 @@
 """Noise of a set of images, from the sensor that took them or from the images alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +9,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-
-__all__ = ["BEYOND_NOISE", "SensorNoise", "chi_squared", "noise_of_images", "noise_of_sensor"]
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]

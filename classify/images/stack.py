@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 
-__all__ = ["ImageStack", "Images", "checked_ambient", "checked_stack"]
-
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 
 # Squares of larger values, times gains, are out of reach of float32.

@@ -11,8 +11,6 @@ from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 from classify.threads import run_on_rows
 
-__all__ = ["Indices", "Sieve"]
-
 # Relative error of the norm of the difference of two vectors of single precision.
 _ROUNDING = np.float32(2e-6)
 

@@ -12,8 +12,6 @@ from classify.errors import LibraryError
 from classify.lighting import Lighting
 from classify.surface.estimate import FloatMap
 
-__all__ = ["LibraryContents"]
-
 
 @dataclass(frozen=True, eq=False)
 class LibraryContents:

@@ -9,17 +9,6 @@ from classify.errors import InputError
 
 from .match import Match
 
-__all__ = [
-    "ClassResult",
-    "Evaluation",
-    "OrientationError",
-    "Trial",
-    "evaluate",
-    "nearest_accuracy",
-    "nearest_orientation_errors_deg",
-    "unknown_share",
-]
-
 
 @dataclass(frozen=True)
 class Trial:

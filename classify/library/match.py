@@ -9,8 +9,6 @@ import numpy.typing as npt
 from classify.classifiers import Comparison
 from classify.texture.heading import LEAST_SCORE
 
-__all__ = ["Match", "match_of"]
-
 
 @dataclass(frozen=True)
 class Match:

@@ -35,8 +35,6 @@ from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
 from .contents import LibraryContents
 
-__all__ = ["MAP_FROM_BYTES", "SUFFIX", "VERSION", "check_path", "read", "write"]
-
 SUFFIX = ".ps4lib"
 VERSION: Final = 3
 MAP_FROM_BYTES = 64 * 2**20

@@ -19,8 +19,6 @@ from .contents import LibraryContents
 from .match import Match, match_of
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
-__all__ = ["TextureLibrary"]
-
 TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
 
 

@@ -15,8 +15,6 @@ from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.heading import LEAST_SCORE
 
-__all__ = ["SAME_LIGHT_DEG", "TrainingRow", "common_lighting", "learn_references", "observe"]
-
 SAME_LIGHT_DEG = 1.0
 """Lights that differ by less count as the same (test_classifiers.py tries 0.5 and 5 degrees)."""
 

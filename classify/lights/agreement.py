@@ -17,8 +17,6 @@ from classify.lighting import Lighting
 from .algebra import drop_one_constants
 from .led_levels import MATT, MAYBE_SHADOW, fit_levels
 
-__all__ = ["LightAgreement", "image_difference", "light_agreement", "like_signed"]
-
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 

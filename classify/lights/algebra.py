@@ -1,7 +1,5 @@
 """Constants of the solvers that follow from the light directions alone."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -9,8 +7,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-
-__all__ = ["drop_one_constants", "drop_two_inverses", "least_squares_weights", "three_of_ring"]
 
 Array32 = npt.NDArray[np.float32]
 

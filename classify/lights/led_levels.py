@@ -6,16 +6,12 @@ assumed, sum_k w_k nul_k i_k is zero instead, with w_k the inverse of that level
 surface with relief span three of four dimensions, and so determine w up to a common factor.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-
-__all__ = ["MATT", "MAYBE_SHADOW", "LevelFit", "fit_levels", "level_corrections"]
 
 FloatArray = npt.NDArray[np.float32]
 

@@ -1,7 +1,5 @@
 """The order of four lights, tested by the images of a surface with relief."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,8 +13,6 @@ from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 
 from .algebra import drop_one_constants
-
-__all__ = ["LightOrder", "light_order"]
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]

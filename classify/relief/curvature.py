@@ -1,7 +1,5 @@
 """Mean and Gaussian curvature of a surface from its gradient field."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +9,6 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-
-__all__ = ["CURVATURE_SCALE_PX", "MIN_CURVATURE_SCALE_PX", "Curvature", "surface_curvature"]
 
 CURVATURE_SCALE_PX = 1.0
 # A narrower Gaussian gives next to no weight to the neighbouring pixels.

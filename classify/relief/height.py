@@ -1,15 +1,11 @@
 """Relative height from a gradient field."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.fft
 
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 from classify.threads import thread_count
-
-__all__ = ["integrate_gradients"]
 
 
 def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:

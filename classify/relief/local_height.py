@@ -1,7 +1,5 @@
 """Relief above or below the surroundings, without the form of the part."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
@@ -9,8 +7,6 @@ import scipy.fft
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 from classify.threads import thread_count
-
-__all__ = ["default_cutoff_px", "local_relief"]
 
 # With this the Gaussian of ISO 16610 passes one half at the cut-off wavelength.
 _ALPHA = np.sqrt(np.log(2.0) / np.pi)

@@ -1,13 +1,9 @@
 """Images of a solved surface under other lights."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from classify.lighting import Lighting
 from classify.surface.estimate import FloatMap, SurfaceEstimate
-
-__all__ = ["relight"]
 
 
 def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:

@@ -1,7 +1,5 @@
 """Areal roughness parameters of ISO 25178-2 from gradients and relative height."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +9,6 @@ from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .height import integrate_gradients
-
-__all__ = ["Roughness", "surface_roughness"]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """Cast shadows of a height field under a distant light: one horizon sweep per light."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -11,8 +9,6 @@ import numpy.typing as npt
 from classify.compiling import kernel
 from classify.errors import InputError
 from classify.threads import run_on_rows
-
-__all__ = ["cast_shadow"]
 
 Array = npt.NDArray[Any]
 

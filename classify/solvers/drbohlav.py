@@ -1,7 +1,5 @@
 """Four lights or more, without those whose values are inconsistent with the others."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,6 @@ from classify.threads import run_on_rows
 from .linear import judge_row, solve_lights
 from .problem import Maps, Problem, slope_noise
 from .robust import DARK, LEAK, TOLERANCE
-
-__all__ = ["gates", "solve_drbohlav"]
 
 Array = npt.NDArray[Any]
 

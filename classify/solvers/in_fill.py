@@ -5,8 +5,6 @@ They are chosen so that they change as little from pixel to pixel as elsewhere o
 and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -19,8 +17,6 @@ from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
 from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, Unsolved, grow, neighbour_weights, relax
-
-__all__ = ["LOST", "SATURATED", "in_fill"]
 
 Array = npt.NDArray[Any]
 

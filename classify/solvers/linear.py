@@ -4,8 +4,6 @@ A kernel goes from raw images to gradients, albedo and validity row by row, whil
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -23,8 +21,6 @@ from classify.shadow_rule import (
 from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
-
-__all__ = ["judge_row", "solve_least_squares", "solve_lights", "solve_three_of_ring"]
 
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
 # determines a normal; the limit of `algebra`.

@@ -1,7 +1,5 @@
 """The memory traffic of a solver without its arithmetic: a lower bound for its time."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -9,8 +7,6 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.threads import run_on_rows
-
-__all__ = ["read_four_write_three"]
 
 
 def read_four_write_three(images: npt.NDArray[Any], maps: npt.NDArray[np.float32]) -> None:

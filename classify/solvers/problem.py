@@ -1,7 +1,5 @@
 """The input and the output of every solver."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,8 +10,6 @@ import numpy.typing as npt
 from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-
-__all__ = ["Maps", "Problem", "nowhere", "slope_noise"]
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.

@@ -1,7 +1,5 @@
 """PS4 as in the thesis: the darkest of four lights is left out at every pixel."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -13,8 +11,6 @@ from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADO
 from classify.threads import run_on_rows
 
 from .problem import Maps, Problem, nowhere
-
-__all__ = ["solve_ps4"]
 
 Array = npt.NDArray[Any]
 

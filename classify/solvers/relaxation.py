@@ -4,8 +4,6 @@ Each kernel runs over a list of pixels ordered by rows. The number of threads ch
 result.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,8 +13,6 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.threads import run_on_rows
-
-__all__ = ["NOT_REACHED", "NO_LINE", "SKIPPED", "Unsolved", "grow", "neighbour_weights", "relax"]
 
 Array = npt.NDArray[Any]
 

@@ -5,8 +5,6 @@ doubtful pixels, which `_settle_row` solves one by one. `in_fill` completes thos
 three usable lights.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -22,8 +20,6 @@ from classify.threads import STRIP_PX, run_on_rows
 
 from .in_fill import LOST, SATURATED, in_fill
 from .problem import Maps, Problem, slope_noise
-
-__all__ = ["DARK", "LEAK", "TOLERANCE", "solve_ps4_robust"]
 
 Array = npt.NDArray[Any]
 

@@ -1,7 +1,5 @@
 """Five lights or more, without the lowest and the highest value of each pixel."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -14,8 +12,6 @@ from classify.threads import run_on_rows
 
 from .linear import judge_row, solve_lights
 from .problem import Maps, Problem
-
-__all__ = ["solve_rushmeier"]
 
 Array = npt.NDArray[Any]
 

@@ -1,7 +1,5 @@
 """`photometric_stereo`: images under known lights to a `SurfaceEstimate`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
@@ -22,8 +20,6 @@ from .problem import Maps, Problem
 from .ps4 import solve_ps4
 from .robust import solve_ps4_robust
 from .rushmeier import solve_rushmeier
-
-__all__ = ["photometric_stereo"]
 
 # Images are divided by their full scale and intensity; beyond these limits squares of the results
 # are out of reach of float32.

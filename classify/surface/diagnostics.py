@@ -1,7 +1,5 @@
 """A solution compared with its images: residual, shadow, highlights, the darkest light."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -9,8 +7,6 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
-
-__all__ = ["compare_with_prediction", "find_darkest", "fit_residual"]
 
 Array = npt.NDArray[Any]
 

@@ -1,7 +1,5 @@
 """`SurfaceEstimate`, the result of a solver."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,8 +13,6 @@ from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual
-
-__all__ = ["FloatMap", "SurfaceEstimate"]
 
 FloatMap = npt.NDArray[np.float32]
 

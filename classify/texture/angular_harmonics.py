@@ -19,8 +19,6 @@ from classify.threads import run_on_rows
 
 from .orientation import refined_minima
 
-__all__ = ["HARMONICS", "LeastError", "harmonics", "least_error", "shift_invariant_norms"]
-
 HARMONICS = 16
 """Harmonics of a series, zero included: they resolve 12 degrees, more than spectra contain."""
 

@@ -10,8 +10,6 @@ from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.threads import run_on_rows
 
-__all__ = ["TextureFields", "texture_fields"]
-
 # Bounds of slope and relative albedo. Where two or more lights are in shadow a solver can return
 # any slope, and one such pixel outweighs a thousand others in a power spectrum; so does a bright
 # speck in a dark albedo. `test_fields.py` and the shadow tests of test_joint.py hold both.

@@ -15,8 +15,6 @@ import scipy.fft
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 
-__all__ = ["FILTER_PX", "MIN_IMAGE_PX", "RESPONSES", "mr8_filters", "mr8_responses"]
-
 FILTER_PX = 49
 """Side of the filters."""
 

@@ -12,18 +12,6 @@ import numpy.typing as npt
 from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
 
-__all__ = [
-    "HEADING_FLOATS",
-    "HEADING_SUMS",
-    "LEAST_SCORE",
-    "MOMENTS",
-    "add_row",
-    "heading_moments",
-    "heading_numbers",
-    "heading_scores",
-    "heading_variances",
-]
-
 LEAST_SCORE = 4.0
 """Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
 

@@ -6,8 +6,6 @@ import scipy.fft
 
 from .spectra import ANGLES
 
-__all__ = ["STEP_DEG", "best_shift", "refined_minima", "roll_angles", "squared_errors_by_shift"]
-
 STEP_DEG = 180.0 / ANGLES
 
 Floats = npt.NDArray[np.float64]

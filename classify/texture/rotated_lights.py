@@ -15,8 +15,6 @@ from classify.relief.shadows import cast_shadow
 from classify.solvers.solver import photometric_stereo
 from classify.surface.estimate import SurfaceEstimate
 
-__all__ = ["under_rotated_lights"]
-
 _STEPS = 4
 # With less of the surface in shadow, noise causes most errors, whatever the orientation.
 _LEAST_SHADOW = 0.01

@@ -13,8 +13,6 @@ from classify.threads import map_in_threads
 
 from .fields import TextureFields
 
-__all__ = ["segment_powers"]
-
 _POWERS = 6
 # Number of partial sums. It is the same on every machine, because the order of additions decides
 # the last digits of a sum.

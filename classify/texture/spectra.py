@@ -15,19 +15,6 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from .fields import TextureFields, texture_fields
 from .segment_powers import segment_powers
 
-__all__ = [
-    "ANGLES",
-    "MAX_SEGMENT_PX",
-    "MIN_SEGMENT_PX",
-    "RADII",
-    "Spectra",
-    "field_spectra",
-    "image_spectrum",
-    "polar_radii_px",
-    "segment_for",
-    "surface_spectra",
-]
-
 # The polar grid of the ablation in classify/README.md.
 ANGLES = 90
 RADII = 28

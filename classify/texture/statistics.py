@@ -18,15 +18,6 @@ from classify.threads import run_on_rows
 from .fields import TextureFields
 from .heading import HEADING_SUMS, add_row, heading_moments
 
-__all__ = [
-    "PARTS",
-    "LocalStatistics",
-    "levels_for",
-    "local_statistics",
-    "statistics_length",
-    "statistics_vector",
-]
-
 PARTS = 4
 """Quarters of a frame; their differences show how much one surface differs from itself."""
 

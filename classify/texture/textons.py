@@ -16,8 +16,6 @@ from classify.surface.estimate import FloatMap
 
 from .filter_bank import RESPONSES
 
-__all__ = ["TEXTONS_PER_CLASS", "chi_squared", "learn_textons", "texton_histogram"]
-
 TEXTONS_PER_CLASS = 10
 """As in the paper."""
 

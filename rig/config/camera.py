@@ -1,26 +1,10 @@
 """The section ``[camera]`` of ``rig.toml``: one class per kind of camera."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from .section import Section
-
-__all__ = [
-    "CAMERA_KINDS",
-    "PIXEL_FORMAT_BITS",
-    "AnyCameraConfig",
-    "CameraConfig",
-    "DeviceCameraConfig",
-    "OpencvCameraConfig",
-    "ReplayCameraConfig",
-    "SimulatedCameraConfig",
-    "StampedCameraConfig",
-    "V4l2CameraConfig",
-    "without_idle_keys",
-]
 
 # Pixel formats by name with their true depth. `rig.v4l2.pixel_formats` decodes them; it is not
 # imported here, so that a configuration is read without loading OpenCV.

@@ -1,7 +1,5 @@
 """The fault plan of a simulated rig."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,8 +8,6 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from firmware_sim.faults import LedFault, LineFault, When, require
-
-__all__ = ["FaultPlan", "FrameFault"]
 
 MAX_FRAMES_BACK = 4
 """Number of the simulated driver's buffers; a torn frame shows the old content of one."""

@@ -1,7 +1,5 @@
 """The section ``[lights]`` of ``rig.toml``: the controller, and the positions of its LEDs."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -12,8 +10,6 @@ from classify.lighting import RING_TILTS_DEG
 from firmware_sim.firmware import WATCHDOG_DEFAULT_MS, WATCHDOG_MAX_MS, WATCHDOG_MIN_MS
 
 from .section import Degrees, Section
-
-__all__ = ["AUTO", "SIMULATED", "LightsConfig"]
 
 SIMULATED = "simulated"
 """Value of `port` for the simulated controller: the firmware on a pty of this machine."""

@@ -27,8 +27,6 @@ from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
 from .validation_message import validation_message
 
-__all__ = ["RigConfig", "config_of", "load_config"]
-
 # A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
 # constants for that, and ln 9 from 10 to 90 %.
 _STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)

@@ -1,12 +1,8 @@
 """The base class of all sections of ``rig.toml``."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, field_validator
-
-__all__ = ["Degrees", "Section"]
 
 Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
 

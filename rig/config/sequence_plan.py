@@ -1,13 +1,9 @@
 """The plan of a sequence, in which the controller steps through the lights by itself."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 from firmware_sim.firmware import MAX_STEP_US, MAX_STEPS
-
-__all__ = ["SequencePlan", "plan_sequence"]
 
 # Planned time from the end of an exposure until the controller has switched: one or two passes of
 # its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each

@@ -1,15 +1,11 @@
 """The section ``[simulation]`` of ``rig.toml``, for simulated rigs only."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
 from .fault_plan import FaultPlan
 from .section import Degrees, Section
-
-__all__ = ["Placement", "SimulationConfig"]
 
 PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]

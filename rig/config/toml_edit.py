@@ -1,7 +1,5 @@
 """Change single values in a TOML file, keeping its comments and order."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib
@@ -13,8 +11,6 @@ from classify.durable_file import durable_file
 from rig.errors import ConfigError
 
 from .rig import load_config
-
-__all__ = ["store_values", "with_values"]
 
 _SCALAR = r""" "(?:[^"\\]|\\.)*" | '[^']*' | [^\s\#"'\[{]+ """
 _LINE = r"""^(?P<before>[ \t]*(?:{key}|"{key}"|'{key}')[ \t]*=[ \t]*)(?:{scalar})(?P<after>.*)$"""

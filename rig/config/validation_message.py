@@ -1,7 +1,5 @@
 """Error messages of a wrong ``rig.toml``, in one line: key, value and remedy."""
 
-from __future__ import annotations
-
 import difflib
 import json
 from typing import Any
@@ -9,8 +7,6 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from .camera import CAMERA_KINDS
-
-__all__ = ["validation_message"]
 
 _MISSING = {
     "device": "give the camera's path, best its name in /dev/v4l/by-id",

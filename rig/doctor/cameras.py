@@ -1,7 +1,5 @@
 """Checks of the cameras of this machine, and of the frames of the rig's camera."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -14,8 +12,6 @@ from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 
 from .check import Check
 from .serial_ports import check_access
-
-__all__ = ["check_cameras", "check_controls", "check_frames", "longest_exposure_ms"]
 
 # Number of frames for the rate and the losses, and the time after which fewer must do.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0

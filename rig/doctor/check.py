@@ -1,14 +1,10 @@
 """The result of one check: what was found, and what to do about it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 from classify.errors import Ps4rigError
-
-__all__ = ["Check", "Status", "collected"]
 
 Status = Literal["ok", "warning", "fault", "unknown"]
 

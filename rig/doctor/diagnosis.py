@@ -1,7 +1,5 @@
 """All checks of a rig, one after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -23,8 +21,6 @@ from .check import Check, collected
 from .light_images import capture_light_images, check_light_images
 from .lights import check_lights
 from .serial_ports import check_modem_manager, check_port, check_ports
-
-__all__ = ["check_kernel_cache", "diagnose"]
 
 
 def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:

@@ -1,7 +1,5 @@
 """Checks of one light image per LED: LEDs, exposure, saturation, levels and order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -25,8 +23,6 @@ from rig.fresh_frame import fresh_frame
 from rig.rig import Rig
 
 from .check import Check, Status
-
-__all__ = ["LightImages", "capture_light_images", "check_light_images"]
 
 # The exposure is rated by this percentile, so that a few glints do not count. The proposed exposure
 # brings it to the target, so that a part may be a quarter brighter.

@@ -1,7 +1,5 @@
 """Checks of an open light controller."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from firmware_sim import Clock
@@ -11,8 +9,6 @@ from rig.latency.switch import measure_switch_latency
 from rig.lights.driver import LightController
 
 from .check import Check
-
-__all__ = ["check_lights"]
 
 # A timer in a USB chip (16 ms in an FTDI) or a loaded machine causes slower switches, which add to
 # the time of each set.

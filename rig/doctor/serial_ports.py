@@ -1,7 +1,5 @@
 """Checks of serial ports: their list, permissions, and programs that use them."""
 
-from __future__ import annotations
-
 import grp
 import os
 from collections.abc import Iterator, Sequence
@@ -11,8 +9,6 @@ from rig.lights.discovery import SerialPort
 from rig.lights.port_holders import port_holders
 
 from .check import Check
-
-__all__ = ["RULES_FILE", "check_access", "check_modem_manager", "check_port", "check_ports"]
 
 RULES_FILE = Path(__file__).with_name("70-ps4rig.rules")
 _RULES_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"))

@@ -1,7 +1,5 @@
 """Measure the camera's timing: switch an LED, and find the change in the frames."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,8 +14,6 @@ from rig.rig import Rig
 
 from .fit import StepFit
 from .recording import evaluate, record_steps
-
-__all__ = ["CameraLatency", "CompleteChange", "measure_latency", "without_timing"]
 
 # Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
 # with flickering light (both in tests/rig/latency/test_camera.py).

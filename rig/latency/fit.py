@@ -13,15 +13,11 @@ frames. Each frame whose exposure contains a step then gives its own D; their sc
 uncertainty of one stamp.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-
-__all__ = ["StepFit", "Steps", "fit_steps", "lit_share"]
 
 Floats = npt.NDArray[np.float64]
 

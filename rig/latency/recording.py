@@ -1,7 +1,5 @@
 """Record the frames around switches of an LED, and evaluate the light in them."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -16,8 +14,6 @@ from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
 from rig.rig import Rig
 
 from .fit import StepFit, Steps, fit_steps
-
-__all__ = ["Evaluation", "Recording", "evaluate", "record_steps"]
 
 Floats = npt.NDArray[np.float64]
 

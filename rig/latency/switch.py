@@ -1,14 +1,10 @@
 """Measure the time of a switch, from writing the command to its acknowledge."""
 
-from __future__ import annotations
-
 import statistics
 from dataclasses import dataclass
 
 from firmware_sim import Clock
 from rig.lights.driver import LightController
-
-__all__ = ["SwitchLatency", "measure_switch_latency"]
 
 
 @dataclass(frozen=True)

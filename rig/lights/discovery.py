@@ -1,7 +1,5 @@
 """Find the port of the light controller by serial number, USB id, or asking ``*IDN?``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,15 +10,6 @@ from rig.errors import LightControllerError
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
-
-__all__ = [
-    "SerialPort",
-    "find_controller",
-    "identify",
-    "known_port",
-    "list_serial_ports",
-    "ports_to_try",
-]
 
 _BY_ID = Path("/dev/serial/by-id")
 # USB vendors of microcontroller boards and of their USB chips. Devices of other vendors, such as

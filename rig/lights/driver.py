@@ -1,7 +1,5 @@
 """The driver of the LED controller."""
 
-from __future__ import annotations
-
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,8 +15,6 @@ from .link import ControllerIdentity, ControllerLink
 from .recovery import Whereabouts, find_again
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import Reply
-
-__all__ = ["Answer", "ControllerIdentity", "LightController", "LightState", "Switch"]
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,6 @@ Files are written beside the old ones, read back, and renamed at the end, `main.
 interrupted copy leaves the old program or none, and never half of a program.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -27,17 +25,6 @@ from rig.errors import LightControllerError
 from .discovery import SerialPort, identify, list_serial_ports
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
-
-__all__ = [
-    "BoardFile",
-    "Flashed",
-    "board_files",
-    "find_board",
-    "find_drives",
-    "firmware_version",
-    "flash_folder",
-    "flash_port",
-]
 
 T = TypeVar("T")
 _PICO_WITH_MICROPYTHON = "2e8a:0005"

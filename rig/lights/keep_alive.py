@@ -1,13 +1,9 @@
 """Keep a controller's watchdog quiet while the program lives, in real and simulated time."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 
 from firmware_sim import Clock
-
-__all__ = ["Heartbeat", "KeepAlive", "KeepAliveClock", "LightUsage"]
 
 KeepAlive = Callable[[], float]
 """Sends a command if one is due; returns the seconds until it should be called again."""

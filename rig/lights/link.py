@@ -1,19 +1,16 @@
 """One open line to a light controller: its identity, and one reply to each command."""
 
-from __future__ import annotations
-
 import secrets
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 
+from firmware_sim.firmware import MAX_SEQUENCE
 from rig.errors import LightControllerError
 
 from .serial_line import SerialLine
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
-from .wire import BANNER, MAX_SEQUENCE, Garbled, Reply, decode_reply, encode_command
-
-__all__ = ["PROTOCOL_VERSION", "ControllerIdentity", "ControllerLink"]
+from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
 
 PROTOCOL_VERSION = 2
 VENDOR = "PS4RIG"

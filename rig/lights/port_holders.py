@@ -1,13 +1,9 @@
 """The programs that have a device open, as far as /proc shows them."""
 
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-
-__all__ = ["PortHolder", "port_holders"]
 
 _PROC = Path("/proc")
 # Limit of the search on a machine with very many open files; the answer only improves a message.

@@ -1,7 +1,5 @@
 """Finding the same light controller again after its line has failed."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -10,8 +8,6 @@ from rig.errors import LightControllerError
 
 from .link import ControllerIdentity, ControllerLink
 from .timeouts import LinkTimeouts
-
-__all__ = ["Whereabouts", "find_again"]
 
 Whereabouts = Callable[[], Iterable[str]]
 """The ports on which a controller may be now, the most likely one first."""

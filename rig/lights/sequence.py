@@ -10,15 +10,6 @@ from rig.errors import LightControllerError
 
 from .driver import Answer, LightController
 
-__all__ = [
-    "ClockRelation",
-    "LightStep",
-    "RunningSequence",
-    "SequenceReport",
-    "exposure_left_s",
-    "start_command",
-]
-
 # Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4
 

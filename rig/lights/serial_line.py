@@ -3,8 +3,6 @@
 Bytes are collected until a line is complete; pyserial's own `readline` may return half a line.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import time
@@ -16,8 +14,6 @@ import serial
 from rig.errors import LightControllerError
 
 from .port_holders import port_holders
-
-__all__ = ["SerialLine"]
 
 _READ_SLICE_S = 0.05  # longest blocking read, and so the error of a deadline
 _MAX_LINE_BYTES = 512  # replies have at most 100 bytes

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-__all__ = ["DEFAULT_TIMEOUTS", "LinkTimeouts"]
-
 
 @dataclass(frozen=True)
 class LinkTimeouts:

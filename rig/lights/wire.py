@@ -3,15 +3,10 @@
 ``firmware_sim/README.md`` describes the protocol.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 
 from firmware_sim import crc8
-from firmware_sim.firmware import MAX_SEQUENCE
-
-__all__ = ["BANNER", "MAX_SEQUENCE", "Garbled", "Reply", "decode_reply", "encode_command"]
 
 BANNER = b"READY "
 

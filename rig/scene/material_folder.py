@@ -11,8 +11,6 @@
 A height or a normal map is required; the other files are optional.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -26,8 +24,6 @@ from classify.images.colour import linear_from_srgb, luminance
 from classify.regular_file import read_regular_file
 
 from .surfaces import MAX_SIDE_PX, FloatImage, PeriodicSurface, rms_slope, spectral_gradients
-
-__all__ = ["bundled_materials", "load_material"]
 
 DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
 DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9

@@ -5,15 +5,11 @@ up to a factor. The spectra are even in u and in v, so the direction of y does n
 `rotated` depends on it, and takes y up.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-
-__all__ = ["PowerSpectrum", "fractal", "mulvaney", "ogilvy", "ring", "ripples", "rotated", "summed"]
 
 Frequencies = npt.NDArray[np.float64]
 PowerSpectrum = Callable[[Frequencies, Frequencies], Frequencies]

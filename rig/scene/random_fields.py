@@ -5,8 +5,6 @@ are in pixels, so the statistics do not depend on the side of the tile. All fiel
 the frequencies of `round_band_limit`, so that they can be rotated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import cv2
@@ -18,11 +16,6 @@ from classify.threads import thread_count
 
 from .power_spectra import PowerSpectrum
 from .surfaces import round_band_limit
-
-__all__ = [
-    "Field", "cells", "crested", "gaussian", "inverted", "phase_randomised", "ridged", "shaded",
-    "shot_noise",
-]  # fmt: skip
 
 Image = npt.NDArray[np.float64]
 Field = Callable[[np.random.Generator, int], Image]

@@ -14,8 +14,6 @@ from classify.relief.shadows import cast_shadow
 
 from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
 
-__all__ = ["SceneImages", "render_frame", "render_scene"]
-
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
 

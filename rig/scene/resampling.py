@@ -6,8 +6,6 @@ two steps before the interpolation are exact and use the Fourier transform: doub
 resolution, and the B-spline prefilter.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -16,8 +14,6 @@ from scipy import fft
 
 from classify.compiling import kernel
 from classify.threads import run_on_rows, thread_count
-
-__all__ = ["sample_rotated", "spline_coefficients"]
 
 FloatArray = npt.NDArray[np.float32]
 

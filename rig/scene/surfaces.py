@@ -15,11 +15,6 @@ from classify.threads import thread_count
 
 from .resampling import sample_rotated, spline_coefficients
 
-__all__ = [
-    "MAX_SIDE_PX", "PeriodicSurface", "SurfacePatch", "periodic_height", "rms_slope",
-    "round_band_limit", "spectral_gradients",
-]  # fmt: skip
-
 FloatImage = npt.NDArray[np.float32]
 
 MAX_SIDE_PX = 8192

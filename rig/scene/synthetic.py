@@ -12,8 +12,6 @@ the thesis: 1, 7, 19, 37 and 61 % at slants 40 to 80 (tests/rig/scene/test_rende
 parameters of the others were chosen for variety; test_synthetic.py there tests that they differ.
 """
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import dataclass
 
@@ -35,11 +33,6 @@ from .random_fields import (
     shot_noise,
 )
 from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
-
-__all__ = [
-    "ALBEDO", "EQUAL_SPECTRUM_TWINS", "RMS_SLOPE", "SYNTHETIC_30", "SYNTHETIC_NAMES",
-    "SYNTHETIC_TEXTURES", "synthetic_surface", "tile_side_px",
-]  # fmt: skip
 
 RMS_SLOPE = 0.5  # sqrt(mean(p^2 + q^2)) of the four; gives sand its shadow counts
 ALBEDO = 0.8  # without a pattern; the synthetic surfaces of the thesis differ in relief alone

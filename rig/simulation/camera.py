@@ -1,7 +1,5 @@
 """A camera above a simulated scene, with the stale buffers of a real driver."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable
@@ -17,8 +15,6 @@ from rig.errors import CameraError
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor
-
-__all__ = ["LitScene", "ReportedTiming", "SimulatedCamera"]
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4

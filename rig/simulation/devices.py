@@ -3,8 +3,6 @@
 Any program can open the other end of the line and the loopback device as a rig.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from firmware_sim import Server, SimulatedController, serve_pty, serve_tty
@@ -15,8 +13,6 @@ from rig.v4l2.output import V4l2Output
 from rig.v4l2.pixel_packing import PACKINGS
 
 from .rig import Simulation
-
-__all__ = ["DeviceSimulation"]
 
 
 class DeviceSimulation:

@@ -1,7 +1,5 @@
 """When a simulated camera exposes: at its own frame rate, or at each trigger."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
@@ -9,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from firmware_sim import Clock
-
-__all__ = ["TRANSFER_S", "Exposures", "FreeRunning", "Shutter", "Triggered"]
 
 TRANSFER_S = 0.004
 """Time from the end of the last row's exposure to the frame in the driver's queue: about that of

@@ -1,7 +1,5 @@
 """Injected faults in the frames of a simulated camera."""
 
-from __future__ import annotations
-
 import random
 from collections import deque
 from collections.abc import Sequence
@@ -15,8 +13,6 @@ from rig.config.fault_plan import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
 from .sensor import digital
-
-__all__ = ["FaultyCamera"]
 
 
 class FaultyCamera:

@@ -1,7 +1,5 @@
 """A captured set that a simulated camera replays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +13,6 @@ from rig.scene.surfaces import FloatImage
 from rig.set_file import Planes, read_set_file
 
 from .sensor import RecordedPixels
-
-__all__ = ["RecordedSet", "read_recorded_set"]
 
 # Largest difference of unit vectors, 0.06 degrees: directions of the same lights differ by the
 # rounding of angles only.

@@ -1,7 +1,5 @@
 """The simulated rig below the drivers: firmware on a pty, LEDs, a part, and a camera above it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -31,8 +29,6 @@ from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
 from .sensor import Sensor, SensorModel
 from .stamps import reported_timing
-
-__all__ = ["Simulation"]
 
 
 class Simulation:

@@ -1,7 +1,5 @@
 """Scenes of the simulated rig: a placed surface, rendered under the rig's lights."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import fields
@@ -15,8 +13,6 @@ from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import SceneImages, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
-
-__all__ = ["SceneCache", "SceneRenderer", "surface_names"]
 
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000

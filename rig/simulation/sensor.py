@@ -1,7 +1,5 @@
 """Sensors of a simulated camera: a noise model, or the pixel values of a recorded set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rig.camera import Pixels
-
-__all__ = ["RecordedPixels", "Sensor", "SensorModel", "digital"]
 
 
 def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:

@@ -13,8 +13,6 @@ from rig.scene.render import SceneImages
 
 from .sensor import SensorModel
 
-__all__ = ["SimulatedSet"]
-
 EXPOSURE_MS = 20.0
 """A white surface facing an LED then fills 85 % of the well of the default `SensorModel`."""
 

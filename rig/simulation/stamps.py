@@ -1,7 +1,5 @@
 """Time stamps of a simulated driver, and the exposure times that the rig derives."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rig.config.camera import ReplayCameraConfig, SimulatedCameraConfig
@@ -9,8 +7,6 @@ from rig.config.simulation import SimulationConfig
 from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
 
 from .camera import ReportedTiming
-
-__all__ = ["reported_timing"]
 
 # Separates the random numbers of time stamps from those of pixels.
 _JITTER_STREAM = 1

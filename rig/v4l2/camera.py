@@ -1,7 +1,5 @@
 """A V4L2 camera in measurement mode: nothing automatic, every control read back."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any
@@ -19,8 +17,6 @@ from .device import Capture, V4l2Device, VideoFormat
 from .measurement_mode import check_measurement_mode, set_measurement_mode
 from .pixel_formats import PIXEL_FORMATS, decode
 from .written_frames import WrittenFrames
-
-__all__ = ["V4l2Camera"]
 
 # Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
 _BUFFERS = 4

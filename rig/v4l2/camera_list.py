@@ -1,7 +1,5 @@
 """List the cameras that are plugged in and what each can do, without claiming any."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +7,6 @@ from rig.errors import CameraError
 
 from .controls import Control, list_controls, read_control
 from .device import NoCaptureDeviceError, OfferedFormat, V4l2Device
-
-__all__ = ["ListedCamera", "device_path", "list_cameras"]
 
 _DEV = Path("/dev")
 

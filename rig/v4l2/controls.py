@@ -1,7 +1,5 @@
 """The controls of a V4L2 device, by numeric id; names change with the kernel, ids do not."""
 
-from __future__ import annotations
-
 import ctypes
 import errno
 import re
@@ -12,15 +10,6 @@ from rig.errors import ControlError, ControlFault
 
 from . import abi
 from .device import V4l2Device
-
-__all__ = [
-    "Control",
-    "check_control",
-    "find_control",
-    "list_controls",
-    "read_control",
-    "write_control",
-]
 
 _MENUS = (abi.CTRL_TYPE_MENU, abi.CTRL_TYPE_INTEGER_MENU)
 # Controls with one integer value; buttons, texts and arrays cannot be read back.

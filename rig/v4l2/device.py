@@ -20,8 +20,6 @@ from rig.errors import CameraError
 from . import abi
 from .node import VideoNode
 
-__all__ = ["Capture", "NoCaptureDeviceError", "OfferedFormat", "V4l2Device", "VideoFormat"]
-
 # Relative: drivers round 1/30 s to their own units, while the next common rate is 25 Hz.
 _RATE_TOLERANCE = 0.01
 # Bounds the lists of a faulty driver; real ones have fewer than 100 entries.

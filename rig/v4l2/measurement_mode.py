@@ -1,7 +1,5 @@
 """Measurement mode of a V4L2 camera: nothing automatic, every control read back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -12,8 +10,6 @@ from rig.errors import CameraError, ControlError, ControlFault
 from . import abi
 from .controls import Control, check_control, find_control, read_control, write_control
 from .device import V4l2Device
-
-__all__ = ["MeasurementMode", "check_measurement_mode", "set_measurement_mode"]
 
 EXPOSURE_UNITS_PER_MS = 10
 """``EXPOSURE_ABSOLUTE`` counts units of 100 us."""

@@ -13,8 +13,6 @@ from rig.errors import CameraError
 
 from . import abi
 
-__all__ = ["VideoNode"]
-
 
 class VideoNode:
     """An open video device, on which no call blocks for ever.

@@ -1,7 +1,5 @@
 """Write frames into a V4L2 loopback device, which other programs read as a camera."""
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import mmap
@@ -10,8 +8,6 @@ from rig.errors import CameraError
 
 from . import abi
 from .node import VideoNode
-
-__all__ = ["V4l2Output"]
 
 # Enough to write one while others are read; the driver may have fewer.
 _BUFFERS = 4

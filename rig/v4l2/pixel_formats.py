@@ -10,8 +10,6 @@ Pixel values by kind of format:
 - MJPG: the luma that JPEG stores, decoded; lossy, so it needs `allow_compressed`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,8 +19,6 @@ import numpy.typing as npt
 
 from rig.camera import Pixels
 from rig.errors import CameraError
-
-__all__ = ["PIXEL_FORMATS", "PixelFormat", "decode"]
 
 _Bytes = npt.NDArray[np.uint8]
 

@@ -3,16 +3,12 @@
 It is separate, so that a program that only writes frames does not load OpenCV.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from rig.camera import Pixels
-
-__all__ = ["PACKINGS", "Packing"]
 
 # Luma of the limited range, BT.601: black is 16, white 235.
 _BLACK, _WHITE = 16, 235

@@ -1,9 +1,5 @@
 """Sequence numbers for the frames of a loopback device, from its writer's time stamps."""
 
-from __future__ import annotations
-
-__all__ = ["WrittenFrames"]
-
 # In periods. The writer's stamps are exact to a microsecond, the reported period to 1e-9 s: over
 # 500 periods at 1 kHz, see test_written_frames.py, that adds up to 0.002.
 _TOLERANCE = 0.01

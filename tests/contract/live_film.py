@@ -11,8 +11,6 @@ from typing import Any
 from rig import Camera, CameraError, Rig, RigConfig, open_rig
 from rig.simulation.rig import Simulation
 
-__all__ = ["rig_of_opencv"]
-
 # Long enough for a busy machine.
 _READ_TIMEOUT_S = 20.0
 # The smallest pipe: one or two frames wait in it, as in a driver's buffers.

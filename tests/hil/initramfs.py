@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-__all__ = ["write_initramfs"]
-
 _FOLDERS = ("bin", "dev", "modules", "proc", "root")
 
 

@@ -14,8 +14,6 @@ from tests.suites import KERNEL
 
 from .initramfs import write_initramfs
 
-__all__ = ["MachineError", "run_in_guest"]
-
 _TO_BOOT = ("virtio_pci", "9pnet_virtio", "9p")
 _MAX_CONSOLE = 6000
 

@@ -1,15 +1,11 @@
 """``ps4rig rig doctor``."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import typer
 
 from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, reported
-
-__all__ = ["doctor"]
 
 _FAULT_STATUS = 1
 _STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "dim"}

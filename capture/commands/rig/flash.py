@@ -14,8 +14,6 @@ from capture.console import out, print_json, reported
 if TYPE_CHECKING:
     from rig.lights.flash import BoardFile, Flashed
 
-__all__ = ["flash"]
-
 
 @reported
 def flash(

@@ -1,7 +1,5 @@
 """``ps4rig rig init``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -10,8 +8,6 @@ import typer
 from capture.commands import options
 from capture.console import out, reported
 from capture.outputs import check_output
-
-__all__ = ["init"]
 
 
 @reported

@@ -15,8 +15,6 @@ from capture.console import new_table, out, print_json, print_table, progress, r
 if TYPE_CHECKING:
     from rig.latency.camera import CameraLatency
 
-__all__ = ["latency"]
-
 _MAX_STEPS = 1000
 
 

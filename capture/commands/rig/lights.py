@@ -14,8 +14,6 @@ from capture.console import out, reported
 if TYPE_CHECKING:
     from rig import LightController
 
-__all__ = ["lights"]
-
 # Time between two checks that the LED is still on. With cycle, each LED is on for this time.
 _CHECK_S = 1.0
 

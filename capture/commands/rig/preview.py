@@ -1,15 +1,11 @@
 """``ps4rig rig preview``."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer
 
 from capture.commands import options
 from capture.console import out, reported
-
-__all__ = ["preview"]
 
 _PORT = 8765
 

@@ -15,8 +15,6 @@ from classify.errors import InputError
 if TYPE_CHECKING:
     from rig.simulation.devices import DeviceSimulation
 
-__all__ = ["simulate"]
-
 _REPORT_EVERY_S = 5.0
 
 

@@ -1,7 +1,5 @@
 """``ps4rig rig timing``."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Annotated
 
@@ -9,8 +7,6 @@ import typer
 
 from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, progress, reported
-
-__all__ = ["timing"]
 
 
 @reported

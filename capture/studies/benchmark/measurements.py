@@ -1,14 +1,10 @@
 """Measured numbers with their targets, as a table or as JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from capture.console import new_table, out, print_table
-
-__all__ = ["Measurement", "Section", "as_json", "print_section"]
 
 
 @dataclass(frozen=True)

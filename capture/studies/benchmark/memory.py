@@ -1,7 +1,5 @@
 """Peak memory of single steps, each in its own process."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 from collections.abc import Callable, Mapping
@@ -17,10 +15,6 @@ from classify.surface.estimate import FloatMap
 from rig.simulation.simulated_set import SimulatedSet
 
 from .measurements import Measurement, Section
-
-__all__ = [
-    "Step", "available_memory", "classify_step", "match_step", "memory_section", "solve_step",
-]  # fmt: skip
 
 Step = Callable[[], Callable[[], object]]
 """Compiles a step with a call on little data, and returns the call to measure."""

@@ -5,8 +5,6 @@ of two synthetic textures, the second rotated, and part of the difference betwee
 sets of a class differ as much as two realisations of one texture, and have random orientations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,8 +20,6 @@ from classify.texture.spectra import ANGLES, segment_for
 from rig import SYNTHETIC_30
 
 from .scenes import texture_tile
-
-__all__ = ["SETS_OF_A_CLASS", "Mixtures", "Textures", "observed_textures"]
 
 SETS_OF_A_CLASS = 4
 # Largest weight of the difference of two other textures in a class. The difference makes more

@@ -1,7 +1,5 @@
 """Time of a classification from four images to a match, and of each stage."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -16,8 +14,6 @@ from classify.texture.statistics import levels_for, local_statistics
 
 from .measurements import Measurement, Section
 from .scenes import rotated_patch
-
-__all__ = ["pipeline_section"]
 
 # Targets of the project on two cores, by side of the frame.
 _TARGETS_MS = {512: 15.0, 1024: 60.0}

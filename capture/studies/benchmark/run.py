@@ -1,7 +1,5 @@
 """The benchmark, section by section."""
 
-from __future__ import annotations
-
 import os
 import platform
 import shutil
@@ -25,8 +23,6 @@ from .scenes import mosaic, rotated_patch
 from .search import search_section
 from .settings import FULL, Settings
 from .solvers import solver_sections
-
-__all__ = ["Free", "fits", "print_benchmark"]
 
 Free = tuple[int, int]
 """Free disk and memory in bytes."""

@@ -1,7 +1,5 @@
 """Image sets to measure on: synthetic textures under the simulated camera."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +11,6 @@ from rig.scene.surfaces import SurfacePatch
 from rig.scene.synthetic import SYNTHETIC_NAMES
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
-
-__all__ = ["SLANT_DEG", "mosaic", "rotated_patch", "texture_tile"]
 
 SLANT_DEG = 50.0
 """Low enough for shadow: 7 % of the pixels of sand under each light."""

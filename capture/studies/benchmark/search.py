@@ -1,7 +1,5 @@
 """Time of a match against the size of the library, and recall of the sieve."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -18,8 +16,6 @@ from classify.surface.estimate import FloatMap
 from .measurements import Measurement, Section
 from .mixtures import SETS_OF_A_CLASS, Mixtures
 from .settings import Settings
-
-__all__ = ["search_section"]
 
 # Targets of the project for 100,000 references on two cores.
 _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9

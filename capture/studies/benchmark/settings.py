@@ -1,12 +1,8 @@
 """Settings of the full benchmark and of the quick one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from rig import SYNTHETIC_TEXTURES
-
-__all__ = ["FULL", "QUICK", "Settings"]
 
 
 @dataclass(frozen=True)

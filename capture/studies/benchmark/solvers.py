@@ -1,7 +1,5 @@
 """Times of the solvers against the memory floor and against numpy."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -16,8 +14,6 @@ from rig.simulation.simulated_set import SimulatedSet
 from .measurements import Measurement, Section
 from .scenes import mosaic
 from .settings import Settings
-
-__all__ = ["drop_darkest", "normal_least_squares", "solver_sections"]
 
 METHODS: tuple[Method, ...] = ("ps4", "ps4_robust", "least_squares")
 # Targets of the project on two cores, at five megapixels.

@@ -1,7 +1,5 @@
 """The report of the demo: one self-contained HTML file."""
 
-from __future__ import annotations
-
 import base64
 import math
 from dataclasses import dataclass
@@ -18,8 +16,6 @@ from classify import Evaluation, Spectra, SurfaceEstimate, Trial
 from classify.durable_file import durable_file
 from classify.surface.estimate import FloatMap
 from rig import ControllerIdentity, RigConfig
-
-__all__ = ["ANGLE_NOTE", "COLUMNS", "ReportEntry", "cells_of", "write_report"]
 
 COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
 

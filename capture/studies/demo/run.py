@@ -1,7 +1,5 @@
 """``ps4rig demo``: capture, train and classify on the simulated rig."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +13,6 @@ from classify.durable_file import make_folder
 from rig import Placement, Rig, RigConfig, open_rig, surface_names
 
 from .report import ANGLE_NOTE, COLUMNS, ReportEntry, cells_of, write_report
-
-__all__ = ["run_demo"]
 
 FRAME_PX = 256
 # Two test patches of each surface: seed, rotation and shift. They share at most a corner with the

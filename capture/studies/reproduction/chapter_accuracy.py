@@ -1,7 +1,5 @@
 """Exhibits of chapter 9 that show accuracy: figures 9.1, 9.11 and 9.13, table 9.1."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
@@ -10,8 +8,6 @@ from . import plan, plots
 from .exhibit import Cell, Exhibit, Row
 from .results import CLASSIFIER_TITLES, SOLVER_TITLES, Results
 from .runs import System
-
-__all__ = ["accuracy_exhibits"]
 
 # Accuracies of the thesis (see page.html), in percent.
 _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07

@@ -1,7 +1,5 @@
 """Exhibits of chapter 9 that show surfaces: shadow, relief, albedo, polar spectra."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
@@ -13,8 +11,6 @@ from .exhibit import Exhibit, Row
 from .plan import BEST_SOLVER, SOLVERS
 from .results import SOLVER_TITLES, Results
 from .sand import SAND_SLANT_DEG, SHADOW_TILTS_DEG, TRUTH
-
-__all__ = ["surface_exhibits"]
 
 # Share of the pixels of sand in shadow of a light at tilt 0, in percent, by slant: figure 9.3.
 _THESIS_SAND_SHADOW_PCT = {40: 1.0, 50: 7.0, 60: 19.0, 70: 37.0, 80: 61.0}

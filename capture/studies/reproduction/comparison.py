@@ -1,7 +1,5 @@
 """Exhibits beyond the chapter: classifiers, materials, orientation, robustness."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 
@@ -15,8 +13,6 @@ from .exhibit import Cell, Exhibit, Row
 from .plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
 from .results import CLASSIFIER_TITLES, DIRECTIONAL_SHARPNESS, SOLVER_TITLES, Results, percent
 from .runs import System
-
-__all__ = ["comparison_exhibits"]
 
 _ORDER = {title: place for place, title in enumerate(CLASSIFIER_TITLES.values())}
 _SOLVER_COLUMNS = tuple(f"{SOLVER_TITLES[solver]}, %" for solver in SOLVERS)

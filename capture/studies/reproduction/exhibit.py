@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Cell", "Exhibit", "Row", "Text", "as_text"]
-
 Cell = str | int | float | None
 Row = tuple[Cell, ...]
 

@@ -1,7 +1,5 @@
 """The files of a reproduction: CSV and PNG of each exhibit, all numbers as JSON, one HTML page."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import io
@@ -16,8 +14,6 @@ from classify.durable_file import durable_file
 
 from . import plots
 from .exhibit import Exhibit, as_text
-
-__all__ = ["page", "write_exhibit", "write_numbers", "write_text"]
 
 _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.

@@ -1,7 +1,5 @@
 """Patches of textures: rendered, exposed, solved and observed under some conditions."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Hashable
 from dataclasses import replace
@@ -17,8 +15,6 @@ from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 
 from .plan import Conditions, PatchPosition, Texture
-
-__all__ = ["CachedPatch", "expose", "load_surface", "render_patch", "solve"]
 
 _OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 

@@ -1,7 +1,5 @@
 """What a reproduction measures: textures, conditions, training runs, test runs, experiments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +11,6 @@ from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import segment_for
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
-
-__all__ = [
-    "BEST_SOLVER", "OF_28_IMAGES", "OF_SPECTRA", "ONE_D", "ONE_SEGMENT", "OURS", "SOLVERS",
-    "TEXTONS", "THESIS", "Conditions", "Experiment", "PatchPosition", "Plan", "Protocol",
-    "TestRun", "Texture", "TrainingRun", "material_textures", "plan_of", "thirty_textures",
-]  # fmt: skip
 
 Protocol = Literal["disjoint", "rotated"]
 """Tests on patches that share no pixel with training, or on the training patch, rotated."""

@@ -14,11 +14,6 @@ from .exhibit import Row, as_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "COLOURS", "OUR_COLOUR", "Line", "Scale", "draw_bars", "draw_lines", "draw_maps", "draw_polar",
-    "draw_table",
-]  # fmt: skip
-
 COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837"}
 """Colours of the solvers, in every figure."""
 

@@ -1,7 +1,5 @@
 """Exhibits of unknown textures: share of them that is accepted as a known class."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -14,8 +12,6 @@ from .exhibit import Exhibit, Row
 from .plan import OURS, THESIS
 from .results import Results
 from .runs import Outcome
-
-__all__ = ["accepted_pct", "rejection_curve", "rejection_exhibits"]
 
 _TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
 # Share of known tests that the limit of the table rejects.

@@ -1,7 +1,5 @@
 """Measurements of a reproduction, and numbers computed from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +12,6 @@ from .plan import OURS, Plan, Protocol
 from .runs import Outcome, System
 from .sand import Polar, SandMaps
 from .timing import Cost
-
-__all__ = ["CLASSIFIER_TITLES", "DIRECTIONAL_SHARPNESS", "SOLVER_TITLES", "Results", "percent"]
 
 DIRECTIONAL_SHARPNESS = 0.5
 """Below it, the orientation of a joint match may be off by 90 degrees (see classifiers/joint)."""

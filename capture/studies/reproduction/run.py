@@ -1,7 +1,5 @@
 """Measurement of a plan and its files."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import platform
@@ -28,8 +26,6 @@ from .results import Results
 from .runs import Outcome, System, match_patch, patch_tasks, train, training_tasks
 from .sand import polar_spectra, sand_maps, shadow_shares
 from .timing import measured_costs
-
-__all__ = ["exhibits_of", "measure", "reproduce"]
 
 _SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
 _POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 and 9.10

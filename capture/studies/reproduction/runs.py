@@ -1,7 +1,5 @@
 """Training runs and test runs: libraries, and matches of test patches with them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -14,11 +12,6 @@ from classify.library.training import TrainingRow
 
 from . import plan
 from .patches import CachedPatch
-
-__all__ = [
-    "Outcome", "PatchTask", "System", "TrainingTask", "library_path", "match_patch",
-    "patch_tasks", "train", "training_tasks", "without_class",
-]  # fmt: skip
 
 
 @dataclass(frozen=True)

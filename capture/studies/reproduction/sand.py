@@ -1,7 +1,5 @@
 """Shadow counts of the four surfaces, and spectra and maps of sand: figures 9.2 to 9.10."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +13,6 @@ from rig.scene.render import SceneImages, render_frame
 
 from .patches import expose, load_surface, render_patch, solve
 from .plan import SOLVERS, Conditions, PatchPosition, Texture
-
-__all__ = [
-    "POLAR_SOLVERS", "SAND_SLANT_DEG", "SHADOW_TILTS_DEG", "TRUTH", "Polar", "SandMaps",
-    "polar_spectra", "sand_maps", "shadow_shares",
-]  # fmt: skip
 
 SAND_SLANT_DEG = 60.0
 """A fifth of sand is in shadow of each light at this slant; that of the thesis is unknown."""

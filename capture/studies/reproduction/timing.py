@@ -1,7 +1,5 @@
 """Time of one classification on this machine, and number of training images."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,8 +10,6 @@ from classify import TextureLibrary
 from .patches import CachedPatch, solve
 from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
 from .runs import library_path
-
-__all__ = ["Cost", "measured_costs"]
 
 # Even on a busy machine, one of this many calls is undisturbed.
 _ROUNDS = 9

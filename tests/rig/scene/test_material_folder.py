@@ -1,7 +1,5 @@
 """Material folders: reading, scales and errors."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable
