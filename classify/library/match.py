@@ -82,14 +82,15 @@ def match_of(
     label: str | None = nearest
     if margin == 0.0:
         label, reason = None, f"{nearest} and {runner_up} are equally near"
-    elif limit is not None and distance > limit:
-        label = None
-        reason = f"nearest is {nearest}, but {distance:.2f} away; its limit is {limit:.2f}"
     else:
-        within = "" if limit is None else f" of at most {limit:.2f}"
-        reason = f"{nearest} is {distance:.2f}{within} away"
+        reason = f"distance {distance:.2f} to {nearest}"
+        if limit is not None and distance > limit:
+            label = None
+            reason += f" exceeds its limit {limit:.2f}"
+        elif limit is not None:
+            reason += f", limit {limit:.2f}"
         if runner_up is not None:
-            reason += f", next is {runner_up} at {runner_up_distance:.2f}"
+            reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
     orientation_deg = heading_deg = sharpness = None
     if found.orientations_deg is not None:
         sum_deg = float(orientations_deg[winner] + found.orientations_deg[winner])

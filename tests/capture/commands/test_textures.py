@@ -51,7 +51,7 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     ]  # fmt: skip
     assert 0.0 <= rock["distance"] <= rock["limit"]
     assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
-    assert rock["reason"].startswith("rock is ")
+    assert f"{rock['distance']:.2f} to rock, limit" in rock["reason"]
     assert (rock["set"], rock["label"], rock["runner_up"]) == (str(paths[0]), "rock", "sand")
     assert (sand["label"], sand["nearest"], sand["simulated"]) == ("sand", "sand", True)
     assert sand["orientation_deg"] == pytest.approx(50.0, abs=5.0)

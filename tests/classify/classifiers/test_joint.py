@@ -79,7 +79,7 @@ def test_a_texture_that_was_not_learned_is_unknown(stationary, tests, left_out: 
             assert match.label is None
             assert match.nearest in KINDS
             assert match.distance > match.limit
-            assert match.reason.startswith(f"nearest is {match.nearest}, but ")
+            assert f"to {match.nearest} exceeds its limit" in match.reason
         else:
             assert match.label == kind
 

@@ -33,7 +33,7 @@ def test_the_nearest_reference_gives_the_class_and_the_next_class_is_the_runner_
     assert (match.runner_up, match.runner_up_distance) == ("b", 0.4)
     assert match.margin == pytest.approx(0.75)
     assert match.limit is match.orientation_deg is match.sharpness is None
-    assert match.reason == "a is 0.10 away, next is b at 0.40"
+    assert match.reason == "distance 0.10 to a; next is b at 0.40"
 
 
 @given(
@@ -64,13 +64,13 @@ def test_a_surface_beyond_the_limit_is_unknown_and_the_reason_says_so() -> None:
     match = matched([2.5, 3.0, 4.0, 9.0], a=2.4, b=100.0)
     assert match.label is None
     assert (match.nearest, match.limit) == ("a", 2.4)
-    assert match.reason == "nearest is a, but 2.50 away; its limit is 2.40"
+    assert match.reason == "distance 2.50 to a exceeds its limit 2.40; next is b at 3.00"
 
 
 def test_a_surface_at_the_limit_is_of_the_class() -> None:
     match = matched([2.4, 3.0, 4.0, 9.0], a=2.4)
     assert match.label == "a"
-    assert match.reason == "a is 2.40 of at most 2.40 away, next is b at 3.00"
+    assert match.reason == "distance 2.40 to a, limit 2.40; next is b at 3.00"
 
 
 def test_two_equally_near_classes_make_a_surface_unknown() -> None:
@@ -85,7 +85,7 @@ def test_a_single_class_has_no_runner_up() -> None:
     match = matched([0.2, 0.1], ("a", "a"))
     assert match.label == "a"
     assert match.runner_up is match.runner_up_distance is match.margin is None
-    assert match.reason == "a is 0.10 away"
+    assert match.reason == "distance 0.10 to a"
     assert matched([0.2, 0.1], ("a", "a"), a=0.05).label is None
 
 
