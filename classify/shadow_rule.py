@@ -11,4 +11,7 @@ MIN_SCALED_Z = np.float32(1e-30)
 # light (negative prediction, value near zero) counts as well, and so does a black one.
 SHADOW_FRACTION = np.float32(0.5)
 SHADOW_FLOOR = np.float32(0.1)
+# Before anything is solved: a light that gives less than this share of the brightest may be in
+# shadow.
+MAYBE_SHADOW = 0.2
 NO_DROPPED_LIGHT = 255

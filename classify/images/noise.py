@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.lighting import Lighting
+from classify.shadow_rule import MAYBE_SHADOW
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -19,8 +20,6 @@ _GROUPS = 4
 _GROUP_SAMPLES = 256
 # At this distance demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
-# A light that gives less than this share of the brightest may be in shadow.
-_MAYBE_SHADOW = 0.2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
 # with one degree of freedom (9.0 in `chi_squared`), beyond which a residual is not noise.
 _TENTH, BEYOND_NOISE = -1.2816, 2.76
@@ -121,7 +120,7 @@ def noise_of_images(
         if ambient is not None:
             values -= ambient[grid].astype(np.float32)
         values *= gains[:, None, None]
-        in_light = values.min(axis=0) > _MAYBE_SHADOW * values.max(axis=0)
+        in_light = values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
         return np.tensordot(cancelling, values, axes=1), values.sum(axis=0), in_light
 
     def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:

@@ -13,9 +13,10 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
 from classify.lighting import Lighting
+from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
-from .led_levels import MATT, MAYBE_SHADOW, fit_levels
+from .led_levels import MATT, fit_levels
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.shadow_rule import MAYBE_SHADOW
+
 FloatArray = npt.NDArray[np.float32]
 
-# A light that gives less than this share of the brightest may be in shadow.
-MAYBE_SHADOW = 0.2
 # Real surfaces are taken to be matt to this share of their brightness. A smaller share takes
 # their reflectance for unequal LEDs, a larger one hides weak LEDs (test_led_levels.py).
 MATT = np.float32(0.005)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
+from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
 
@@ -29,8 +30,6 @@ _CLEARLY_WORSE = 0.15
 _MIDDLE_PX = 192
 _COARSEST_PX = 48
 _MIN_SAMPLES = 500
-# A light that gives less than this share of the brightest may be in shadow.
-_MAYBE_SHADOW = 0.2
 # A pixel with less than this share of the frame's mean brightness is mostly noise.
 _MAYBE_NOISE = 0.1
 # Largest deviation from 180 degrees of the tilts of two opposite lights.
@@ -163,7 +162,7 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
     All 0 if too few pixels are lit by all four lights.
     """
     brightest = values.max(axis=0)
-    lit = usable & (values.min(axis=0) > _MAYBE_SHADOW * brightest)
+    lit = usable & (values.min(axis=0) > MAYBE_SHADOW * brightest)
     lit &= brightest > _MAYBE_NOISE * brightest.mean()
     inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
     if np.count_nonzero(inner) < _MIN_SAMPLES:
