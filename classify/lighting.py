@@ -33,7 +33,13 @@ class Lighting:
     directions
         (N, 3) vectors towards the lights, normalised here. All must be above the surface (z > 0).
     intensities
-        (N,) relative intensities, all 1 if empty; an image is divided by its light's intensity.
+        (N,) relative intensities; an image is divided by its light's intensity. All are 1 if none
+        are given; ps4_robust then estimates them from the images.
+
+    Attributes
+    ----------
+    intensities_given
+        Whether the intensities were given, also where all are 1; ps4_robust believes those.
 
     Raises
     ------
@@ -44,6 +50,7 @@ class Lighting:
 
     directions: npt.NDArray[np.float64]
     intensities: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    intensities_given: bool = field(init=False)
 
     def __post_init__(self) -> None:
         directions = _numbers(self.directions, "light directions")
@@ -67,7 +74,8 @@ class Lighting:
                 "directions point from the surface to the light, z towards the camera"
             )
         intensities = _numbers(self.intensities, "light intensities")
-        if intensities.size == 0:
+        object.__setattr__(self, "intensities_given", intensities.size > 0)
+        if not self.intensities_given:
             intensities = np.ones(len(directions))
         if intensities.shape != (len(directions),):
             raise InputError(

@@ -22,7 +22,7 @@ class _NamedLight(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
     file: str
     direction: Vector
-    intensity: float = Field(default=1.0, gt=0.0, allow_inf_nan=False)
+    intensity: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
 
 
 class _ImagesFile(BaseModel):
@@ -48,7 +48,7 @@ class LightList:
     vectors
         (x, y, z) towards each light; x right, y up, z to the camera.
     intensities
-        Intensity of each light relative to the others.
+        Intensity of each light relative to the others; empty if the file gives none.
 
     Raises
     ------
@@ -94,7 +94,8 @@ class LightList:
                 raise InputError(f"{self.source}: lists no light for {missing[0]}")
             rows = [self.names.index(image.name) for image in images]
         try:
-            return Lighting(np.array(self.vectors)[rows], np.array(self.intensities)[rows])
+            intensities = [self.intensities[row] for row in rows] if self.intensities else []
+            return Lighting(np.array(self.vectors)[rows], np.array(intensities))
         except InputError as error:
             raise InputError(f"{self.source}: {error}") from error
 
@@ -141,7 +142,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
     announced = int(numbered[0][1][:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
-    return LightList(path, names, vectors, [1.0] * len(vectors))
+    return LightList(path, names, vectors, intensities=[])
 
 
 def _parsed_json(path: Path, text: str) -> LightList:
@@ -158,5 +159,7 @@ def _parsed_json(path: Path, text: str) -> LightList:
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
-    intensities = [e.intensity if isinstance(e, _NamedLight) else 1.0 for e in entries]
+    given = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
+    any_given = any(intensity is not None for intensity in given)
+    intensities = [1.0 if each is None else each for each in given] if any_given else []
     return LightList(path, names, vectors, intensities)

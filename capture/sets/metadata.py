@@ -33,10 +33,15 @@ class _Record(BaseModel):
 
 
 class LightingRecord(_Record):
-    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities."""
+    """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities.
+
+    `intensities_given` is as for `Lighting`. Older sets do not hold it; their intensities count as
+    given unless all are 1.
+    """
 
     directions: tuple[Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
+    intensities_given: bool | None = None
 
     @classmethod
     def of(cls, lighting: Lighting) -> Self:
@@ -44,11 +49,15 @@ class LightingRecord(_Record):
         return cls(
             directions=tuple((x, y, z) for x, y, z in lighting.directions.tolist()),
             intensities=tuple(lighting.intensities.tolist()),
+            intensities_given=lighting.intensities_given,
         )
 
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
-        return Lighting(np.array(self.directions), np.array(self.intensities))
+        given = self.intensities_given
+        if given is None:
+            given = any(intensity != 1.0 for intensity in self.intensities)
+        return Lighting(np.array(self.directions), np.array(self.intensities if given else ()))
 
 
 class FrameRecord(_Record):

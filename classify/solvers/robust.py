@@ -44,17 +44,18 @@ _TINY = np.float32(1e-30)
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     """Least squares of four lights where they agree, without one light where they do not.
 
-    Pixels with fewer than three lights are filled in from their surroundings. LED levels are
-    corrected first, and the lighting of the result holds the corrected ones.
+    Pixels with fewer than three lights are filled in from their surroundings. Intensities that
+    were not given are estimated first, and the lighting of the result holds them.
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     stack, shape = problem.stack, problem.shape
-    corrections = level_corrections(
-        stack.images, stack.ambient, problem.gains, float(problem.saturation), problem.variance,
-        null,
-    )  # fmt: skip
-    levels = problem.lighting.intensities / corrections
-    balanced = replace(problem, lighting=Lighting(problem.lighting.directions, levels))
+    balanced = problem
+    if not problem.lighting.intensities_given:
+        corrections = level_corrections(
+            stack.images, stack.ambient, problem.gains, float(problem.saturation),
+            problem.variance, null,
+        )  # fmt: skip
+        balanced = replace(problem, lighting=Lighting(problem.lighting.directions, 1 / corrections))
     dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
     unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)

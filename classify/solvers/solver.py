@@ -116,6 +116,7 @@ def photometric_stereo(
         ambient=stack.ambient,
         full_scale=full_scale,
         lighting=maps.lighting,
+        led_levels=None if maps.lighting is lighting else maps.lighting.intensities,
         left_out=maps.left_out,
         highlights=maps.highlights,
         repaired=maps.repaired,

@@ -43,8 +43,10 @@ class SurfaceEstimate:
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
         as they were given; None for an estimate that does not come from a solver.
     lighting
-        The N lights of these images; ps4_robust corrects their intensities by the LED levels that
-        it finds (`level_corrections`).
+        The N lights of these images, with the intensities that were used.
+    led_levels
+        (N,) intensities that ps4_robust estimated from the images (`level_corrections`); None where
+        the intensities were given, and for other methods.
     left_out
         See `dropped`; None where that is the darkest light everywhere.
     highlights
@@ -63,6 +65,7 @@ class SurfaceEstimate:
     ambient: npt.NDArray[Any] | None = None
     full_scale: float | None = None
     lighting: Lighting | None = None
+    led_levels: npt.NDArray[np.float64] | None = None
     left_out: npt.NDArray[np.uint8] | None = None
     highlights: npt.NDArray[np.bool_] | None = None
     repaired: npt.NDArray[np.bool_] | None = None

@@ -31,6 +31,8 @@ def test_ring_has_the_four_tilts_of_ps4_in_order() -> None:
     assert ring.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
     assert ring.slants_deg.tolist() == [30.0] * 4
     assert ring.intensities.tolist() == [1.0] * 4
+    assert not ring.intensities_given
+    assert Lighting(ring.directions, np.ones(4)).intensities_given
     assert len(ring) == 4
     assert Lighting.ring(40.0, tilts_deg=[0, 120, 240]).tilts_deg.tolist() == [0.0, 120.0, 240.0]
 

@@ -192,3 +192,4 @@ def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_p
     found = load_light_list(as_json(tmp_path, lights))
     lighting = found.lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
     assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
+    assert lighting.intensities_given

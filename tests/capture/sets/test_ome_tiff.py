@@ -109,6 +109,27 @@ def test_a_captured_set_comes_back_with_all_its_records(rig: Rig, tmp_path: Path
     assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
 
 
+@pytest.mark.parametrize(("last", "given"), [(1.0, False), (0.9, True)])
+def test_equal_intensities_of_older_sets_count_as_not_given(
+    path: Path, last: float, given: bool
+) -> None:
+    def as_older_set(fields: dict[str, Any]) -> None:
+        fields["lighting"].pop("intensities_given")
+        fields["lighting"]["intensities"][3] = last
+
+    with_metadata(path, as_older_set, sign=True)
+    assert CapturedSet.load(path).lighting.intensities_given == given
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_set_knows_whether_its_intensities_were_given(
+    tmp_path: Path, made_set: MadeSet, given: bool
+) -> None:
+    lighting = Lighting(Lighting.ring().directions, np.ones(4) if given else np.empty(0))
+    made_set(PIXELS[:4], lighting=lighting).save(tmp_path / "a.ome.tif")
+    assert CapturedSet.load(tmp_path / "a.ome.tif").lighting.intensities_given == given
+
+
 # other readers
 
 
