@@ -35,13 +35,13 @@ class _Record(BaseModel):
 class LightingRecord(_Record):
     """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities.
 
-    `intensities_given` is as for `Lighting`. Older sets do not hold it; their intensities count as
-    given unless all are 1.
+    `intensities_given` is as for `Lighting`. Older sets do not hold it; intensities other than 1
+    always count as given.
     """
 
     directions: tuple[Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
-    intensities_given: bool | None = None
+    intensities_given: bool = False
 
     @classmethod
     def of(cls, lighting: Lighting) -> Self:
@@ -54,9 +54,7 @@ class LightingRecord(_Record):
 
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
-        given = self.intensities_given
-        if given is None:
-            given = any(intensity != 1.0 for intensity in self.intensities)
+        given = self.intensities_given or any(each != 1.0 for each in self.intensities)
         return Lighting(np.array(self.directions), np.array(self.intensities if given else ()))
 
 
