@@ -11,6 +11,8 @@ from classify.errors import InputError
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
+from .sampling import IndexArray, sample_pixels
+
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 
@@ -110,39 +112,46 @@ def noise_of_images(
     freedom = len(lighting) - 3
     if freedom < 1:
         return rounding
-    step = max(1, int(np.ceil(np.sqrt(images[0].size / _MAX_SAMPLES))))
     # The left null space of L, as orthonormal rows.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
+    shape = images.shape[1:]
+    planes = images.reshape(len(images), -1)
 
-    def sampled(first_column: int) -> tuple[FloatArray, FloatArray, BoolArray]:
-        grid = np.s_[::step, first_column::step]
-        values = images[(slice(None), *grid)].astype(np.float32)
+    def sampled(pixels: IndexArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        values = planes.take(pixels, axis=1).astype(np.float32)
         if ambient is not None:
-            values -= ambient[grid].astype(np.float32)
-        values *= gains[:, None, None]
+            values -= ambient.ravel().take(pixels).astype(np.float32)
+        values *= gains[:, None]
         in_light = values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
-        return np.tensordot(cancelling, values, axes=1), values.sum(axis=0), in_light
+        return cancelling @ values, values.sum(axis=0), in_light
 
     def least_variance(energies: FloatArray, brightness: FloatArray, in_light: BoolArray) -> float:
-        order = np.argsort(brightness, axis=None)
         if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
-            order = order[in_light.ravel()[order]]
-        groups = np.array_split(
-            energies.ravel()[order], min(_GROUPS, max(1, order.size // _GROUP_SAMPLES))
+            energies, brightness = energies[in_light], brightness[in_light]
+        groups = min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES))
+        # Equal brightness is one group, whatever the order of the pixels.
+        ends = energies.size * np.arange(1, groups + 1) // groups - 1
+        group = np.searchsorted(np.sort(brightness)[ends], brightness)
+        sizes = np.bincount(group, minlength=groups)
+        return min(
+            _variance(energies[group == index], freedom, rounding**2)
+            for index in np.flatnonzero(sizes >= sizes.max() // 2)
         )
-        return min(_variance(group, freedom, rounding**2) for group in groups)
 
-    residual, brightness, in_light = sampled(0)
+    residual, brightness, in_light = sampled(sample_pixels(shape, _MAX_SAMPLES))
     variance = least_variance(np.square(residual).sum(axis=0), brightness, in_light)
-    if images.shape[2] > _APART_PX:
-        near, near_brightness, near_in_light = sampled(_APART_PX)
-        pairs = np.s_[..., : near.shape[2]]
-        energies = 0.5 * np.square(residual[pairs] - near).sum(axis=0)
-        if energies.size >= _GROUP_SAMPLES:
-            differences = least_variance(
-                energies, brightness[pairs] + near_brightness, in_light[pairs] & near_in_light
-            )
-            variance = min(variance, differences)
+    # Pairs of pixels on both sides of a sample, in its row and in its column.
+    middles = sample_pixels(shape, _MAX_SAMPLES // 2, _APART_PX // 2)
+    offsets = np.repeat(np.array([1, shape[1]]) * (_APART_PX // 2), middles.size)
+    middles = np.tile(middles, 2)
+    residual, brightness, in_light = sampled(middles - offsets)
+    other, other_brightness, other_in_light = sampled(middles + offsets)
+    if middles.size >= _GROUP_SAMPLES:
+        energies = 0.5 * np.square(residual - other).sum(axis=0)
+        differences = least_variance(
+            energies, brightness + other_brightness, in_light & other_in_light
+        )
+        variance = min(variance, differences)
     return math.sqrt(variance)
 
 

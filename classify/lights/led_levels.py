@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.images.sampling import sample_pixels
 from classify.shadow_rule import MAYBE_SHADOW
 
 FloatArray = npt.NDArray[np.float32]
@@ -120,10 +121,9 @@ def level_corrections(
         (4,) left null vector of the light directions, of length 1.
     """
     equal = np.ones(4, np.float32)
-    step = max(1, math.ceil(math.sqrt(images[0].size / _MAX_SAMPLES)))
-    grid = np.s_[::step, ::step]
-    raw = images[(slice(None), *grid)].reshape(4, -1).astype(np.float32)
-    dark = np.float32(0.0) if ambient is None else ambient[grid].ravel().astype(np.float32)
+    pixels = sample_pixels(images.shape[1:], _MAX_SAMPLES)
+    raw = images.reshape(4, -1).take(pixels, 1).astype(np.float32)
+    dark = np.float32(0.0) if ambient is None else ambient.ravel()[pixels].astype(np.float32)
     values = (raw - dark) * gains[:, None]
     brightest = values.max(axis=0)
     lit = np.flatnonzero(

@@ -1,0 +1,31 @@
+"""Pixels that stand for a whole frame, without preference for a side or a direction."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+IndexArray = npt.NDArray[np.intp]
+
+
+def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexArray:
+    """Flat indices of about `most` pixels, evenly spread over the frame without its margin.
+
+    The samples of a frame that is rotated by quarter turns or mirrored are the rotated or mirrored
+    ones: their grid is symmetric about the middle, with one step for rows and columns.
+    """
+    rows, columns = (max(0, side - 2 * margin) for side in shape)
+    step = max(1, math.ceil(math.sqrt(rows * columns / most)))
+    grid = (margin + symmetric_samples(rows, step)), (margin + symmetric_samples(columns, step))
+    return (grid[0][:, None] * shape[1] + grid[1]).ravel()
+
+
+def symmetric_samples(size: int, step: int) -> IndexArray:
+    """Indices below `size` at distances of `step`, symmetric about (size - 1) / 2.
+
+    The two in the middle of an even size are `step` or `step` - 1 apart.
+    """
+    middle = (size - 1) // 2
+    first = middle if size % 2 else min(middle, max(0, middle - (step - 1) // 2))
+    lower = np.arange(first, -1, -step)
+    return np.union1d(lower, size - 1 - lower)
