@@ -1,9 +1,10 @@
-"""Ideal images of a surface under each light: Lambertian shading, attached and cast shadow."""
+"""Ideal images of a surface under each light: shading, attached and cast shadow, gloss."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,23 @@ from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
 
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
+
+Vector = tuple[FloatImage | np.float32, FloatImage | np.float32, FloatImage | np.float32]
+"""x, y and z of a direction, the same at every pixel or of shape (H, W)."""
+
+DISTANT = math.inf
+"""Distance of lights whose direction and strength are the same at every point."""
+
+
+class Gloss(NamedTuple):
+    """Blinn-Phong lobe: strength * (n . h)^exponent, with h halfway from the light to the camera.
+
+    A glossy point whose h is its normal is brighter by `strength` times a white matt surface that
+    faces the light. The lobe has the colour of the light: the albedo has no part in it.
+    """
+
+    strength: float
+    exponent: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,18 +63,28 @@ class SceneImages:
         """The same surface in light that passes through it: negative light where n . l < 0.
 
         Lambert's law then holds at every pixel, as in the experiments without shadow of the
-        literature. `lighting` is that of the rendering.
+        literature. `lighting` is that of the rendering, of distant lights.
         """
         reflectance = _reflectance(self.p, self.q, self.albedo)
         lights = np.stack([
-            _cosine(self.p, self.q, direction) * reflectance * np.float32(intensity)
-            for direction, intensity in zip(lighting.directions, lighting.intensities, strict=True)
+            _cosine(self.p, self.q, tuple(direction)) * reflectance * intensity
+            for direction, intensity in zip(
+                lighting.directions.astype(np.float32),
+                lighting.intensities.astype(np.float32),
+                strict=True,
+            )
         ])  # fmt: skip
         return replace(self, lights=lights, shadowed=np.zeros_like(self.shadowed))
 
 
 def render_scene(
-    patch: SurfacePatch, lighting: Lighting, ambient: float = AMBIENT, margin_px: int = 0
+    patch: SurfacePatch,
+    lighting: Lighting,
+    ambient: float = AMBIENT,
+    margin_px: int = 0,
+    *,
+    led_distance_px: float = DISTANT,
+    gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
 
@@ -65,16 +93,24 @@ def render_scene(
     patch
         Surface of (H + 2 margin_px, W + 2 margin_px).
     lighting
-        Distant lights, fixed to the rig: they do not rotate with the surface.
+        Lights, fixed to the rig: they do not rotate with the surface. Directions and intensities
+        of near lights are those at the centre of the frame, at the mean height.
     ambient
         Level of the even light that reaches every point without shading: albedo * ambient.
     margin_px
         Width of a border of the patch that casts shadows but is outside the images.
+    led_distance_px
+        Distance of the lights, which are points, from the centre of the frame. Every pixel then
+        has its own light directions, and light falls off with the square of the distance. Cast
+        shadows have the direction of the light at the centre.
+    gloss
+        None for a matt surface.
 
     Raises
     ------
     InputError
-        For a margin that leaves no pixel, or a negative ambient level.
+        For a margin that leaves no pixel, a negative ambient level, or lights that are not above
+        the whole surface.
     """
     if not 0 <= 2 * margin_px < min(patch.height.shape):
         raise InputError(f"a margin of {margin_px} px leaves nothing of {patch.height.shape}")
@@ -82,15 +118,19 @@ def render_scene(
         raise InputError(f"ambient level {ambient} must be 0 or more")
     rows, cols = (slice(margin_px, side - margin_px) for side in patch.height.shape)
     p, q, albedo = (np.ascontiguousarray(x[rows, cols]) for x in (patch.p, patch.q, patch.albedo))
+    height = patch.height[rows, cols]
     reflectance = _reflectance(p, q, albedo)
     images = np.empty((len(lighting), *p.shape), np.float32)
     shadowed = np.empty(images.shape, np.bool_)
     for index, direction in enumerate(lighting.directions):
-        image = _cosine(p, q, direction)
+        towards, fall_off = _point_light(direction, led_distance_px, height)
+        image = _cosine(p, q, towards)
         np.less_equal(image, 0.0, out=shadowed[index])
         shadowed[index] |= cast_shadow(patch.height, direction)[rows, cols]
         image *= reflectance
-        image *= np.float32(lighting.intensities[index])
+        if gloss is not None:
+            image += _lobe(p, q, towards, gloss)
+        image *= np.float32(lighting.intensities[index]) * fall_off
         images[index] = np.where(shadowed[index], np.float32(0.0), image)
     return SceneImages(images, albedo * np.float32(ambient), shadowed, p, q, albedo)
 
@@ -102,6 +142,10 @@ def render_frame(
     rotate_deg: float = 0.0,
     shift_px: tuple[float, float] = (0.0, 0.0),
     ambient: float = AMBIENT,
+    *,
+    magnification: float = 1.0,
+    led_distance_px: float = DISTANT,
+    gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
 
@@ -109,15 +153,62 @@ def render_frame(
     wider than the frame. For parameters and errors see `PeriodicSurface.patch` and `render_scene`.
     """
     reach_px = surface.relief_px * math.tan(math.radians(float(lighting.slants_deg.max())))
-    margin_px = min(math.ceil(reach_px), size_px)
-    patch = surface.patch(size_px, rotate_deg, shift_px, margin_px)
-    return render_scene(patch, lighting, ambient, margin_px)
+    margin_px = min(math.ceil(magnification * reach_px), size_px)
+    patch = surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+    return render_scene(
+        patch, lighting, ambient, margin_px, led_distance_px=led_distance_px, gloss=gloss
+    )
 
 
-def _cosine(p: FloatImage, q: FloatImage, direction: npt.NDArray[np.float64]) -> FloatImage:
+def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
+    """Distance of an LED, in pixels, at which its light falls off by a share across a frame.
+
+    The share, 0 to below 1, is that by which a level white surface is darker at the far end of the
+    frame's middle line, along the light's azimuth, than at the near end.
+    """
+    # Irradiance of a level surface is proportional to 1 / r^3 at the same height of the light.
+    ratio = math.pow(1.0 - fall_off, -2.0 / 3.0)  # of the squared distances: (1 + u) / (1 - u)
+    u = (ratio - 1.0) / (ratio + 1.0)
+    # r^2 = D^2 + h^2 +- 2 D h sin(slant), h half the frame: u = 2 D h sin(slant) / (D^2 + h^2)
+    half_px, sine = 0.5 * size_px, math.sin(math.radians(slant_deg))
+    if u == 0.0:
+        return DISTANT
+    return half_px * (sine + math.sqrt(sine * sine - u * u)) / u
+
+
+def _point_light(
+    direction: npt.NDArray[np.float64], distance_px: float, height: FloatImage
+) -> tuple[Vector, FloatImage | np.float32]:
+    """Unit vector towards a light from every point, and its strength relative to the centre."""
+    if math.isinf(distance_px):
+        x, y, z = direction.astype(np.float32)
+        return (x, y, z), np.float32(1.0)
+    rows, cols = height.shape
+    x = direction[0] * distance_px - (np.arange(cols) - 0.5 * (cols - 1))
+    y = direction[1] * distance_px - (0.5 * (rows - 1) - np.arange(rows))[:, None]
+    z = direction[2] * distance_px - (height - height.mean())
+    if not (distance_px > 0.0 and z.min() > 0.0):
+        raise InputError(f"lights {distance_px:g} px away are not above the whole surface")
+    distance = np.sqrt(x * x + y * y + z * z)
+    x, y, z, fall_off = (
+        np.asarray(each, np.float32)
+        for each in (x / distance, y / distance, z / distance, (distance_px / distance) ** 2)
+    )
+    return (x, y, z), fall_off
+
+
+def _cosine(p: FloatImage, q: FloatImage, towards: Vector) -> FloatImage:
     """(n . l) sqrt(1 + p^2 + q^2), of either sign."""
-    x, y, z = direction.astype(np.float32)
+    x, y, z = towards
     return np.asarray(z - x * p - y * q, np.float32)
+
+
+def _lobe(p: FloatImage, q: FloatImage, towards: Vector, gloss: Gloss) -> FloatImage:
+    x, y, z = towards
+    halfway = (x, y, z + np.float32(1.0))
+    length = np.sqrt(2.0 * halfway[2])  # |l + v| with v = (0, 0, 1)
+    cosine = _cosine(p, q, halfway) / (length * np.sqrt(1.0 + p * p + q * q))
+    return np.asarray(gloss.strength * np.maximum(cosine, 0.0) ** gloss.exponent, np.float32)
 
 
 def _reflectance(p: FloatImage, q: FloatImage, albedo: FloatImage) -> FloatImage:

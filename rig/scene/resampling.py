@@ -67,7 +67,12 @@ def _zero_padded(
 
 
 def sample_rotated(
-    coefficients: FloatArray, centre_row: float, centre_col: float, rotate_deg: float, side_px: int
+    coefficients: FloatArray,
+    centre_row: float,
+    centre_col: float,
+    rotate_deg: float,
+    side_px: int,
+    magnification: float = 1.0,
 ) -> FloatArray:
     """Interpolate a square, rotated anticlockwise by `rotate_deg`, from spline coefficients.
 
@@ -80,7 +85,9 @@ def sample_rotated(
     rotate_deg
         Angle of the +x direction of the tile in the square, anticlockwise.
     side_px
-        Side of the square, in pixels of the tile.
+        Side of the square, in its own pixels.
+    magnification
+        Pixels of the square per pixel of the tile.
 
     Returns
     -------
@@ -90,7 +97,8 @@ def sample_rotated(
     angle = math.radians(rotate_deg)
     row = math.fmod(2.0 * centre_row, fine_rows)
     col = math.fmod(2.0 * centre_col, fine_cols)
-    cos, sin = 2.0 * math.cos(angle), 2.0 * math.sin(angle)
+    step = 2.0 / magnification
+    cos, sin = step * math.cos(angle), step * math.sin(angle)
     out = np.empty((count, side_px, side_px), np.float32)
     run_on_rows(
         lambda first, last: _sample(coefficients, row, col, cos, sin, first, last, out),

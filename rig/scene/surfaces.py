@@ -135,11 +135,12 @@ class PeriodicSurface:
         rotate_deg: float = 0.0,
         shift_px: tuple[float, float] = (0.0, 0.0),
         margin_px: int = 0,
+        magnification: float = 1.0,
     ) -> SurfacePatch:
         """Cut a square piece whose centre is shifted, then rotate the surface about that centre.
 
-        patch(x) = tile(R(-rotate) x + shift), with x measured from the centre of the frame. The
-        gradients rotate with the surface: (p', q') = R (p, q).
+        patch(x) = tile(R(-rotate) x / magnification + shift), with x measured from the centre of
+        the frame. The gradients rotate with the surface: (p', q') = R (p, q).
 
         Parameters
         ----------
@@ -153,11 +154,15 @@ class PeriodicSurface:
             rotation and with a whole shift holds the pixels of the tile.
         margin_px
             Border on every side: the patch has the side size_px + 2 margin_px.
+        magnification
+            Camera pixels per pixel of the tile, 0.1 to 10. Below 1, finer waves than the camera
+            resolves are aliased, as by a sharp lens.
 
         Raises
         ------
         InputError
-            For a size or margin out of range, or an angle or shift that is not finite.
+            For a size, margin or magnification out of range, or an angle or shift that is not
+            finite.
         """
         if not 1 <= size_px <= MAX_SIDE_PX:
             raise InputError(f"a frame of {size_px} px; its side must be 1 to {MAX_SIDE_PX}")
@@ -165,6 +170,8 @@ class PeriodicSurface:
             raise InputError(f"a margin of {margin_px} px; it must be 0 to {MAX_SIDE_PX}")
         if not all(map(math.isfinite, (rotate_deg, *shift_px))):
             raise InputError("the angle and the shift of a patch must be finite numbers")
+        if not 0.1 <= magnification <= 10.0:
+            raise InputError(f"a magnification of {magnification}; it must be 0.1 to 10")
         rows, cols = self.height.shape
         right, up = shift_px
         height, p, q, albedo = sample_rotated(
@@ -173,7 +180,9 @@ class PeriodicSurface:
             centre_col=0.5 * (size_px - 1) + (cols - size_px) // 2 + right,
             rotate_deg=rotate_deg,
             side_px=size_px + 2 * margin_px,
+            magnification=magnification,
         )
+        height *= np.float32(magnification)
         # The spline may overshoot below zero beside a dark edge; a reflectance cannot be negative.
         np.maximum(albedo, 0.0, out=albedo)
         cos = np.float32(math.cos(math.radians(rotate_deg)))

@@ -1,11 +1,16 @@
 """Rendered scenes against the formulas, and against the shadow counts of the thesis for sand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from classify.errors import InputError
 from classify.lighting import Lighting
-from rig.scene.render import render_frame, render_scene
+from rig.scene.lens import Lens
+from rig.scene.render import Gloss, led_distance_for, render_frame, render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch
 from rig.scene.synthetic import ALBEDO, synthetic_surface
 
@@ -88,6 +93,75 @@ def test_sand_has_the_shadow_counts_of_the_thesis(
     assert 100 * np.mean(counts) == pytest.approx(percent, abs=2.0)
 
 
+@settings(deadline=None, max_examples=30)
+@given(
+    slopes=st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)),
+    distance_px=st.floats(60.0, 1e4),
+    pixel=st.tuples(st.integers(0, 39), st.integers(0, 39)),
+)
+def test_a_point_light_has_its_own_direction_and_distance_at_every_pixel(
+    slopes: tuple[float, float], distance_px: float, pixel: tuple[int, int]
+) -> None:
+    p, q = slopes
+    scene = render_scene(plane(p, q), Lighting.ring(slant_deg=35.0), led_distance_px=distance_px)
+    x, y = pixel[1] - 19.5, 19.5 - pixel[0]
+    normal = np.array([-p, -q, 1.0]) / np.sqrt(1 + p * p + q * q)
+    for light, direction in enumerate(Lighting.ring(slant_deg=35.0).directions):
+        towards = distance_px * direction - np.array([x, y, p * x + q * y])
+        distance = np.linalg.norm(towards)
+        expected = 0.6 * (normal @ towards / distance) * (distance_px / distance) ** 2
+        if not scene.shadowed[light][pixel]:
+            assert scene.lights[light][pixel] == pytest.approx(expected, rel=1e-4)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(0.01, 0.5), st.floats(15.0, 70.0))
+def test_the_led_distance_gives_the_fall_off_across_the_frame(
+    fall_off: float, slant_deg: float
+) -> None:
+    distance_px = led_distance_for(fall_off, slant_deg, 40)
+    scene = render_scene(
+        plane(0.0, 0.0, side=41), Lighting.ring(slant_deg), led_distance_px=distance_px
+    )
+    for light, (far, near) in enumerate([((20, 0), (20, 40)), ((40, 20), (0, 20))]):
+        shares = scene.lights[light][far] / scene.lights[light][near]
+        assert 1.0 - shares == pytest.approx(fall_off, rel=1e-3)
+
+
+def test_a_glossy_surface_is_brightest_where_its_normal_is_halfway_to_the_light() -> None:
+    lighting, gloss = Lighting.from_angles([0.0], 40.0), Gloss(strength=0.5, exponent=30.0)
+    halfway = -float(np.tan(np.radians(20.0)))
+    shine = []
+    for p in (halfway - 0.1, halfway, halfway + 0.1, 2.0):
+        glossy, matt = (render_scene(plane(p, 0.0), lighting, gloss=g) for g in (gloss, None))
+        shine.append(float((glossy.lights - matt.lights).mean()))
+    assert shine[1] == pytest.approx(0.5, rel=1e-5)
+    assert max(shine[0], shine[2]) < 0.5
+    assert shine[3] == 0.0  # in attached shadow
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.floats(0.5, 2.0), st.integers(2, 12))
+def test_a_lens_out_of_focus_weakens_fine_waves_and_keeps_the_mean(
+    blur_px: float, cycles: int
+) -> None:
+    scene = render_scene(plane(0.0, 0.0, side=128), Lighting.ring(), ambient=0.02)
+    wave = np.cos(2 * np.pi * cycles * np.arange(128) / 128).astype(np.float32)
+    waves = replace(scene, lights=np.broadcast_to(1.0 + wave, scene.lights.shape))
+    blurred = Lens(blur_px).images(waves).lights[:, 20:-20, 20:-20]
+    gain = np.exp(-2.0 * (np.pi * blur_px * cycles / 128) ** 2)
+    np.testing.assert_allclose(
+        blurred, np.broadcast_to(1.0 + gain * wave[20:-20], blurred.shape), atol=0.01
+    )
+
+
+def test_vignetting_darkens_the_corners_and_not_the_centre() -> None:
+    scene = render_scene(plane(0.0, 0.0, side=41), Lighting.ring())
+    share = Lens(vignetting=0.2).images(scene).lights / scene.lights
+    np.testing.assert_allclose(share[:, 0, 0], 0.8, rtol=1e-5)
+    np.testing.assert_allclose(share[:, 20, 20], 1.0)
+
+
 def test_cropping_keeps_the_middle() -> None:
     scene = render_frame(synthetic_surface("rock", 0, 64), Lighting.ring(), 40)
     part = scene.cropped(height_px=20, width_px=30)
@@ -102,3 +176,5 @@ def test_bad_arguments_are_named() -> None:
         render_scene(plane(0, 0), Lighting.ring(), margin_px=20)
     with pytest.raises(InputError, match="ambient"):
         render_scene(plane(0, 0), Lighting.ring(), ambient=-0.1)
+    with pytest.raises(InputError, match="above"):
+        render_scene(plane(2.0, 0), Lighting.ring(), led_distance_px=20.0)

@@ -52,6 +52,14 @@ def test_a_whole_shift_gives_the_pixels_of_the_tile(right: int, up: int, size: i
         np.testing.assert_allclose(getattr(patch, name), expected, atol=2e-5)
 
 
+def test_magnification_stretches_the_patch_about_its_centre(malv: PeriodicSurface) -> None:
+    """At twice the size, every second pixel is one of the tile: sides are odd."""
+    plain, large = malv.patch(51, 20.0, (3.5, 1.0)), malv.patch(101, 20.0, (3.5, 1.0), 0, 2.0)
+    np.testing.assert_allclose(large.height[::2, ::2], 2.0 * plain.height, atol=1e-4)
+    for name in ("p", "q", "albedo"):
+        np.testing.assert_allclose(getattr(large, name)[::2, ::2], getattr(plain, name), atol=1e-4)
+
+
 @pytest.mark.parametrize("quarter", [1, 2, 3])
 def test_rotation_by_90_degrees_rotates_the_arrays_anticlockwise(
     malv: PeriodicSurface, quarter: int
@@ -64,9 +72,10 @@ def test_rotation_by_90_degrees_rotates_the_arrays_anticlockwise(
     )
 
 
-def test_rotated_gradients_are_those_of_the_rotated_height() -> None:
+@pytest.mark.parametrize("magnification", [1.0, 1.3])
+def test_rotated_gradients_are_those_of_the_rotated_height(magnification: float) -> None:
     surface = synthetic_surface("sand", seed=2, tile_px=256)
-    patch = surface.patch(150, rotate_deg=37.0, shift_px=(11.3, -4.6))
+    patch = surface.patch(150, 37.0, shift_px=(11.3, -4.6), magnification=magnification)
     # Fourth-order differences, with an error below 0.001 for ripples of 20 px.
     p, q = (
         (8 * (np.roll(patch.height, -s, a) - np.roll(patch.height, s, a))
@@ -108,6 +117,7 @@ def test_a_tile_is_at_least_twice_the_frame() -> None:
         (lambda s: s.patch(8193), "1 to 8192"),
         (lambda s: s.patch(10, margin_px=-1), "margin"),
         (lambda s: s.patch(10, rotate_deg=float("nan")), "finite"),
+        (lambda s: s.patch(10, magnification=0.0), "magnification"),
         (lambda s: s.patch(10, shift_px=(0.0, float("inf"))), "finite"),
         (lambda _: synthetic_surface("granite", 0, 64), "rock, sand, malv, ogil"),
         (lambda _: synthetic_surface("rock", -1, 64), "negative"),

@@ -1,0 +1,40 @@
+"""What a lens does to ideal images: blur out of focus, and vignetting."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from .render import SceneImages
+from .surfaces import FloatImage
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens with faults; the default has none.
+
+    Attributes
+    ----------
+    blur_px
+        Standard deviation of the Gaussian by which images out of focus are blurred.
+    vignetting
+        Share of light missing in the corners of the frame; it grows with the squared distance
+        from the centre.
+    """
+
+    blur_px: float = 0.0
+    vignetting: float = 0.0
+
+    def images(self, scene: SceneImages) -> SceneImages:
+        """The images of a scene through this lens. Slopes, albedo and shadow stay the true ones."""
+        lights = np.stack([self._image(light) for light in scene.lights])
+        return replace(scene, lights=lights, ambient=self._image(scene.ambient))
+
+    def _image(self, ideal: FloatImage) -> FloatImage:
+        image = ideal
+        if self.blur_px > 0.0:
+            blurred = cv2.GaussianBlur(ideal, (0, 0), self.blur_px)
+            image = np.asarray(blurred, np.float32)
+        rows, cols = (np.linspace(-1.0, 1.0, side, dtype=np.float32) for side in ideal.shape)
+        darker = np.float32(0.5 * self.vignetting) * (rows[:, None] ** 2 + cols**2)
+        return np.asarray(image * (1.0 - darker), np.float32)
