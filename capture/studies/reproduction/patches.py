@@ -9,11 +9,12 @@ from classify import Lighting, Method, SurfaceEstimate
 from classify.classifiers import Observation, classifier_named
 from rig import synthetic_surface
 from rig.scene.material_folder import load_material
-from rig.scene.render import SceneImages, render_frame
+from rig.scene.render import SceneImages
 from rig.scene.surfaces import PeriodicSurface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 
+from .faults import NO_FAULTS, Faults
 from .plan import Conditions, PatchPosition, Texture
 
 _OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
@@ -28,16 +29,19 @@ def load_surface(texture: Texture, seed: int, tile_px: int) -> PeriodicSurface:
 
 
 def render_patch(
-    position: PatchPosition, slant_deg: float, size_px: int, surface: PeriodicSurface | None = None
+    position: PatchPosition,
+    slant_deg: float,
+    size_px: int,
+    surface: PeriodicSurface | None = None,
+    faults: Faults = NO_FAULTS,
 ) -> SceneImages:
-    """Ideal images of a patch under the ring of four lights."""
+    """Ideal images of a patch under the ring of four lights; its faults depend on the position."""
     if surface is None:
         surface = load_surface(position.texture, position.seed, 2 * size_px)
     rows, columns = surface.height.shape
     shift_px = (columns / 2.0, rows / 2.0) if position.half_tile_away else (0.0, 0.0)
-    return render_frame(
-        surface, Lighting.ring(slant_deg), size_px, position.rotate_deg, shift_px=shift_px
-    )
+    seed = _seed_of(position, "faults")
+    return faults.render(surface, slant_deg, size_px, position.rotate_deg, shift_px, seed)
 
 
 def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSet:
@@ -73,19 +77,19 @@ class CachedPatch:
     def __init__(self, position: PatchPosition, frame_px: int) -> None:
         self.position = position
         self._frame_px = frame_px
-        self._scenes: dict[float, SceneImages] = {}
+        self._scenes: dict[tuple[float, Faults], SceneImages] = {}
         self._surfaces: dict[tuple[Conditions, Method], SurfaceEstimate] = {}
         self._observations: dict[Hashable, Observation] = {}
 
     def images(self, conditions: Conditions) -> SimulatedSet:
         """Image set of the patch; its noise depends on position and conditions only."""
-        slant_deg = conditions.slant_deg
-        if slant_deg not in self._scenes:
-            self._scenes[slant_deg] = render_patch(self.position, slant_deg, self._frame_px)
-        scene = self._scenes[slant_deg].cropped(conditions.size_px, conditions.size_px)
-        # The seed of the noise must not depend on the folder in which a material is stored.
-        position = replace(self.position, texture=Texture(self.position.texture.name))
-        return expose(scene, conditions, zlib.crc32(f"{position} {conditions}".encode()))
+        key = (conditions.slant_deg, conditions.faults)
+        if key not in self._scenes:
+            self._scenes[key] = render_patch(
+                self.position, conditions.slant_deg, self._frame_px, faults=conditions.faults
+            )
+        scene = self._scenes[key].cropped(conditions.size_px, conditions.size_px)
+        return expose(scene, conditions, _seed_of(self.position, conditions))
 
     def surface(self, conditions: Conditions, method: Method) -> SurfaceEstimate:
         """Surface as a solver estimates it."""
@@ -104,3 +108,9 @@ class CachedPatch:
         if key not in self._observations:
             self._observations[key] = observe(self.surface(conditions, method), segment_px)
         return self._observations[key]
+
+
+def _seed_of(position: PatchPosition, use: object) -> int:
+    """Seed that does not depend on the folder in which a material is stored."""
+    named = replace(position, texture=Texture(position.texture.name))
+    return zlib.crc32(f"{named} {use}".encode())

@@ -1,7 +1,7 @@
 """What a reproduction measures: textures, conditions, training runs, test runs, experiments."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,8 @@ from classify.methods import CLASSIFIER_NAMES, Method
 from classify.texture.spectra import segment_for
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30, SYNTHETIC_TEXTURES
 from rig.scene.material_folder import bundled_materials
+
+from .faults import ALL_FAULTS, NEAR_LEDS, NO_FAULTS, OTHER_RIG, OUT_OF_FOCUS, Faults
 
 Protocol = Literal["disjoint", "rotated"]
 """Tests on patches that share no pixel with training, or on the training patch, rotated."""
@@ -69,6 +71,8 @@ class Conditions:
     shadows: bool = True
     exposure: float = 1.0  # relative to the 20 ms that fill 85 % of the well for white
     weak_led: float = 1.0  # level of the second LED, unknown to the solver
+    # Not in the text from which the noise is drawn, so that it is that of the set without faults.
+    faults: Faults = field(default=NO_FAULTS, repr=False)
 
 
 @dataclass(frozen=True)
@@ -168,11 +172,14 @@ class Plan:
     synthetic: Experiment
     materials: Experiment
     robustness: Experiment
+    days: Experiment
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All experiments."""
-        return (self.slants, self.thirty, self.synthetic, self.materials, self.robustness)
+        return (
+            self.slants, self.thirty, self.synthetic, self.materials, self.robustness, self.days,
+        )  # fmt: skip
 
 
 def spread_orientations_deg(count: int) -> tuple[float, ...]:
@@ -228,6 +235,7 @@ def plan_of(quick: bool, materials: tuple[Texture, ...]) -> Plan:
         synthetic=_synthetic(frame_px, orientations_deg, quick),
         materials=_materials(materials, materials_px, orientations_deg),
         robustness=_robustness(2 * frame_px, spread_orientations_deg(12), quick),
+        days=_days(materials, spread_orientations_deg(12)),
     )
 
 
@@ -327,3 +335,25 @@ def _robustness(size_px: int, orientations_deg: tuple[float, ...], quick: bool) 
         TestRun("slant 50", large, Conditions(50.0, size_px, 16)),
     )
     return Experiment("robustness", tests, orientations_deg)
+
+
+def _days(textures: tuple[Texture, ...], orientations_deg: tuple[float, ...]) -> Experiment:
+    """Faults in the tests only, and unknown textures by size of the frame and number of sets."""
+    usual = Conditions(45.0, 256)
+    runs = [
+        TrainingRun(
+            f"{size_px} px, {len(trained_deg)} sets", textures, Conditions(45.0, size_px), (OURS,),
+            (BEST_SOLVER,), trained_deg, tests_unknown=True,
+        )
+        for size_px in (256, 128)
+        for trained_deg in ((0.0,), (0.0, 60.0, 120.0))
+    ]  # fmt: skip
+    faulty = (
+        ("focus: blur of 0.5 to 1.1 px", replace(usual, faults=OUT_OF_FOCUS)),
+        ("near LEDs: fall-off of 25 %", replace(usual, faults=NEAR_LEDS)),
+        ("another rig", replace(usual, faults=OTHER_RIG, exposure=1.0 / 3.0)),
+        ("all together", replace(usual, faults=ALL_FAULTS, exposure=1.0 / 3.0)),
+    )
+    tests = [TestRun("none", runs[0], usual)]
+    tests += [TestRun(name, runs[0], conditions) for name, conditions in faulty]
+    return Experiment("days", (*tests, *_same_conditions(runs[1:])), orientations_deg)

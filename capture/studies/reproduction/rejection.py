@@ -10,7 +10,7 @@ import numpy.typing as npt
 from . import plots
 from .exhibit import Exhibit, Row
 from .plan import OURS, THESIS
-from .results import Results
+from .results import Results, answers_pct
 from .runs import Outcome
 
 _TITLES = {OURS: "joint distance over the limit of the class", THESIS: "2D spectra of the thesis"}
@@ -51,7 +51,7 @@ def _groups(results: Results) -> Groups:
     groups: dict[str, dict[str, list[Outcome]]] = {}
     for system, outcomes in results.outcomes.items():
         asked = [each for each in outcomes if each.match_without_class is not None]
-        if asked and system.protocol == "disjoint":
+        if asked and system.protocol == "disjoint" and system.experiment != "days":
             name = "materials" if system.experiment == "materials" else system.test
             groups.setdefault(name, {})[system.classifier] = asked
     return groups
@@ -68,21 +68,14 @@ def _scores(outcomes: Sequence[Outcome]) -> tuple[Scores, Scores]:
     return known_scores, unknown_scores
 
 
-def _with_trained_limits(outcomes: Sequence[Outcome]) -> tuple[float, float]:
-    """Known rejected and unknown accepted, in percent, by the limits in the library."""
-    rejected = [each.trial.match.label is None for each in outcomes]
-    accepted = [match.label is not None for each in outcomes if (match := each.match_without_class)]
-    return 100.0 * float(np.mean(rejected)), 100.0 * float(np.mean(accepted))
-
-
 def _table(groups: Groups) -> Exhibit:
     rows: list[Row] = [
         (title, *(accepted_pct(*_scores(tests[name]), _REJECTED) for tests in groups.values()))
         for name, title in _TITLES.items()
     ]
-    trained = [_with_trained_limits(tests[OURS]) for tests in groups.values()]
-    rows.append(("limits from training: known rejected", *(known for known, _ in trained)))
-    rows.append(("limits from training: unknown accepted", *(unknown for _, unknown in trained)))
+    trained = [answers_pct(tests[OURS]) for tests in groups.values()]
+    rows.append(("limits from training: known rejected", *(each.refused for each in trained)))
+    rows.append(("limits from training: unknown accepted", *(each.accepted for each in trained)))
     return Exhibit(
         "unknown",
         ("score", *(f"{name}, %" for name in groups)),
@@ -103,7 +96,8 @@ def _curves(groups: Groups) -> Exhibit:
             lines.append(plots.Line(title, rejected, accepted, style="-"))
             points = zip(rejected, accepted, strict=True)
             rows += [(name, classifier, x, y) for x, y in points if x <= _LISTED_PCT]
-        x, y = _with_trained_limits(tests[OURS])
+        trained = answers_pct(tests[OURS])
+        x, y = trained.refused, trained.accepted
         rows.append((name, "limits from training", x, y))
         lines.append(plots.Line("limits from training", [x], [y], style="*", colour="#000000"))
         panels.append((name, lines))

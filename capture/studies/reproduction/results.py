@@ -1,6 +1,8 @@
 """Measurements of a reproduction, and numbers computed from them."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -82,6 +84,31 @@ class Results:
         )
 
 
+class Answers(NamedTuple):
+    """Percent of tests on known textures that are right, refused or wrong, and unknown accepted."""
+
+    right: float
+    refused: float
+    wrong: float
+    accepted: float
+
+
+def answers_pct(outcomes: Sequence[Outcome]) -> Answers:
+    """Count the answers by the limits in the library, with and without the class of the test."""
+    labels = [(each.trial.label, each.trial.match.label) for each in outcomes]
+    unknown = [match for each in outcomes if (match := each.match_without_class)]
+    return Answers(
+        right=_share_pct(found == true for true, found in labels),
+        refused=_share_pct(found is None for _, found in labels),
+        wrong=_share_pct(found not in (true, None) for true, found in labels),
+        accepted=_share_pct(match.label is not None for match in unknown),
+    )
+
+
 def percent(share: float | None) -> float | None:
     """A share in percent; None stays None."""
     return None if share is None else 100.0 * share
+
+
+def _share_pct(answers: Iterable[bool]) -> float:
+    return 100.0 * float(np.mean(list(answers)))

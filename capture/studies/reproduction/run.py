@@ -18,6 +18,7 @@ from rig import SYNTHETIC_TEXTURES
 from .chapter_accuracy import accuracy_exhibits
 from .chapter_surface import surface_exhibits
 from .comparison import comparison_exhibits
+from .days import days_exhibits
 from .exhibit import Exhibit
 from .output import page, write_exhibit, write_numbers, write_text
 from .plan import Plan
@@ -114,4 +115,5 @@ def exhibits_of(results: Results) -> Iterator[Exhibit]:
     yield summary
     yield from sorted([*accuracy, *surface_exhibits(results)], key=lambda each: each.key)
     yield from comparison_exhibits(results)
+    yield from days_exhibits(results)
     yield from rejection_exhibits(results)

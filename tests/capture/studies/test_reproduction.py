@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from capture.studies.reproduction.exhibit import Exhibit
+from capture.studies.reproduction.faults import NO_FAULTS, Faults
 from capture.studies.reproduction.output import page
 from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
 from capture.studies.reproduction.plan import (
@@ -23,7 +24,7 @@ from capture.studies.reproduction.plan import (
     thirty_textures,
 )
 from capture.studies.reproduction.rejection import accepted_pct, rejection_curve
-from capture.studies.reproduction.results import Results
+from capture.studies.reproduction.results import Results, answers_pct
 from capture.studies.reproduction.run import reproduce
 from capture.studies.reproduction.runs import Outcome, System, without_class
 from capture.studies.reproduction.sand import SHADOW_TILTS_DEG, SandMaps, shadow_shares
@@ -38,7 +39,7 @@ SAND = PatchPosition(Texture("sand"), seed=3, half_tile_away=False, rotate_deg=2
 FIGURES = ("01", "02", "03", "05", "07", "08", "09", "10", "11", "13")
 TABLES = (
     "summary", "table_9_01", "classifiers_synthetic", "classifiers_twins_and_small", "materials",
-    "orientation", "robustness", "unknown", "unknown_curves",
+    "orientation", "robustness", "unknown", "unknown_curves", "days", "open_set",
 )  # fmt: skip
 
 
@@ -112,6 +113,27 @@ def test_the_images_of_a_patch_depend_on_position_and_conditions_only() -> None:
     assert short.mean() < 0.6 * first.mean()
 
 
+def test_every_set_draws_its_own_faults_within_the_bounds() -> None:
+    usual = Conditions(45.0, 64)
+
+    def mean_levels(position: PatchPosition, faults: Faults = NO_FAULTS) -> np.ndarray:
+        images = CachedPatch(position, 64).images(replace(usual, faults=faults)).images
+        return images.mean(axis=(1, 2)) - 64.0  # less the black level
+
+    weak = mean_levels(SAND, Faults(weak_leds=0.5)) / mean_levels(SAND)
+    assert 0.45 < weak.min() < weak.max() - 0.05 < 0.95
+    np.testing.assert_array_equal(
+        weak, mean_levels(SAND, Faults(weak_leds=0.5)) / mean_levels(SAND)
+    )
+    other = replace(SAND, rotate_deg=21.0)
+    elsewhere = mean_levels(other, Faults(weak_leds=0.5)) / mean_levels(other)
+    assert np.abs(elsewhere - weak).min() > 0.01
+    added = mean_levels(SAND, Faults(ambient=0.1)) - mean_levels(SAND)
+    np.testing.assert_allclose(added, added.mean(), rtol=0.02)
+    ambient = CachedPatch(SAND, 64).images(replace(usual, faults=Faults(ambient=0.1))).ambient
+    np.testing.assert_array_equal(ambient, CachedPatch(SAND, 64).images(usual).ambient)
+
+
 def test_smaller_frames_are_the_middle_of_larger_ones() -> None:
     patch = CachedPatch(SAND, 128)
     large = solve(patch.images(Conditions(40.0, 128)), "ps4").p[32:96, 32:96]
@@ -176,6 +198,14 @@ def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
     assert accepted == sorted(accepted, reverse=True)
 
 
+def test_answers_are_right_refused_or_wrong() -> None:
+    ours = System("days", "none", "ps4_robust", "joint")
+    matches = [_match("sand", 0.0), _match("sand", 0.0, known=False), _match("rock", 0.0)]
+    outcomes = [Outcome(ours, Trial("sand", 0.0, m), _match("rock", 0.0)) for m in matches[:2]]
+    outcomes += 2 * [Outcome(ours, Trial("sand", 0.0, matches[2]), matches[1])]
+    assert answers_pct(outcomes) == (25.0, 25.0, 50.0, 50.0)
+
+
 def test_names_are_escaped_on_the_page() -> None:
     shown = Exhibit(
         "orientation", ("textures",), [("<b>",)], values={"sharpness": "1", "best": "ps4"}
@@ -235,6 +265,7 @@ def _small_plan() -> Plan:
         synthetic=_cut(plan.synthetic, synthetic, 3),
         materials=_cut(plan.materials, ("Bark014", "Leather037", "Tiles036"), 3),
         robustness=_cut(plan.robustness, ("rock", "rock_smooth", "peel"), 3),
+        days=_cut(plan.days, ("Bark014", "Leather037", "Tiles036"), 3),
     )
 
 
