@@ -5,13 +5,13 @@ They are chosen so that they change as little from pixel to pixel as elsewhere o
 and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.sampling import sample_pixels
 from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
@@ -25,7 +25,7 @@ Array = npt.NDArray[Any]
 LOST, SATURATED = np.uint8(16), np.uint8(32)
 _LIGHTS = np.uint8(15)
 
-# Number of pixels from which the smoothness of the surface is estimated.
+# Number of squares of four pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.transpose(_PAIRS)
@@ -67,8 +67,10 @@ def in_fill(
 
     run_on_rows(list_pixels, problem.shape, strip_px)
     planes = maps.p, maps.q, maps.albedo
-    step = max(1, math.isqrt(maps.p.size // _SAMPLES))
-    albedo_weight, curl_weight = neighbour_weights(*planes, unsolved.depth, step)
+    rows, columns = problem.shape
+    corners = sample_pixels((rows - 1, columns - 1), _SAMPLES)
+    squares = np.stack(np.divmod(corners, max(columns - 1, 1)), axis=1)
+    albedo_weight, curl_weight = neighbour_weights(*planes, unsolved.depth, squares)
     # The pixels of a strip that are unsolved are few: larger strips.
     grow(unsolved, albedo_weight, *planes, 4 * strip_px)
     relax(unsolved, albedo_weight, curl_weight, *planes, 4 * strip_px)
