@@ -142,7 +142,7 @@ def _step_along_line(
     relative = albedo_weight / (A * A)
     slope = slope_weight * ((p - P) * dp + (q - Q) * dq) + relative * (rho - A) * dr
     curvature = slope_weight * (dp * dp + dq * dq) + relative * dr * dr
-    return -slope / curvature
+    return np.float32(-slope / curvature)
 
 
 def grow(
