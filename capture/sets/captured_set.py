@@ -61,7 +61,7 @@ class CapturedSet:
         """The lights of the images."""
         return self.metadata.lighting.to_lighting()
 
-    def solve(self, method: Method | None = None) -> SurfaceEstimate:
+    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
@@ -69,7 +69,7 @@ class CapturedSet:
         """
         return photometric_stereo(
             self.images, self.lighting, method, ambient=self.ambient,
-            full_scale=self.metadata.full_scale, noise=self.noise,
+            full_scale=self.metadata.full_scale, noise=self.noise, planar=planar,
         )  # fmt: skip
 
     @property

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
+from classify.lights.fall_off import FallOff
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
@@ -63,6 +64,7 @@ class Problem:
     lighting: Lighting
     full_scale: float | None
     sensor_noise: SensorNoise | None
+    fall_off: FallOff | None = None  # by which the images were divided
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -83,7 +85,10 @@ class Problem:
     @property
     def saturation(self) -> np.float32:
         """Pixel value from which on a pixel is saturated."""
-        return np.float32(np.inf if self.full_scale is None else self.full_scale)
+        full_scale = np.inf if self.full_scale is None else self.full_scale
+        if self.fall_off is not None:
+            return self.fall_off.saturation(full_scale)
+        return np.float32(full_scale)
 
     @cached_property
     def sigma(self) -> float:

@@ -11,6 +11,7 @@ from classify.errors import InputError
 from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
 from classify.lighting import Lighting
+from classify.lights.fall_off import fall_off
 from classify.methods import METHODS, Method
 from classify.surface.estimate import SurfaceEstimate
 
@@ -46,6 +47,7 @@ def photometric_stereo(
     ambient: npt.NDArray[Any] | None = None,
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
+    planar: bool = False,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known distant lights.
 
@@ -70,6 +72,9 @@ def photometric_stereo(
         is a fraction of it. Without it nothing is marked, and the albedo is in pixel values.
     noise
         Of the sensor that took the images. Without it the noise is estimated from the images.
+    planar
+        The part is flat but for its texture: divide out the fall-off and the levels of near lights
+        (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
 
     Raises
     ------
@@ -105,7 +110,12 @@ def photometric_stereo(
                 f"full_scale times the intensity of light {light} is {divisor:g}; give values "
                 f"from {_SMALLEST_DIVISOR:g} to {_LARGEST_DIVISOR:g}"
             )
-    maps = _SOLVERS[chosen](Problem(stack, lighting, full_scale, noise))
+    found, used = fall_off(stack, lighting, full_scale) if planar else None, lighting
+    if found is not None:
+        stack = found.divide(stack, full_scale)
+        # What remains of the levels of the LEDs is not estimated again.
+        used = Lighting(lighting.directions, lighting.intensities)
+    maps = _SOLVERS[chosen](Problem(stack, used, full_scale, noise, found))
     return SurfaceEstimate(
         p=maps.p,
         q=maps.q,
@@ -116,7 +126,9 @@ def photometric_stereo(
         ambient=stack.ambient,
         full_scale=full_scale,
         lighting=maps.lighting,
-        led_levels=None if maps.lighting is lighting else maps.lighting.intensities,
+        planar=planar,
+        fall_off=found,
+        led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,
         highlights=maps.highlights,
         repaired=maps.repaired,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
+from classify.lights.fall_off import FallOff
 from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual
@@ -41,9 +42,14 @@ class SurfaceEstimate:
         Name of the solver.
     images, ambient, full_scale
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
-        as they were given; None for an estimate that does not come from a solver.
+        as they were given or, for a planar part, divided by the fall-off; None for an estimate that
+        does not come from a solver.
     lighting
         The N lights of these images, with the intensities that were used.
+    planar
+        Whether the part was solved as planar: then a tilt or bow of it is not in the slopes.
+    fall_off
+        By which the images of a planar part were divided; None where too little of it was lit.
     led_levels
         (N,) intensities that ps4_robust estimated from the images (`level_corrections`); None where
         the intensities were given, and for other methods.
@@ -65,6 +71,8 @@ class SurfaceEstimate:
     ambient: npt.NDArray[Any] | None = None
     full_scale: float | None = None
     lighting: Lighting | None = None
+    planar: bool = False
+    fall_off: FallOff | None = None
     led_levels: npt.NDArray[np.float64] | None = None
     left_out: npt.NDArray[np.uint8] | None = None
     highlights: npt.NDArray[np.bool_] | None = None
@@ -127,6 +135,8 @@ class SurfaceEstimate:
         """(H, W) bool, true where any image reached full scale."""
         stack, _ = self._stack_and_lights
         limit = np.inf if self.full_scale is None else self.full_scale
+        if self.fall_off is not None:
+            limit = float(self.fall_off.saturation(limit))
         saturated: npt.NDArray[np.bool_] = stack.images.max(axis=0) >= limit
         return saturated
 

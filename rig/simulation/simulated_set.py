@@ -71,7 +71,7 @@ class SimulatedSet:
             noise if shadows else None,
         )
 
-    def solve(self, method: Method | None = None) -> SurfaceEstimate:
+    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
         """Gradients and albedo, as `CapturedSet.solve` computes them."""
         return photometric_stereo(
             self.images,
@@ -80,4 +80,5 @@ class SimulatedSet:
             ambient=self.ambient,
             full_scale=self.full_scale,
             noise=self.noise,
+            planar=planar,
         )

@@ -1,0 +1,276 @@
+"""Fall-off of each light over a planar part, from the ratio of its image to the mean of all.
+
+On a flat part, image k is l_z,k F_k times what all images have in common, with F_k the strength of
+the light. Near lights fall off smoothly, so that log F_k is a polynomial of low degree. Relief
+raises the ratio of an image to the mean of all as much as it lowers it: the mean ratio of a planar
+part does not depend on its relief. A tilt or bow of the part does change it and is taken for
+fall-off.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.compiling import kernel
+from classify.images.stack import ImageStack
+from classify.lighting import Lighting
+from classify.shadow_rule import MAYBE_SHADOW
+from classify.threads import run_on_rows
+
+Array = npt.NDArray[Any]
+FloatArray = npt.NDArray[np.float64]
+
+# Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
+# A fold is what cross-validation leaves out at a time.
+_SAMPLES, _BLOCKS, _FOLDS = 128, 16, 4
+_ROUNDS = 4
+_DEGREE, _HIGHER_DEGREE = 2, 4
+# The higher degree is taken where its error of prediction is below this share of the lower one's.
+_CLEARLY_BETTER = 0.5
+# Tukey's biweight with this constant has 95 % of the efficiency of least squares.
+_TUKEY = 4.685
+# Median of the square of a standard normal deviate.
+_MEDIAN_SQUARE = 0.4549
+# A pixel darker than this share of the bright ones is background.
+_BACKGROUND = 0.05
+# With fewer blocks in light nothing is fitted.
+_MIN_BLOCKS = 32
+# Share of the trace that is added to the diagonal of the normal equations: a narrow frame does not
+# determine the powers of one coordinate.
+_RIDGE = 1e-6
+_TINY = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class FallOff:
+    """Strength of each light over a planar part, relative to the geometric mean of all lights.
+
+    Attributes
+    ----------
+    coefficients
+        (N, 5, 5) factors of y^i x^j in the logarithm of the strength. The origin is the middle of
+        the frame, y points up, and the unit is half of the longer side.
+    bounds
+        (N, 2) lowest and highest logarithm on the part; there is no extrapolation beyond.
+    """
+
+    coefficients: FloatArray
+    bounds: FloatArray
+
+    @property
+    def span(self) -> float:
+        """Largest difference of the strength of one light over the part, as a share of the mean."""
+        return float((np.exp(self.bounds[:, 1]) - np.exp(self.bounds[:, 0])).max())
+
+    def saturation(self, full_scale: float) -> np.float32:
+        """Value of saturated pixels after `divide`; no others reach it."""
+        return np.float32(full_scale * np.exp(max(0.0, -self.bounds.min())))
+
+    def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
+        """Divide each image, less the ambient image, by the strength of its light.
+
+        The result is float32, and the ambient image is in it as before. Pixels that reach
+        `full_scale` get the value `saturation`.
+        """
+        images = np.empty(stack.images.shape, np.float32)
+        x, y = _coordinates(np.arange(stack.shape[0]), np.arange(stack.shape[1]), stack.shape)
+        exponents, x = (-_powers(y) @ self.coefficients).astype(np.float32), x.astype(np.float32)
+        bounds = -self.bounds[:, ::-1].astype(np.float32)
+        full_scale = np.inf if full_scale is None else full_scale
+        saturation, top = np.float32(full_scale), self.saturation(full_scale)
+
+        def multiply(first: int, last: int) -> None:
+            rows = np.s_[:, first:last]
+            block, dark = stack.float_rows(first, last)
+            _multiply(block, dark, exponents[rows], bounds, x, saturation, top, images[rows])
+
+        run_on_rows(multiply, stack.shape)
+        ambient = None if stack.ambient is None else stack.ambient.astype(np.float32)
+        return ImageStack(images, ambient)
+
+
+def fall_off(stack: ImageStack, lighting: Lighting, full_scale: float | None) -> FallOff | None:
+    """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
+
+    Pixels that are saturated, in the shadow of a light or of a dark background do not count. The
+    degree is 2, or 4 where that predicts parts of the frame better that were left out of the fit.
+    """
+    samples = _Samples.of(stack, lighting, full_scale)
+    coefficients = samples.refined(np.zeros((len(lighting), 5, 5)), _DEGREE)
+    residuals, weights = samples.residuals(coefficients)
+    if np.count_nonzero(weights) < _MIN_BLOCKS:
+        return None
+    low, high = (
+        _prediction_error(samples.basis(degree), residuals, weights)
+        for degree in (_DEGREE, _HIGHER_DEGREE)
+    )
+    if high < _CLEARLY_BETTER * low:
+        coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
+    seen = samples.logarithms(coefficients)[:, samples.usable]
+    return FallOff(coefficients, np.stack([seen.min(axis=1), seen.max(axis=1)], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Pixels of a grid that turns and mirrors with the frame, and the blocks that they form.
+
+    Blocks are in the order of their folds: (folds, blocks of a fold).
+
+    Attributes
+    ----------
+    values
+        (N, n, n) float32, the same for all lights on a flat part if all are equally strong.
+    usable
+        (n, n) bool, false for saturated pixels and background.
+    x, y
+        (n,) coordinates of the columns and rows.
+    """
+
+    values: npt.NDArray[np.float32]
+    usable: npt.NDArray[np.bool_]
+    x: FloatArray
+    y: FloatArray
+
+    @classmethod
+    def of(cls, stack: ImageStack, lighting: Lighting, full_scale: float | None) -> "_Samples":
+        rows, columns = (_positions(count) for count in stack.shape)
+        raw = stack.images[:, rows[:, None], columns].astype(np.float32)
+        flat = lighting.directions[:, 2] * lighting.intensities
+        values = raw if stack.ambient is None else raw - stack.ambient[rows[:, None], columns]
+        values = values * (flat.mean() / flat).astype(np.float32)[:, None, None]
+        brightness = values.mean(axis=0)
+        usable = brightness > _BACKGROUND * np.percentile(brightness, 95)
+        if full_scale is not None:
+            usable &= raw.max(axis=0) < full_scale
+        return cls(values, usable, *_coordinates(rows, columns, stack.shape))
+
+    def basis(self, degree: int) -> FloatArray:
+        """(folds, blocks, terms) values of y^i x^j with i + j up to `degree`."""
+        x, y = (each.reshape(_BLOCKS, -1).mean(axis=1) for each in (self.x, self.y))
+        i, j = _exponents(degree)
+        grid = _powers(y)[:, None, i] * _powers(x)[None, :, j]
+        return np.moveaxis(_by_fold(np.moveaxis(grid, -1, 0)), 0, -1)
+
+    def logarithms(self, coefficients: FloatArray) -> npt.NDArray[np.float32]:
+        """(N, n, n) of the strengths."""
+        values: FloatArray = _powers(self.y) @ coefficients @ _powers(self.x).T
+        return values.astype(np.float32)
+
+    def residuals(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N, folds, blocks) means of ratio / strength - 1, and (folds, blocks) their weights.
+
+        The ratio is that of a value to the mean of all lights. Tukey's biweight is one for all
+        lights of a pixel, so that no direction is preferred.
+        """
+        values = self.values * np.exp(-self.logarithms(coefficients))
+        lit = self.usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
+        residuals = values / np.where(lit, values.mean(axis=0), np.inf) - np.float32(1.0)
+        squares = np.square(residuals).mean(axis=0)
+        typical = np.median(squares[lit]) / _MEDIAN_SQUARE if lit.any() else 1.0
+        limit = max(_TUKEY**2 * typical, _TINY)
+        weights = np.where(lit, np.square(np.maximum(1.0 - squares / limit, 0.0)), 0.0)
+        totals = _by_fold(_block_sums(weights))
+        means = _by_fold(_block_sums(residuals * weights)) / np.maximum(totals, _TINY)
+        return means, totals
+
+    def refined(self, coefficients: FloatArray, degree: int) -> FloatArray:
+        """Coefficients for which the residuals vanish, by repeated weighted least squares."""
+        basis, (i, j) = self.basis(degree), _exponents(degree)
+        refined = coefficients.copy()
+        for _ in range(_ROUNDS):
+            gram, right = _normal_equations(basis, *self.residuals(refined))
+            refined[:, i, j] += _solved(gram.sum(axis=0), right.sum(axis=0)).T
+        return refined
+
+
+@kernel
+def _multiply(
+    images: Array, dark: Array, exponents: Array, bounds: Array, x: Array,
+    saturation: np.float32, top: np.float32, product: Array,
+) -> None:  # fmt: skip
+    """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`.
+
+    `exponents` (N, rows, 5) are its factors in each row. Pixels that reach `saturation` get `top`.
+    """
+    rows, columns = images.shape[1:]
+    one, eighth = np.float32(1.0), np.float32(1.0 / 8.0)
+    half, third, quarter = np.float32(1.0 / 2.0), np.float32(1.0 / 3.0), np.float32(1.0 / 4.0)
+    for k in range(images.shape[0]):
+        low, high = bounds[k]
+        for r in range(rows):
+            dark_row = dark[min(r, len(dark) - 1)]
+            c0, c1, c2, c3, c4 = exponents[k, r]
+            for c in range(columns):
+                e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * (c3 + x[c] * c4)))
+                u = eighth * min(max(e, low), high)
+                # exp(u) to the power of 8; exp itself would not be vectorised.
+                factor = one + u * (one + half * u * (one + third * u * (one + quarter * u)))
+                factor *= factor
+                factor *= factor
+                factor *= factor
+                raw = images[k, r, c]
+                value = dark_row[c] + (raw - dark_row[c]) * factor
+                product[k, r, c] = value if raw < saturation else top
+
+
+def _positions(count: int) -> npt.NDArray[np.intp]:
+    """Indices of the samples along a side, symmetric about its middle."""
+    half = ((np.arange(_SAMPLES // 2) + 0.5) * count / _SAMPLES).astype(np.intp)
+    return np.concatenate([half, count - 1 - half[::-1]])
+
+
+def _coordinates(
+    rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """X of the columns and y of the rows, from the middle in half of the longer side."""
+    x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows
+    return (2.0 / max(shape) * x).astype(float), (2.0 / max(shape) * y).astype(float)
+
+
+def _powers(values: FloatArray) -> FloatArray:
+    """(n, 5) powers 0 to 4."""
+    return np.vander(values, _HIGHER_DEGREE + 1, increasing=True)
+
+
+def _exponents(degree: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Exponents i and j of the terms y^i x^j with i + j up to `degree`."""
+    i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)
+    return i, j
+
+
+def _block_sums(values: Array) -> FloatArray:
+    """(..., blocks, blocks) sums over the samples of each block."""
+    size = _SAMPLES // _BLOCKS
+    blocks = values.reshape(*values.shape[:-2], _BLOCKS, size, _BLOCKS, size)
+    sums: FloatArray = blocks.sum(axis=(-3, -1), dtype=np.float64)
+    return sums
+
+
+def _by_fold(blocks: FloatArray) -> FloatArray:
+    """(..., blocks, blocks) as (..., folds, blocks of a fold)."""
+    size = _BLOCKS // _FOLDS
+    folds = blocks.reshape(*blocks.shape[:-2], _FOLDS, size, _FOLDS, size).swapaxes(-3, -2)
+    return folds.reshape(*blocks.shape[:-2], _FOLDS**2, size**2)
+
+
+def _normal_equations(
+    basis: FloatArray, means: FloatArray, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gram matrices (folds, terms, terms) and right sides (folds, terms, N) of each fold."""
+    weighted = (basis * weights[..., None]).swapaxes(1, 2)
+    return weighted @ basis, weighted @ np.moveaxis(means, 0, -1)
+
+
+def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
+    terms = gram.shape[-1]
+    ridge = _RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] + _TINY
+    return np.asarray(np.linalg.solve(gram + ridge * np.eye(terms), right), np.float64)
+
+
+def _prediction_error(basis: FloatArray, means: FloatArray, weights: FloatArray) -> float:
+    """Weighted square error of each fold as predicted by the others."""
+    gram, right = _normal_equations(basis, means, weights)
+    predicted = basis @ _solved(gram.sum(axis=0) - gram, right.sum(axis=0) - right)
+    return float((np.square(np.moveaxis(means, 0, -1) - predicted) * weights[..., None]).sum())
