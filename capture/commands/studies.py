@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from capture.console import out, reported
+from classify.errors import InputError
 
 from . import options
 
@@ -39,10 +40,26 @@ def reproduce(
             metavar="DIR",
         ),
     ] = None,
+    photographs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of folders of photographs with lights.json: measure the solvers on "
+            "these, not the chapter.",
+            metavar="DIR",
+        ),
+    ] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
+    if photographs is not None:
+        if quick or materials is not None:
+            raise InputError("--photographs measures no materials; leave out --materials, --quick")
+        from capture.studies.reproduction.photographs.run import reproduce_photographs
+
+        page = reproduce_photographs(photographs, output)
+        out.print(f"{page}: solvers on real photographs", soft_wrap=True)
+        return
     from capture.studies.reproduction.plan import material_textures, plan_of
     from capture.studies.reproduction.run import reproduce as run
 

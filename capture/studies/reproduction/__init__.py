@@ -3,8 +3,9 @@
     plan -> runs           libraries, and matches of test patches (`patches`)
          -> timing         times of one classification
          -> sand           shadow counts, spectra and maps of sand
-         -> chapter_*, comparison, rejection    exhibits: text, numbers, drawing
+         -> chapter_*, comparison, days, rejection    exhibits: text, numbers, drawing
          -> output         CSV, PNG, JSON, one HTML page
+    photographs/             the solvers on real photographs, a page of its own
 
 Scene and sensor are those of the simulated rig, without the timing of LEDs and frames.
 """

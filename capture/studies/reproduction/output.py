@@ -5,11 +5,13 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
+from capture.console import progress
 from classify.durable_file import durable_file
 
 from . import plots
@@ -22,6 +24,16 @@ _QUICK = (
     " <b>Quick version:</b> fewer textures and orientations, smaller frames than "
     "<code>ps4rig reproduce</code> without <code>--quick</code>; one percent is one or two tests."
 )
+
+
+@dataclass(frozen=True)
+class About:
+    """Names of a page and of the HTML file of its introduction, and what its numbers are."""
+
+    page: str
+    introduction: str
+    simulated: bool
+    quick: bool = False
 
 
 def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
@@ -37,12 +49,25 @@ def write_exhibit(exhibit: Exhibit, folder: Path) -> bytes:
     return png
 
 
-def write_numbers(exhibits: Sequence[Exhibit], quick: bool, path: Path) -> None:
+def write_page(
+    exhibits: Sequence[Exhibit], facts: Mapping[str, str], about: About, folder: Path
+) -> Path:
+    """Write the files of all exhibits, `results.json` and the page; returns the page."""
+    drawn = [
+        (each, write_exhibit(each, folder)) for each in progress(exhibits, len(exhibits), "draw")
+    ]
+    write_numbers(exhibits, about, folder / "results.json")
+    path = folder / f"{about.page}.html"
+    write_text(path, page(drawn, facts, about))
+    return path
+
+
+def write_numbers(exhibits: Sequence[Exhibit], about: About, path: Path) -> None:
     """Write the numbers of all exhibits into one JSON file."""
     contents = {
         "version": version("ps4rig"),
-        "simulated": True,
-        "quick": quick,
+        "simulated": about.simulated,
+        "quick": about.quick,
         "exhibits": {
             each.key: {"title": each.text.title, "columns": each.columns, "rows": each.rows}
             for each in exhibits
@@ -57,14 +82,17 @@ def write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], quick: bool) -> str:
+def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], about: About) -> str:
     """HTML of the page from each exhibit and its PNG, in this order."""
     sections: dict[str, list[str]] = {}
     for exhibit, png in exhibits:
         sections.setdefault(exhibit.text.section, []).append(_exhibit(exhibit, png))
-    template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
-    return Template(template).substitute(
-        quick=_QUICK if quick else "",
+    frame, introduction = (
+        Template(Path(__file__).with_name(f"{name}.html").read_text(encoding="utf-8"))
+        for name in ("page", about.introduction)
+    )
+    return frame.substitute(
+        introduction=introduction.substitute(quick=_QUICK if about.quick else ""),
         facts="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
             for name, value in facts.items()

@@ -15,7 +15,7 @@ from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 
 from .faults import NO_FAULTS, Faults
-from .plan import Conditions, PatchPosition, Texture
+from .plan import BEST_SOLVER, Conditions, PatchPosition, Texture
 
 _OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 
@@ -57,12 +57,12 @@ def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSe
     )
 
 
-def solve(images: SimulatedSet, method: Method) -> SurfaceEstimate:
+def solve(images: SimulatedSet, method: Method, *, planar: bool = False) -> SurfaceEstimate:
     """Solve a set; PS3 and PS4 as in the thesis, where every pixel is valid unless saturated.
 
     `photometric_stereo` itself marks pixels invalid where shadow leaves the slope unknown.
     """
-    surface = images.solve(method)
+    surface = images.solve(method, planar=planar)
     if method in _OF_THE_THESIS:
         return replace(surface, valid=~surface.saturated)
     return surface
@@ -95,7 +95,9 @@ class CachedPatch:
         """Surface as a solver estimates it."""
         key = (conditions, method)
         if key not in self._surfaces:
-            self._surfaces[key] = solve(self.images(conditions), method)
+            # `ps4rig train` and `classify` solve textures as planar parts.
+            planar = method == BEST_SOLVER
+            self._surfaces[key] = solve(self.images(conditions), method, planar=planar)
         return self._surfaces[key]
 
     def observation(

@@ -20,7 +20,7 @@ from .chapter_surface import surface_exhibits
 from .comparison import comparison_exhibits
 from .days import days_exhibits
 from .exhibit import Exhibit
-from .output import page, write_exhibit, write_numbers, write_text
+from .output import About, write_page
 from .plan import Plan
 from .rejection import rejection_exhibits
 from .results import Results
@@ -48,9 +48,6 @@ def reproduce(
     started_s = time.monotonic()
     results = measure(plan, output, workers, scheduler)
     exhibits = list(exhibits_of(results))
-    drawn = [
-        (each, write_exhibit(each, output)) for each in progress(exhibits, len(exhibits), "draw")
-    ]
     material_sizes = ", ".join(str(t.conditions.size_px) for t in plan.materials.tests)
     facts = {
         "textures": f"{len(plan.synthetic.textures)} synthetic, "
@@ -62,10 +59,8 @@ def reproduce(
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
-    write_numbers(exhibits, plan.quick, output / "results.json")
-    path = output / "reproduction.html"
-    write_text(path, page(drawn, facts, plan.quick))
-    return path
+    about = About("reproduction", "chapter", simulated=True, quick=plan.quick)
+    return write_page(exhibits, facts, about, output)
 
 
 def measure(

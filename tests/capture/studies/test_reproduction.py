@@ -11,7 +11,7 @@ import pytest
 
 from capture.studies.reproduction.exhibit import Exhibit
 from capture.studies.reproduction.faults import NO_FAULTS, Faults
-from capture.studies.reproduction.output import page
+from capture.studies.reproduction.output import About, page
 from capture.studies.reproduction.patches import CachedPatch, render_patch, solve
 from capture.studies.reproduction.plan import (
     Conditions,
@@ -210,7 +210,8 @@ def test_names_are_escaped_on_the_page() -> None:
     shown = Exhibit(
         "orientation", ("textures",), [("<b>",)], values={"sharpness": "1", "best": "ps4"}
     )
-    html = page([(shown, b"")], {"textures": "a & b"}, quick=True)
+    about = About("reproduction", "chapter", simulated=True, quick=True)
+    html = page([(shown, b"")], {"textures": "a & b"}, about)
     assert "&lt;b&gt;" in html
     assert "a &amp; b" in html
     assert "Quick version" in html

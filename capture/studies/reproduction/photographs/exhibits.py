@@ -1,0 +1,133 @@
+"""Tables and pictures of solved photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from capture.maps import pictures
+from capture.maps.pictures import Picture
+from capture.studies.reproduction.exhibit import Exhibit, Row
+
+from .photograph_set import PhotographSet
+from .scores import METHODS, Score, solve_pick
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DIFFERENT = 1.02  # ratio of two mean errors that counts as worse
+_MAP_IN = 2.0  # side of one map
+_SHOWN = METHODS[1]
+
+
+def photograph_exhibits(
+    sets: Sequence[PhotographSet], scores: Sequence[Score]
+) -> Iterator[Exhibit]:
+    """The table by method, the table of all picks, and the pictures."""
+    yield _summary(scores)
+    yield _picks(scores)
+    yield _maps(sets)
+
+
+def _summary(scores: Sequence[Score]) -> Exhibit:
+    means = {
+        (each.name, each.pick, each.method): each.mean_pct
+        for each in scores
+        if each.mean_pct is not None
+    }
+    rows: list[Row] = []
+    for method in METHODS:
+        own = [each for each in scores if each.method == method and not each.planar]
+        ratios = [
+            means[each.name, each.pick, method] / means[each.name, each.pick, "least_squares"]
+            for each in own
+        ]
+        rows.append((
+            method,
+            len(own),
+            float(np.mean([each.median_pct for each in own])),
+            float(np.mean([each.mean_pct for each in own])),
+            sum(ratio > _DIFFERENT for ratio in ratios),
+            sum(ratio < 1.0 / _DIFFERENT for ratio in ratios),
+            max(each.changed_pct for each in own),
+        ))  # fmt: skip
+    return Exhibit(
+        "photographs",
+        (
+            "method", "picks", "median error, %", "mean error, %",
+            "worse than least squares", "better", "most changed by turning, %",
+        ),
+        rows,
+    )  # fmt: skip
+
+
+def _picks(scores: Sequence[Score]) -> Exhibit:
+    rows: list[Row] = [
+        (
+            each.name, " ".join(map(str, each.pick)), f"{each.method}{', planar' * each.planar}",
+            each.median_pct, each.mean_pct, each.valid_pct, each.changed_pct, each.reference_r,
+        )
+        for each in scores
+    ]  # fmt: skip
+    return Exhibit(
+        "photographs_picks",
+        (
+            "photographs", "pick", "method", "median error, %", "mean error, %", "valid, %",
+            "changed by turning, %", "r of p with the reference",
+        ),
+        rows,
+        digits=2,
+    )  # fmt: skip
+
+
+def _maps(sets: Sequence[PhotographSet]) -> Exhibit:
+    shown = {
+        f"{each.name}{', planar' * planar}": _pictures(each, planar)
+        for each in sets
+        for planar in ((False, True) if each.reference_p is not None else (False,))
+    }
+    columns = len(next(iter(shown.values())))
+    return Exhibit(
+        "photographs_maps",
+        ("photographs",),
+        [(name,) for name in shown],
+        draw=partial(_draw, shown=shown),
+        size_in=(columns * _MAP_IN, len(shown) * _MAP_IN),
+    )
+
+
+def _pictures(photographs: PhotographSet, planar: bool) -> Mapping[str, Picture]:
+    """Maps of the first pick; outside the object they are white."""
+    pick = photographs.picks()[0]
+    surface = solve_pick(photographs, pick, _SHOWN, planar)
+    mean = photographs.images[list(pick)].mean(axis=0)
+    bright = np.maximum(surface.albedo, 1e-6)
+    maps = {
+        "mean of four": pictures.grey(mean),
+        "albedo": pictures.grey(surface.albedo),
+        "normals": pictures.normal_map(surface.normals),
+        "relief": pictures.shaded(surface.normals),
+        "residual / albedo": pictures.grey(surface.residual / bright, top=0.2),
+        "light left out": pictures.dropped_map(surface, len(pick)),
+    }
+    outside = ~photographs.mask
+    for picture in maps.values():
+        picture[outside] = 255
+    return maps
+
+
+def _draw(figure: Figure, shown: Mapping[str, Mapping[str, Picture]]) -> None:
+    columns = len(next(iter(shown.values())))
+    axes = figure.subplots(len(shown), columns, squeeze=False)
+    for row, (name, maps) in zip(axes, shown.items(), strict=True):
+        for ax, (title, picture) in zip(row, maps.items(), strict=True):
+            ax.imshow(picture, interpolation="antialiased")
+            ax.set_xticks([])
+            ax.set_yticks([])
+            ax.set_frame_on(False)
+            if ax in axes[0]:
+                ax.set_title(title, fontsize=9)
+        row[0].set_ylabel(name, fontsize=9)

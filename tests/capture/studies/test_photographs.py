@@ -1,0 +1,171 @@
+"""`ps4rig reproduce --photographs`: folders of photographs, picks of lights, errors, files."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture.studies.reproduction.photographs.photograph_set import (
+    PhotographSet,
+    load_photographs,
+)
+from capture.studies.reproduction.photographs.run import reproduce_photographs
+from capture.studies.reproduction.photographs.scores import scores_of, solve_pick
+from classify import Lighting
+from rig.scene.render import render_frame
+from rig.scene.synthetic import synthetic_surface
+
+SIDE_PX = 64
+EIGHT = Lighting.ring(40.0, tuple(np.arange(0.0, 360.0, 45.0)))
+
+
+@pytest.fixture(scope="module")
+def photographs() -> PhotographSet:
+    """A matt surface under eight lights; the true p is the reference."""
+    scene = render_frame(synthetic_surface("malv", 0, 128), EIGHT, SIDE_PX, ambient=0.0)
+    images = np.rint(4000.0 * scene.lights).astype(np.uint16)
+    lit = ~scene.shadowed.any(axis=0)
+    return PhotographSet("malv", images, None, 4095.0, EIGHT.directions, None, lit, scene.p)
+
+
+@pytest.fixture
+def folder(photographs: PhotographSet, tmp_path: Path) -> Path:
+    """The same surface as files, with a black border on all sides."""
+    folder = tmp_path / "photographs" / "malv"
+    folder.mkdir(parents=True)
+    lights = []
+    for light, direction in enumerate(photographs.directions):
+        name = f"{light}.png"
+        cv2.imwrite(str(folder / name), np.pad(photographs.images[light], 20))
+        lights.append({"file": name, "direction": direction.tolist(), "tilt_deg": 45.0 * light})
+    (folder / "lights.json").write_text(json.dumps({"images": lights, "mm_per_pixel": 0.5}))
+    height_mm = np.cumsum(np.pad(0.5 * photographs.reference_p, 20), axis=1)
+    np.save(folder / "reference_height_mm.npy", height_mm)
+    return folder
+
+
+def test_picks_are_rings_of_four_that_share_at_most_two_lights(photographs: PhotographSet) -> None:
+    first, second = photographs.picks()
+    assert {frozenset(first), frozenset(second)} == {
+        frozenset({0, 2, 4, 6}),
+        frozenset({1, 3, 5, 7}),
+    }
+    # Anticlockwise, 90 degrees apart.
+    assert all((after - light) % 8 == 2 for light, after in pairwise(first))
+    crowded = replace(photographs, directions=Lighting.ring(40.0, (0, 10, 20, 30)).directions)
+    assert crowded.picks() == []
+
+
+def test_four_photographs_of_a_matt_surface_predict_the_others(photographs: PhotographSet) -> None:
+    scores = list(scores_of(photographs))
+    assert {(each.method, each.planar) for each in scores} == {
+        (method, planar)
+        for method in ("ps4", "ps4_robust", "least_squares")
+        for planar in (False, True)
+    }
+    for score in scores:
+        assert score.reference_r is not None
+        assert score.reference_r > 0.99
+        assert score.valid_pct == 100.0
+        if not score.planar:
+            assert score.median_pct is not None
+            assert score.mean_pct is not None
+            assert score.median_pct < score.mean_pct < 1.5
+    dim = photographs.images.copy()
+    dim[[1, 3]] //= 2  # the gain of each predicted light is free
+    of_dim = list(scores_of(replace(photographs, images=dim)))
+    assert of_dim[0].median_pct == pytest.approx(scores[0].median_pct, abs=0.05)
+
+
+def test_an_error_of_the_lights_shows_in_the_prediction(photographs: PhotographSet) -> None:
+    exchanged = photographs.images[[2, 1, 0, 3, 4, 5, 6, 7]]
+    for good, bad in zip(
+        scores_of(photographs), scores_of(replace(photographs, images=exchanged)), strict=True
+    ):
+        if good.pick[0] % 2 == 0 and not good.planar:
+            assert good.mean_pct is not None
+            assert bad.mean_pct is not None
+            assert bad.mean_pct > 5.0 * good.mean_pct
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.integers(1, 3))
+def test_rotated_and_mirrored_photographs_have_the_rotated_and_mirrored_slopes(
+    photographs: PhotographSet, quarters: int
+) -> None:
+    pick = photographs.picks()[0]
+    still = solve_pick(photographs, pick, "least_squares")
+    rotated = photographs
+    for _ in range(quarters):
+        rotated = rotated.rotated()
+    found = solve_pick(rotated, pick, "least_squares")
+    slope = np.rot90(still.p + 1j * still.q, quarters) * 1j**quarters
+    np.testing.assert_allclose(found.p + 1j * found.q, slope, atol=1e-4)
+    mirrored = solve_pick(photographs.mirrored(), pick, "least_squares")
+    np.testing.assert_allclose(mirrored.p, -still.p[:, ::-1], atol=1e-4)
+    np.testing.assert_allclose(mirrored.q, still.q[:, ::-1], atol=1e-4)
+
+
+def test_a_folder_is_read_and_cut_to_the_object(folder: Path, photographs: PhotographSet) -> None:
+    read = load_photographs(folder)
+    assert read.images.shape == (8, SIDE_PX + 16, SIDE_PX + 16)
+    assert not read.mask[:8].any()
+    np.testing.assert_array_equal(read.images[:, 8:-8, 8:-8], photographs.images)
+    assert read.intensities is None
+    assert not read.lighting_of((0, 1, 2, 3)).intensities_given
+    assert read.reference_p is not None
+    found, p = read.reference_p[8:-8, 8:-8], photographs.reference_p
+    # Central differences of a height that was summed along the rows.
+    np.testing.assert_allclose(found[:, :-1], 0.5 * (p[:, :-1] + p[:, 1:]), atol=1e-4)
+
+
+def test_intensities_of_the_folder_are_given_to_the_solver(folder: Path) -> None:
+    notes = json.loads((folder / "lights.json").read_text())
+    for light in notes["images"]:
+        light["relative_intensity_estimated"] = 0.5
+    (folder / "lights.json").write_text(json.dumps(notes))
+    lighting = load_photographs(folder).lighting_of((0, 2, 4, 6))
+    assert lighting.intensities_given
+    np.testing.assert_array_equal(lighting.intensities, 0.5)
+
+
+def test_the_page_has_tables_and_pictures(
+    folder: Path, tmp_path: Path, self_contained: Callable[[Path], str]
+) -> None:
+    out = tmp_path / "out"
+    page = reproduce_photographs(folder.parent, out)
+    html = self_contained(page)
+    assert "Solvers on real photographs" in html
+    assert "Simulated" not in html
+    assert json.loads((out / "results.json").read_text())["simulated"] is False
+    with (out / "photographs_picks.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    assert all(float(row["changed by turning, %"]) < 1.0 for row in rows)
+    assert (out / "photographs_maps.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_bad_input_is_one_line(refused: Callable[..., str], folder: Path, tmp_path: Path) -> None:
+    def line(photographs: Path, *options: object) -> str:
+        return refused(
+            "reproduce", "--out", tmp_path / "out", "--photographs", photographs, *options
+        )
+
+    assert "no such folder" in line(tmp_path / "no")
+    assert "lights.json" in line(folder)
+    assert "leave out" in line(folder.parent, "--quick")
+    np.save(folder / "reference_height_mm.npy", np.zeros((3, 3)))
+    assert "has shape (3, 3)" in line(folder.parent)
+    cv2.imwrite(str(folder / "mask.png"), np.zeros((104, 104), np.uint8))
+    assert "mask.png" in line(folder.parent)
+    (folder / "lights.json").write_text('{"images": [{"file": "0.png"}]}')
+    assert "images.0.direction" in line(folder.parent)
+    assert not (tmp_path / "out").exists()
