@@ -7,7 +7,9 @@ part does not depend on its relief. A tilt or bow of the part does change it and
 fall-off.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
 # A fold is what cross-validation leaves out at a time.
-_SAMPLES, _BLOCKS, _FOLDS = 128, 16, 4
+_SAMPLES, _BLOCKS, _FOLDS = 64, 16, 4
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
 # The higher degree is taken where its error of prediction is below this share of the lower one's.
@@ -41,6 +43,8 @@ _MIN_BLOCKS = 32
 # determine the powers of one coordinate.
 _RIDGE = 1e-6
 _TINY = 1e-30
+# (blocks, samples) 1 where a sample is in a block.
+_IN_BLOCK = np.kron(np.eye(_BLOCKS), np.ones(_SAMPLES // _BLOCKS)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +86,8 @@ class FallOff:
         saturation, top = np.float32(full_scale), self.saturation(full_scale)
 
         def multiply(first: int, last: int) -> None:
-            rows = np.s_[:, first:last]
             block, dark = stack.float_rows(first, last)
-            _multiply(block, dark, exponents[rows], bounds, x, saturation, top, images[rows])
+            _multiply(first, block, dark, exponents, bounds, x, saturation, top, images)
 
         run_on_rows(multiply, stack.shape)
         ambient = None if stack.ambient is None else stack.ambient.astype(np.float32)
@@ -103,20 +106,65 @@ def fall_off(stack: ImageStack, lighting: Lighting, full_scale: float | None) ->
     if np.count_nonzero(weights) < _MIN_BLOCKS:
         return None
     low, high = (
-        _prediction_error(samples.basis(degree), residuals, weights)
+        _prediction_error(samples.grid.bases[degree], residuals, weights)
         for degree in (_DEGREE, _HIGHER_DEGREE)
     )
     if high < _CLEARLY_BETTER * low:
         coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
-    seen = samples.logarithms(coefficients)[:, samples.usable]
-    return FallOff(coefficients, np.stack([seen.min(axis=1), seen.max(axis=1)], axis=1))
+    seen = [each[samples.usable] for each in samples.grid.polynomials(coefficients)]
+    return FallOff(coefficients, np.array([(each.min(), each.max()) for each in seen]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Samples of a frame that turn and mirror with it, and the blocks that they form.
+
+    Blocks are in the order of their folds: (folds, blocks of a fold).
+
+    Attributes
+    ----------
+    rows, columns
+        (n,) indices of the samples.
+    x_powers, y_powers
+        (n, 5) powers of their coordinates.
+    bases
+        By degree, (folds, blocks, terms) values of y^i x^j at the blocks, in the order of
+        `_exponents`.
+    """
+
+    rows: npt.NDArray[np.intp]
+    columns: npt.NDArray[np.intp]
+    x_powers: FloatArray
+    y_powers: FloatArray
+    bases: Mapping[int, FloatArray]
+
+    @classmethod
+    @lru_cache(maxsize=4)
+    def of(cls, shape: tuple[int, int]) -> "_Grid":
+        """The grid of frames of a shape."""
+        rows, columns = (_positions(count) for count in shape)
+        x, y = _coordinates(rows, columns, shape)
+        block_x, block_y = (_powers(each.reshape(_BLOCKS, -1).mean(axis=1)) for each in (x, y))
+        bases = {}
+        for degree in (_DEGREE, _HIGHER_DEGREE):
+            i, j = _exponents(degree)
+            terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
+            bases[degree] = np.moveaxis(_by_fold(terms), 0, -1)
+        return cls(rows, columns, _powers(x), _powers(y), bases)
+
+    def of_image(self, image: Array) -> npt.NDArray[np.float32]:
+        """(..., n, n) samples of images (..., H, W)."""
+        return image[..., self.rows[:, None], self.columns].astype(np.float32, order="C")
+
+    def polynomials(self, coefficients: FloatArray) -> npt.NDArray[np.float32]:
+        """(N, n, n) values of polynomials at the samples."""
+        values: FloatArray = self.y_powers @ coefficients @ self.x_powers.T
+        return values.astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """Pixels of a grid that turns and mirrors with the frame, and the blocks that they form.
-
-    Blocks are in the order of their folds: (folds, blocks of a fold).
+    """Pixels of a grid.
 
     Attributes
     ----------
@@ -124,39 +172,24 @@ class _Samples:
         (N, n, n) float32, the same for all lights on a flat part if all are equally strong.
     usable
         (n, n) bool, false for saturated pixels and background.
-    x, y
-        (n,) coordinates of the columns and rows.
     """
 
+    grid: _Grid
     values: npt.NDArray[np.float32]
     usable: npt.NDArray[np.bool_]
-    x: FloatArray
-    y: FloatArray
 
     @classmethod
     def of(cls, stack: ImageStack, lighting: Lighting, full_scale: float | None) -> "_Samples":
-        rows, columns = (_positions(count) for count in stack.shape)
-        raw = stack.images[:, rows[:, None], columns].astype(np.float32)
+        grid = _Grid.of(stack.shape)
+        raw = grid.of_image(stack.images)
+        values = raw if stack.ambient is None else raw - grid.of_image(stack.ambient)
         flat = lighting.directions[:, 2] * lighting.intensities
-        values = raw if stack.ambient is None else raw - stack.ambient[rows[:, None], columns]
         values = values * (flat.mean() / flat).astype(np.float32)[:, None, None]
         brightness = values.mean(axis=0)
         usable = brightness > _BACKGROUND * np.percentile(brightness, 95)
         if full_scale is not None:
             usable &= raw.max(axis=0) < full_scale
-        return cls(values, usable, *_coordinates(rows, columns, stack.shape))
-
-    def basis(self, degree: int) -> FloatArray:
-        """(folds, blocks, terms) values of y^i x^j with i + j up to `degree`."""
-        x, y = (each.reshape(_BLOCKS, -1).mean(axis=1) for each in (self.x, self.y))
-        i, j = _exponents(degree)
-        grid = _powers(y)[:, None, i] * _powers(x)[None, :, j]
-        return np.moveaxis(_by_fold(np.moveaxis(grid, -1, 0)), 0, -1)
-
-    def logarithms(self, coefficients: FloatArray) -> npt.NDArray[np.float32]:
-        """(N, n, n) of the strengths."""
-        values: FloatArray = _powers(self.y) @ coefficients @ _powers(self.x).T
-        return values.astype(np.float32)
+        return cls(grid, values, usable)
 
     def residuals(self, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, folds, blocks) means of ratio / strength - 1, and (folds, blocks) their weights.
@@ -164,20 +197,22 @@ class _Samples:
         The ratio is that of a value to the mean of all lights. Tukey's biweight is one for all
         lights of a pixel, so that no direction is preferred.
         """
-        values = self.values * np.exp(-self.logarithms(coefficients))
+        values = self.values * np.exp(-self.grid.polynomials(coefficients))
         lit = self.usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
         residuals = values / np.where(lit, values.mean(axis=0), np.inf) - np.float32(1.0)
         squares = np.square(residuals).mean(axis=0)
-        typical = np.median(squares[lit]) / _MEDIAN_SQUARE if lit.any() else 1.0
-        limit = max(_TUKEY**2 * typical, _TINY)
-        weights = np.where(lit, np.square(np.maximum(1.0 - squares / limit, 0.0)), 0.0)
+        # The upper median, in a tenth of the time of the mean of the middle two.
+        seen = squares[lit]
+        middle = np.partition(seen, seen.size // 2)[seen.size // 2] if seen.size else _TINY
+        limit = np.float32(max(_TUKEY**2 / _MEDIAN_SQUARE * middle, _TINY))
+        weights = np.square(np.maximum(np.float32(1.0) - squares / limit, np.float32(0.0))) * lit
         totals = _by_fold(_block_sums(weights))
         means = _by_fold(_block_sums(residuals * weights)) / np.maximum(totals, _TINY)
         return means, totals
 
     def refined(self, coefficients: FloatArray, degree: int) -> FloatArray:
         """Coefficients for which the residuals vanish, by repeated weighted least squares."""
-        basis, (i, j) = self.basis(degree), _exponents(degree)
+        basis, (i, j) = self.grid.bases[degree], _exponents(degree)
         refined = coefficients.copy()
         for _ in range(_ROUNDS):
             gram, right = _normal_equations(basis, *self.residuals(refined))
@@ -187,12 +222,13 @@ class _Samples:
 
 @kernel
 def _multiply(
-    images: Array, dark: Array, exponents: Array, bounds: Array, x: Array,
+    first: int, images: Array, dark: Array, exponents: Array, bounds: Array, x: Array,
     saturation: np.float32, top: np.float32, product: Array,
 ) -> None:  # fmt: skip
     """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`.
 
-    `exponents` (N, rows, 5) are its factors in each row. Pixels that reach `saturation` get `top`.
+    `images` and `dark` begin at the row `first` of `product`. `exponents` (N, H, 5) are the factors
+    of the polynomial in each row. Pixels that reach `saturation` get `top`.
     """
     rows, columns = images.shape[1:]
     one, eighth = np.float32(1.0), np.float32(1.0 / 8.0)
@@ -201,7 +237,7 @@ def _multiply(
         low, high = bounds[k]
         for r in range(rows):
             dark_row = dark[min(r, len(dark) - 1)]
-            c0, c1, c2, c3, c4 = exponents[k, r]
+            c0, c1, c2, c3, c4 = exponents[k, first + r]
             for c in range(columns):
                 e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * (c3 + x[c] * c4)))
                 u = eighth * min(max(e, low), high)
@@ -212,7 +248,7 @@ def _multiply(
                 factor *= factor
                 raw = images[k, r, c]
                 value = dark_row[c] + (raw - dark_row[c]) * factor
-                product[k, r, c] = value if raw < saturation else top
+                product[k, first + r, c] = value if raw < saturation else top
 
 
 def _positions(count: int) -> npt.NDArray[np.intp]:
@@ -242,10 +278,8 @@ def _exponents(degree: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
 
 def _block_sums(values: Array) -> FloatArray:
     """(..., blocks, blocks) sums over the samples of each block."""
-    size = _SAMPLES // _BLOCKS
-    blocks = values.reshape(*values.shape[:-2], _BLOCKS, size, _BLOCKS, size)
-    sums: FloatArray = blocks.sum(axis=(-3, -1), dtype=np.float64)
-    return sums
+    # As products of matrices, in a fifth of the time of a sum over axes.
+    return (_IN_BLOCK @ values @ _IN_BLOCK.T).astype(np.float64)
 
 
 def _by_fold(blocks: FloatArray) -> FloatArray:
