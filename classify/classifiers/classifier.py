@@ -23,6 +23,9 @@ Parameters = Mapping[str, npt.NDArray[np.float64]]
 Shape = tuple[int, ...]
 """Shape of an array; -1 stands for any length."""
 
+Bounds = npt.NDArray[np.float64]
+"""Lower bounds on distances, NaN where there is none."""
+
 
 class Comparison(NamedTuple):
     """One signature compared with n references, as (n,) arrays.
@@ -39,12 +42,16 @@ class Comparison(NamedTuple):
     headings
         Standard deviations in favour of this orientation against the opposite one (180 degrees
         more); negative where the opposite one fits better, 0 where both do.
+    blurs_px
+        Sigma of the Gaussian by which the surface is blurrier than the reference; negative where it
+        is sharper. None where the classifier finds no blur.
     """
 
     distances: npt.NDArray[np.float64]
     orientations_deg: npt.NDArray[np.float64] | None = None
     sharpness: npt.NDArray[np.float64] | None = None
     headings: npt.NDArray[np.float64] | None = None
+    blurs_px: npt.NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -72,11 +79,15 @@ class Classifier(Generic[Tested, Trained]):
     limits
         (label and set number of each reference, (n, ...) references, parameters) to the distance
         beyond which each class rejects; empty where the classifier rejects nothing.
+    added_parameters
+        Names of parameters that libraries of earlier versions do not have.
     has_invariants
-        Whether `invariants` bound the distance; a large library then compares few references.
+        Whether there are `bounds`; a large library then compares few references.
     invariants
-        (n, ...) signatures to (n, k + 1): k numbers whose squared Euclidean distance, divided by
-        the last number of the test, never exceeds the distance.
+        ((n, ...) signatures, parameters) to (n, k) float32.
+    bounds
+        ((k,) invariants of a test, (n, k) of references, parameters) to (n,) numbers that do not
+        exceed the distances.
     without_heading
         (k, ...) references to the same references without a heading.
     from_images
@@ -94,8 +105,14 @@ class Classifier(Generic[Tested, Trained]):
     limits: Callable[[Sequence[str], Sequence[int], FloatMap, Parameters], dict[str, float]] = (
         lambda _labels, _sets, _references, _parameters: {}
     )
+    added_parameters: frozenset[str] = frozenset()
     has_invariants: bool = False
-    invariants: Callable[[FloatMap], FloatMap] = lambda each: np.ones((len(each), 1), np.float32)
+    invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda each, _parameters: np.ones(
+        (len(each), 1), np.float32
+    )
+    bounds: Callable[[FloatMap, FloatMap, Parameters], Bounds] = (
+        lambda _test, references, _parameters: np.zeros(len(references))
+    )
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     from_images: bool = False
 

@@ -1,8 +1,8 @@
 """The default classifier: polar spectra over all orientations plus local statistics.
 
-A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics, the
-numbers of the heading, and a last number with two meanings. In a reference the last number is the
-factor of its class's limit; in a test it divides the distances.
+A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics,
+their changes by blur, the numbers of the heading, and a last number with two meanings. In a
+reference the last number is the factor of its class's limit; in a test it divides the distances.
 """
 
 from collections.abc import Sequence
@@ -16,20 +16,24 @@ from classify.texture.angular_harmonics import (
     least_error,
     shift_invariant_norms,
 )
+from classify.texture.blur import KNOTS_PX2, least_over_blurs
 from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
+from classify.texture.statistics import LocalStatistics
 
 from .classifier import Classifier, Comparison, Parameters
+from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
-    LOCAL_SHARE,
     SERIES,
-    SPECTRAL_SHARE,
     JointObservation,
     JointTraining,
+    blur_curve,
     combined,
+    local_unit,
     observe,
     observe_training,
     quarter_distances,
     spectral_series,
+    spectral_unit,
     statistics_rows,
 )
 from .joint_learning import LIMIT_MARGIN, learn, parameter_shapes, scatter_factor
@@ -44,13 +48,13 @@ _MAX_LEFT_OUT = 200
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
 _HEADING = slice(-1 - HEADING_FLOATS, -1)
-_STATISTICS = slice(_SERIES_FLOATS, _HEADING.start)
+_RINGS = slice(0, _SERIES_FLOATS, 2 * HARMONICS)  # the real part of harmonic 0
 
 
 def _signature(observation: JointObservation, parameters: Parameters) -> FloatMap:
     # Scatter is inversely proportional to the area: smaller frames are further from their class.
     ratio = float(parameters["pixels"] / float(observation.pixels))
-    return _vector(observation, parameters, max(0.5 + 0.5 * ratio, 1.0))
+    return _vector(observation, (), parameters, max(0.5 + 0.5 * ratio, 1.0))
 
 
 def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
@@ -60,39 +64,56 @@ def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
         [training], statistics[None], parameters["density_floor"], parameters["whitening"]
     )
     factor = scatter_factor(combined(*distances, parameters))
-    own = _vector(training.frame, parameters, factor)
+    own = _vector(training.frame, training.blurred, parameters, factor)
+    compared = slice(_curve(parameters).start)
     references = [own]
     for observation in training.rotated:
-        rotated = _vector(observation, parameters, factor)
+        rotated = _vector(observation, training.blurred, parameters, factor)
         rotated[_HEADING] = own[_HEADING]
-        if np.square(rotated - own).sum() > _LEAST_NEW:
+        if np.square(rotated[compared] - own[compared]).sum() > _LEAST_NEW:
             references.append(rotated)
     return np.stack(references)
 
 
-def _vector(observation: JointObservation, parameters: Parameters, last: float) -> FloatMap:
-    """Series and statistics in units of the distance between quarters, heading, `last`."""
+def _vector(
+    observation: JointObservation,
+    blurred: Sequence[LocalStatistics],
+    parameters: Parameters,
+    last: float,
+) -> FloatMap:
+    """Series, statistics and their changes in units of the distance between quarters, the rest."""
     series = spectral_series(observation.polar, parameters["density_floor"])
-    series *= np.float32(np.sqrt(SPECTRAL_SHARE / parameters["spectral_scatter"]))
+    series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)
     white = statistics[0] @ parameters["whitening"].T
-    white *= np.sqrt(LOCAL_SHARE / parameters["local_scatter"])
+    white *= local_unit(parameters)
     heading = heading_numbers(observation.statistics.headings, parameters["heading_variances"])
-    return np.concatenate(
-        [series.ravel().view(np.float32), white.astype(np.float32), heading, [np.float32(last)]]
-    )
+    parts = [series.ravel().view(np.float32), white.astype(np.float32), heading]
+    if BLUR_BASIS in parameters:
+        parts.insert(2, blur_curve(observation, blurred, parameters).ravel())
+    return np.concatenate([*parts, [np.float32(last)]])
 
 
-def _compare(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
+def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
     found = least_error(_series_of(test[None])[0], _series_of(references))
-    local = np.square(references[:, _STATISTICS] - test[_STATISTICS])
-    total = found.errors + local.sum(axis=1, dtype=np.float64)
+    own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
+    squares = np.square(others - own)
+    blurs_px = None
+    if BLUR_BASIS in parameters:
+        # Blur changes neither the other harmonics nor the shift.
+        curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
+        least, variances = least_over_blurs(own, curve, others, curves, SERIES)
+        rings = squares[:, :SERIES].sum(axis=1, dtype=np.float64)
+        total = np.maximum(found.errors - rings, 0.0) + least
+        blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
+    else:
+        total = found.errors + squares[:, SERIES:].sum(axis=1, dtype=np.float64)
     total /= test[-1]
     headings = heading_scores(test[_HEADING], references[:, _HEADING], found.shifts_deg)
     # The moments of a smaller frame scatter more.
     headings /= np.sqrt(test[-1])
     headings[found.sharpness < _LEAST_SHARPNESS] = 0.0
-    return Comparison(total, found.shifts_deg, found.sharpness, headings)
+    return Comparison(total, found.shifts_deg, found.sharpness, headings, blurs_px)
 
 
 def _limits(
@@ -123,9 +144,29 @@ def _series_of(signatures: FloatMap) -> Complex:
     return series.reshape(len(signatures), SERIES, HARMONICS)
 
 
-def _invariants(signatures: FloatMap) -> FloatMap:
-    norms = shift_invariant_norms(_series_of(signatures))
-    return np.concatenate([norms, signatures[:, _STATISTICS], signatures[:, -1:]], axis=1)
+def _curve(parameters: Parameters) -> slice:
+    """The changes by blur in a signature; of length 0 in a library of earlier versions."""
+    return slice(_SERIES_FLOATS + len(parameters["whitening"]), _HEADING.start)
+
+
+def _levels(signatures: FloatMap, parameters: Parameters) -> FloatMap:
+    """(n, SERIES + d) means of rings, then statistics."""
+    statistics = signatures[:, _SERIES_FLOATS : _curve(parameters).start]
+    return np.concatenate([signatures[:, _RINGS], statistics], axis=1)
+
+
+def _curves(signatures: FloatMap, parameters: Parameters) -> FloatMap:
+    curves = signatures[:, _curve(parameters)]
+    return np.ascontiguousarray(curves.reshape(len(signatures), len(KNOTS_PX2), -1))
+
+
+def _invariants(signatures: FloatMap, parameters: Parameters) -> FloatMap:
+    levels = _levels(signatures, parameters)
+    parts = [shift_invariant_norms(_series_of(signatures)), levels[:, SERIES:]]
+    if BLUR_BASIS in parameters:
+        curves = _curves(signatures, parameters)
+        parts.append(blur_coordinates(levels, curves, parameters[BLUR_BASIS], SERIES))
+    return np.concatenate([*parts, signatures[:, -1:]], axis=1)
 
 
 def _without_heading(references: FloatMap) -> FloatMap:
@@ -146,5 +187,7 @@ JOINT = Classifier(
     limits=_limits,
     has_invariants=True,
     invariants=_invariants,
+    bounds=bounds,
+    added_parameters=frozenset([BLUR_BASIS]),
     without_heading=_without_heading,
 )

@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.angular_harmonics import Complex, harmonics
+from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.rotated_lights import under_rotated_lights
-from classify.texture.spectra import RADII, Spectra, field_spectra
+from classify.texture.spectra import RADII, Spectra, field_spectra, polar_radii_px
 from classify.texture.statistics import (
     PARTS,
     LocalStatistics,
@@ -63,23 +64,27 @@ class JointObservation(Observation):
         Of the frame and its quarters.
     pixels
         In the frame.
+    segment_px
+        Side of the segments of the spectra.
     """
 
     polar: FloatMap
     curl_density: float
     statistics: LocalStatistics
     pixels: int
+    segment_px: int
 
 
 @dataclass(frozen=True, eq=False)
 class JointTraining(Observation):
-    """One training set: the frame, the (4, 3, R, A) float32 `polar` of its quarters, and the frame
-    under rotated lights where that changes it.
+    """One training set: the frame, the (4, 3, R, A) float32 `polar` of its quarters, the frame
+    under rotated lights where that changes it, and statistics of the blurred frame.
     """
 
     frame: JointObservation
     quarters: FloatMap
     rotated: tuple[JointObservation, ...]
+    blurred: tuple[LocalStatistics, ...]
 
 
 def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
@@ -88,7 +93,7 @@ def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
 
 
 def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining:
-    """Observe a training set: the frame, its quarters, and the frame under rotated lights."""
+    """Observe a training set: the frame, its quarters, and the frame in other conditions."""
     fields = texture_fields(surface)
     rows, columns = fields.shape
     quarters = [
@@ -101,6 +106,10 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
         frame=_observe_fields(fields, segment_px),
         quarters=np.stack([_polar(field_spectra(each, segment_px // 2)) for each in quarters]),
         rotated=tuple(observe(other, segment_px) for other in under_rotated_lights(surface)),
+        blurred=tuple(
+            local_statistics(blurred_fields(fields, variance_px2), levels_for(segment_px))
+            for variance_px2 in KNOTS_PX2
+        ),
     )
 
 
@@ -111,6 +120,7 @@ def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
         curl_density=spectra.curl_density,
         statistics=local_statistics(fields, levels_for(segment_px)),
         pixels=fields.p.size,
+        segment_px=segment_px,
     )
 
 
@@ -124,6 +134,10 @@ def spectral_series(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> 
     The floor is added to each density: logarithms of errors would vary like those of
     textures.
     """
+    return harmonics(_channels(polar, density_floor))
+
+
+def _channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatMap:
     floor = np.float32(density_floor)
     relief = polar[..., 0, :, :] + floor
     albedo = polar[..., 1, :, :] + np.float32(_ALBEDO_LEAK) * polar[..., 0, :, :] + floor
@@ -134,7 +148,38 @@ def spectral_series(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> 
     bins = np.minimum(np.geomspace(2.0, 0.98 * 64.0, RADII), _CAP_BINS)
     weights = np.outer(_CHANNEL_WEIGHTS, bins)
     channels *= np.sqrt(weights / weights.sum()).astype(np.float32)[..., None]
-    return harmonics(channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1]))
+    return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
+
+
+def blur_curve(
+    observation: JointObservation, blurred: Sequence[LocalStatistics], parameters: Parameters
+) -> FloatMap:
+    """(knots, SERIES + d) changes of the means of rings and of the statistics by blur.
+
+    Rings follow from the spectra. `blurred` are the statistics at the knots, none for a test, whose
+    statistics do not change.
+    """
+    radii_cpp = polar_radii_px(observation.segment_px) / observation.segment_px
+    gains = np.concatenate([np.ones((1, RADII), np.float32), blur_gains(radii_cpp)])
+    polar = observation.polar * gains[:, None, :, None]
+    means = _channels(polar, parameters["density_floor"]).sum(axis=-1) / np.sqrt(polar.shape[-1])
+    rings = spectral_unit(parameters) * (means[1:] - means[0])
+    whitening = local_unit(parameters) * parameters["whitening"]
+    frame = statistics_rows(observation.statistics, parameters)[0]
+    local = np.zeros((len(rings), len(frame)))
+    for row, statistics in zip(local, blurred, strict=False):
+        row[:] = whitening @ (statistics_rows(statistics, parameters)[0] - frame)
+    return np.concatenate([rings, local], axis=1, dtype=np.float32)
+
+
+def spectral_unit(parameters: Parameters) -> float:
+    """Factor of series that makes the mean distance between quarters `SPECTRAL_SHARE`."""
+    return float(np.sqrt(SPECTRAL_SHARE / parameters["spectral_scatter"]))
+
+
+def local_unit(parameters: Parameters) -> float:
+    """Factor of whitened statistics that makes the mean distance `LOCAL_SHARE`."""
+    return float(np.sqrt(LOCAL_SHARE / parameters["local_scatter"]))
 
 
 def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.NDArray[np.float64]:

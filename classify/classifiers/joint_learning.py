@@ -14,10 +14,13 @@ from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.statistics import PARTS, levels_for, statistics_length
 
 from .classifier import Parameters, Shape
+from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
 from .joint_features import (
     ALBEDO_GAINS,
+    SERIES,
     Distances,
     JointTraining,
+    blur_curve,
     combined,
     quarter_distances,
     statistics_rows,
@@ -79,6 +82,8 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "spectral_scatter": np.array(max(float(spectral.mean()), _LEAST_DISTANCE)),
         "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
     }
+    curves = np.stack([blur_curve(each.frame, each.blurred, learned) for each in trainings])
+    learned[BLUR_BASIS] = blur_basis(curves, SERIES)
     distances = combined(spectral, local, learned)
     return {**learned, "limit": np.array(_unit_limit(distances, float(learned["pixels"])))}
 
@@ -93,6 +98,7 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
         **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),
+        BLUR_BASIS: (RING_DIRECTIONS + LOCAL_DIRECTIONS, SERIES + length),
     }
 
 

@@ -59,9 +59,11 @@ class LibraryContents:
     def __post_init__(self) -> None:
         if not self.labels:
             raise LibraryError("a library needs at least one training set")
-        shapes = classifier_named(self.classifier).parameter_shapes(self.segment_px)
-        for name, shape in shapes.items():
+        classifier = classifier_named(self.classifier)
+        for name, shape in classifier.parameter_shapes(self.segment_px).items():
             if name not in self.parameters:
+                if name in classifier.added_parameters:
+                    continue
                 raise LibraryError(f"{self.classifier} needs a parameter {name}; train it again")
             found = self.parameters[name].shape
             fits = all(n == m or m < 0 < n for n, m in zip(found, shape, strict=False))
@@ -84,14 +86,14 @@ class LibraryContents:
 
     @cached_property
     def invariants(self) -> FloatMap | None:
-        """(n, k + 1) `Classifier.invariants` of the references; None where all are compared."""
+        """(n, k) `Classifier.invariants` of the references; None where all are compared."""
         classifier, count = classifier_named(self.classifier), len(self.labels)
         if not classifier.has_invariants or count <= self.compare_all_up_to:
             return None
         # In parts: a call needs several times the memory of its signatures.
         step = self.compare_all_up_to
         parts = [
-            classifier.invariants(self.signatures[start : start + step])
+            classifier.invariants(self.signatures[start : start + step], self.parameters)
             for start in range(0, count, step)
         ]
         return np.concatenate(parts)

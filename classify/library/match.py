@@ -1,5 +1,6 @@
 """`Match`: the class of a surface, its orientation, and the reason."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -7,7 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.classifiers import Comparison
+from classify.texture.blur import MAX_BLURRIER_PX, MAX_SHARPER_PX
 from classify.texture.heading import LEAST_SCORE
+
+# A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
+_LEAST_SAID_PX = 0.3
+# An estimate that is nearer to its bound is at the bound.
+_ROUNDING_PX = 1e-3
 
 
 @dataclass(frozen=True)
@@ -39,6 +46,9 @@ class Match:
         How well the orientation is determined: 0 not at all, 1 exactly. None without orientation.
     reason
         The reason for the label, as text.
+    blur_px
+        Sigma of the Gaussian by which the surface is blurrier than the nearest training set;
+        negative where it is sharper. None where the classifier finds no blur.
     """
 
     label: str | None
@@ -52,6 +62,7 @@ class Match:
     sharpness: float | None = None
     reason: str = ""
     heading_deg: float | None = None
+    blur_px: float | None = None
 
 
 def match_of(
@@ -59,11 +70,13 @@ def match_of(
     labels: Sequence[str],
     orientations_deg: npt.NDArray[np.float64],
     limits: Mapping[str, float],
+    *,
+    blurred_px: float = 0.0,
 ) -> Match:
     """Make a match from the comparison of a surface with n references.
 
     `labels` and `orientations_deg` are those of the references. `limits` is empty if no limits were
-    learned.
+    learned. `blurred_px` is the blur that was added to the surface before the comparison.
     """
     best_of_class: dict[str, int] = {}
     for index in np.argsort(found.distances, kind="stable").tolist():
@@ -80,8 +93,13 @@ def match_of(
         margin = 1.0 - distance / runner_up_distance if runner_up_distance > 0.0 else 0.0
     limit = limits.get(nearest)
     label: str | None = nearest
+    compared_px = 0.0 if found.blurs_px is None else float(found.blurs_px[winner])
+    blur_px = _blur_without(blurred_px, compared_px)
+    focus = f"{abs(blur_px):.1f} px {'blurrier' if blur_px > 0.0 else 'sharper'}"
     if margin == 0.0:
         label, reason = None, f"{nearest} and {runner_up} are equally near"
+    elif not _ROUNDING_PX - MAX_SHARPER_PX < compared_px < MAX_BLURRIER_PX - _ROUNDING_PX:
+        label, reason = None, f"out of focus: {focus} than {nearest} or more, too much to compare"
     else:
         reason = f"distance {distance:.2f} to {nearest}"
         if limit is not None and distance > limit:
@@ -89,6 +107,8 @@ def match_of(
             reason += f" exceeds its limit {limit:.2f}"
         elif limit is not None:
             reason += f", limit {limit:.2f}"
+        if abs(blur_px) >= _LEAST_SAID_PX:
+            reason += f", {focus}"
         if runner_up is not None:
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
     orientation_deg = heading_deg = sharpness = None
@@ -113,4 +133,11 @@ def match_of(
         sharpness=sharpness,
         reason=reason,
         heading_deg=heading_deg,
+        blur_px=None if found.blurs_px is None else blur_px,
     )
+
+
+def _blur_without(blurred_px: float, compared_px: float) -> float:
+    """Blur of a surface that was blurred before the comparison found `compared_px`."""
+    variance_px2 = compared_px * abs(compared_px) - blurred_px**2
+    return math.copysign(math.sqrt(abs(variance_px2)), variance_px2)

@@ -11,6 +11,7 @@ from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.blur import blurred_surface
 from classify.texture.spectra import segment_for
 
 from . import ps4lib
@@ -18,6 +19,10 @@ from .candidates import Indices, Sieve
 from .contents import LibraryContents
 from .match import Match, match_of
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
+
+# The first comparison extrapolates the statistics of a training set to those of a sharper surface,
+# which errs less than other patches of a texture differ up to this blur (classify/README.md).
+_LEAST_SHARPER_PX = 0.5
 
 TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
 
@@ -118,8 +123,11 @@ class TextureLibrary(LibraryContents):
             raise LibraryError("the library's parameters give NaN or infinity; train it again")
         return signature
 
-    def match(self, signature: FloatMap) -> Match:
-        """Find the nearest class, or unknown, and the orientation; `signature` from `observe`."""
+    def match(self, signature: FloatMap, *, blurred_px: float = 0.0) -> Match:
+        """Find the nearest class, or unknown, and the orientation.
+
+        `signature` is from `observe`, and `blurred_px` the blur that was added to the surface.
+        """
         if signature.shape != self.signatures.shape[1:]:
             raise LibraryError(
                 f"the library's signatures have shape {self.signatures.shape[1:]}, those of "
@@ -130,11 +138,20 @@ class TextureLibrary(LibraryContents):
         if not np.isfinite(found.distances).all():
             raise LibraryError("the library contains NaN or infinity; train it again")
         labels = [self.labels[index] for index in indices.tolist()]
-        return match_of(found, labels, self.orientations_deg[indices], self.limits)
+        return match_of(
+            found, labels, self.orientations_deg[indices], self.limits, blurred_px=blurred_px
+        )
 
     def classify(self, surface: SurfaceEstimate) -> Match:
-        """Find the nearest class, or unknown, and the orientation; raises as `observe`."""
-        return self.match(self.observe(surface))
+        """Find the nearest class, or unknown, and the orientation; raises as `observe`.
+
+        A surface that is sharper than its nearest training set is blurred and compared again.
+        """
+        match = self.match(self.observe(surface))
+        if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX:
+            return match
+        blurred = blurred_surface(surface, -match.blur_px)
+        return self.match(self.observe(blurred), blurred_px=-match.blur_px)
 
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
         """Compare the references that can be nearest or runner-up: their indices, the result."""
@@ -142,14 +159,15 @@ class TextureLibrary(LibraryContents):
         if self.invariants is None:
             everything = np.arange(len(self.labels))
             return everything, classifier.compare(signature, self.signatures, self.parameters)
-        invariants = classifier.invariants(signature[None])[0]
+        invariants = classifier.invariants(signature[None], self.parameters)[0]
         if invariants.shape != self.invariants.shape[1:]:
             raise LibraryError("the library's invariants do not fit its signatures; train it again")
 
         def compare(indices: Indices) -> Comparison:
             return classifier.compare(signature, self.signatures[indices], self.parameters)
 
-        return Sieve(self.invariants, self.class_indices).nearest(invariants, compare)
+        bounds = classifier.bounds(invariants, self.invariants, self.parameters)
+        return Sieve(self.class_indices).nearest(bounds, compare)
 
 
 def _check_same_lights(

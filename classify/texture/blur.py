@@ -1,0 +1,148 @@
+"""Blur of the images: a nuisance of one parameter, the variance of a Gaussian in px^2.
+
+A Gaussian of variance v multiplies the power of slopes and of albedo by exp(-4 pi^2 v f^2), f in
+cycles per pixel. The features that blur changes are numbers without an angle: the mean of each ring
+of a spectrum, and local statistics. They are known at a few variances and linear between them.
+"""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from classify.compiling import Array, kernel
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.threads import run_on_rows
+
+from .fields import TextureFields, texture_fields
+
+KNOTS_PX2 = (0.65, 1.69, 4.0)
+"""Variances at which the features of a blurred surface are known.
+
+Half way between two knots linear interpolation errs by less than 0.02 of the distance of a surface
+from itself (test_joint_blur.py).
+"""
+
+MAX_BLURRIER_PX, MAX_SHARPER_PX = math.sqrt(KNOTS_PX2[2]), math.sqrt(KNOTS_PX2[1])
+"""Bounds of the blur of a test against a reference, and of a reference against a test.
+
+The second is smaller, because statistics of a reference sharper than it is are extrapolated.
+"""
+
+# Variances of the points between which the difference of a test and a reference is linear.
+_POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
+# Added to a squared distance per px^2. It makes the estimate 0 for half of the sets in equal focus
+# and adds 0.1 where the blur is 1 px; see the table in classify/README.md.
+_PENALTY = 0.1
+
+Floats = npt.NDArray[np.float64]
+
+
+def blur_gains(radii_cpp: Floats) -> FloatMap:
+    """(3, R) factors of power at the knots, for frequencies in cycles per pixel."""
+    exponents = np.outer(KNOTS_PX2, -4.0 * np.pi**2 * np.square(radii_cpp))
+    gains: FloatMap = np.exp(exponents).astype(np.float32)
+    return gains
+
+
+def blurred_fields(fields: TextureFields, variance_px2: float) -> TextureFields:
+    """Blur slopes and albedo by a Gaussian, which is nearly what blurring the images does."""
+    sigma_px = math.sqrt(variance_px2)
+    p, q, albedo = (
+        np.asarray(
+            cv2.GaussianBlur(plane, (0, 0), sigma_px, borderType=cv2.BORDER_REFLECT_101), np.float32
+        )
+        for plane in (fields.p, fields.q, fields.albedo)
+    )
+    return TextureFields(p, q, albedo)
+
+
+def blurred_surface(surface: SurfaceEstimate, sigma_px: float) -> SurfaceEstimate:
+    """The same surface seen out of focus; pixels that are not valid are filled in."""
+    fields = blurred_fields(texture_fields(surface), sigma_px**2)
+    return replace(
+        surface, p=fields.p, q=fields.q, albedo=fields.albedo, valid=np.ones_like(surface.valid)
+    )
+
+
+def least_over_blurs(
+    test: FloatMap, test_curve: FloatMap, references: FloatMap, curves: FloatMap, rings: int
+) -> tuple[Floats, Floats]:
+    """Least squared distance of a test to n references over their blur, with a penalty.
+
+    Parameters
+    ----------
+    test, references
+        (d,) and (n, d) float32 features, the `rings` means of rings first.
+    test_curve, curves
+        (3, d) and (n, 3, d) changes of the features at the knots. Of a test only rings count.
+
+    Returns
+    -------
+    (n,) squared distances, and (n,) variances of the test minus those of the reference, px^2:
+    within the square of -`MAX_SHARPER_PX` and of `MAX_BLURRIER_PX`.
+    """
+    least = np.empty((len(references), 2), np.float64)
+    arguments = (test, test_curve, references, curves, rings, np.float32(_PENALTY), least)
+    run_on_rows(partial(_least_rows, *arguments), references.shape)
+    return least[:, 0], least[:, 1]
+
+
+@kernel
+def _least_rows(
+    test: Array, test_curve: Array, references: Array, curves: Array, rings: int,
+    penalty: np.float32, least: Array, first: int, stop: int,
+) -> None:  # fmt: skip
+    for n in range(first, stop):
+        least[n] = least_over_blur(test, test_curve, references[n], curves[n], rings, penalty)
+
+
+@kernel
+def least_over_blur(
+    test: Array, test_curve: Array, reference: Array, curve: Array, rings: int, penalty: np.float32
+) -> tuple[np.float32, np.float32]:
+    """Least squared distance to one reference plus penalty, and its variance.
+
+    A blurrier test is compared with the blurred reference. A sharper test is compared after its
+    rings are blurred, which are known, while the statistics of the reference are extrapolated.
+    """
+    zero = np.float32(0.0)
+    extrapolation = np.float32(KNOTS_PX2[1] / KNOTS_PX2[0])
+    # Squares of the difference at each point, and products of neighbouring ones.
+    s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
+    p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero
+    for k in range(len(test)):
+        difference = test[k] - reference[k]
+        slope = curve[0, k]
+        if k < rings:
+            a, b = difference + test_curve[1, k], difference + test_curve[0, k]
+        else:
+            a, b = difference + extrapolation * slope, difference + slope
+        d, e, f = difference - slope, difference - curve[1, k], difference - curve[2, k]
+        s0 += a * a
+        p0 += a * b
+        s1 += b * b
+        p1 += b * difference
+        s2 += difference * difference
+        p2 += difference * d
+        s3 += d * d
+        p3 += d * e
+        s4 += e * e
+        p4 += e * f
+        s5 += f * f
+    squares, products = (s0, s1, s2, s3, s4, s5), (p0, p1, p2, p3, p4)
+    least, variance = s2, zero
+    for k in range(len(products)):
+        low, high = np.float32(_POINTS_PX2[k]), np.float32(_POINTS_PX2[k + 1])
+        along = squares[k] - products[k]
+        across = max(squares[k] - products[k] + squares[k + 1] - products[k], np.float32(1e-12))
+        cost = penalty * (abs(high) - abs(low))
+        share = min(max((along - np.float32(0.5) * cost) / across, zero), np.float32(1.0))
+        square = squares[k] + share * (share * across - np.float32(2.0) * along)
+        square += penalty * abs(low) + share * cost
+        if square < least:
+            least, variance = square, low + share * (high - low)
+    return least, variance
