@@ -25,6 +25,9 @@ from classify.library.training import observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
 
+# Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
+PLANAR = True
+
 
 @dataclass(frozen=True)
 class SetHeader:
@@ -76,7 +79,7 @@ def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
 
 
 def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER) -> Observation:
-    """Solve a set and compute its observation for training.
+    """Solve a set as a planar part and compute its observation for training.
 
     Raises
     ------
@@ -85,7 +88,7 @@ def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIE
     """
     captured = CapturedSet.load(path)
     with _named(path):
-        return observe(captured.solve(), segment_px, classifier)
+        return observe(captured.solve(planar=PLANAR), segment_px, classifier)
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ class ClassifiedSet:
 
 
 def classify_set(path: Path, library: Path, label_required: bool = False) -> ClassifiedSet:
-    """Solve a set and classify its surface with a library file.
+    """Solve a set as those of a library were, and classify its surface with it.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
         if label_required:
             _usable_label(metadata.label)
         _check_lights(metadata)
-        match = trained.classify(captured.solve())
+        match = trained.classify(captured.solve(planar=trained.planar))
     return ClassifiedSet(
         match, metadata.label, metadata.orientation_deg, metadata.simulated, metadata.is_protected
     )

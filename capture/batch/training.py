@@ -12,7 +12,7 @@ from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import observe_set, read_header, warn_unprotected
+from .tasks import PLANAR, observe_set, read_header, warn_unprotected
 
 
 def train_library(
@@ -44,6 +44,7 @@ def train_library(
         segment_px,
         classifier,
         lighting=common_lighting([header.lighting for header in headers]),
+        planar=PLANAR,
         simulated=any(header.simulated for header in headers),
         sources=[
             (os.path.relpath(path, folder.absolute()), header.pixels_sha256)

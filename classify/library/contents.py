@@ -35,6 +35,8 @@ class LibraryContents:
         Distance beyond which each class rejects; empty where the classifier rejects nothing.
     lighting
         The lights of the training sets, where all had the same.
+    planar
+        Whether the training sets were solved as planar parts.
     simulated
         Whether some training sets come from a simulated camera.
     sources
@@ -52,6 +54,7 @@ class LibraryContents:
     segment_px: int
     limits: Mapping[str, float] = field(default_factory=dict)
     lighting: Lighting | None = None
+    planar: bool = False
     simulated: bool = False
     sources: tuple[tuple[str, str], ...] = ()
     compare_all_up_to: int = 1024

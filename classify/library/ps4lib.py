@@ -91,6 +91,7 @@ class _Header(BaseModel):
     version: Literal[3] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
+    planar: bool = False
     simulated: bool = False
     classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
     limits: Limits = Field(default_factory=dict)
@@ -190,6 +191,7 @@ def write(path: Path, library: LibraryContents) -> None:
     header = _Header(
         classifier=library.classifier,
         segment_px=library.segment_px,
+        planar=library.planar,
         simulated=library.simulated,
         classes=library.classes,
         limits=dict(library.limits),
@@ -257,6 +259,7 @@ def _read(archive: _Archive, kind: type[Library]) -> Library:
         segment_px=header.segment_px,
         limits=header.limits,
         lighting=lighting,
+        planar=header.planar,
         simulated=header.simulated,
         sources=header.sources,
     )

@@ -1,5 +1,6 @@
 """`TextureLibrary`: train textures, then name the texture and orientation of a surface."""
 
+import warnings
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Self
@@ -46,14 +47,18 @@ class TextureLibrary(LibraryContents):
         Raises
         ------
         LibraryError, InputError
-            Without samples, for a label that cannot name a class, an orientation that is not
-            finite, or a surface too small for a texture.
+            Without samples, where only some are solved as planar parts, for a label that cannot
+            name a class, an orientation that is not finite, or a surface too small for a texture.
         """
         rows = [
             (sample[0], sample[1], sample[2] if len(sample) > 2 else None) for sample in samples
         ]
         if not rows:
             raise LibraryError("nothing to train on; give at least one set")
+        if len({surface.planar for _, surface, _ in rows}) > 1:
+            raise LibraryError(
+                "some training sets are solved as planar parts and others are not; solve all alike"
+            )
         segment_px = min(segment_for(surface.shape) for _, surface, _ in rows)
         return cls.from_observations(
             [
@@ -63,6 +68,7 @@ class TextureLibrary(LibraryContents):
             segment_px,
             classifier,
             lighting=common_lighting([surface.lighting for _, surface, _ in rows]),
+            planar=rows[0][1].planar,
         )
 
     @classmethod
@@ -73,6 +79,7 @@ class TextureLibrary(LibraryContents):
         classifier: str = DEFAULT_CLASSIFIER,
         *,
         lighting: Lighting | None = None,
+        planar: bool = False,
         simulated: bool = False,
         sources: Sequence[tuple[str, str]] = (),
     ) -> Self:
@@ -81,6 +88,7 @@ class TextureLibrary(LibraryContents):
             classifier=classifier,
             segment_px=segment_px,
             lighting=lighting,
+            planar=planar,
             simulated=simulated,
             sources=tuple(sources),
             **learn_references(rows, classifier_named(classifier))._asdict(),
@@ -107,6 +115,9 @@ class TextureLibrary(LibraryContents):
     def observe(self, surface: SurfaceEstimate) -> FloatMap:
         """Compute the signature of a surface, for `match`.
 
+        Warns where the surface was solved as a planar part and the training sets were not, or the
+        other way round.
+
         Raises
         ------
         InputError
@@ -114,6 +125,13 @@ class TextureLibrary(LibraryContents):
             classifier compares images and the lights were others.
         """
         classifier = classifier_named(self.classifier)
+        if surface.planar != self.planar and surface.images is not None:
+            warnings.warn(
+                f"this surface was solved with planar={surface.planar}, the training sets of the "
+                f"library with planar={self.planar}; solve it alike, because the fall-off of near "
+                "lights changes a texture",
+                stacklevel=2,
+            )
         if classifier.from_images:
             _check_same_lights(surface.lighting, self.lighting, self.classifier)
         observation = classifier.observe(surface, self.segment_px)

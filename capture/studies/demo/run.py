@@ -52,7 +52,7 @@ def run_demo(output: Path) -> None:
         ]
         trained = _captured(rig, training, sets_folder, "train")
         tests = _captured(rig, testing, sets_folder, "test")
-    solved = {captured.label or "": captured.solve() for captured in trained}
+    solved = {captured.label or "": captured.solve(planar=True) for captured in trained}
     samples = ((label, surface, 0.0) for label, surface in solved.items())
     library = replace(TextureLibrary.train(samples), simulated=True)
     library.save(output / "textures.ps4lib")
@@ -62,7 +62,7 @@ def run_demo(output: Path) -> None:
 
     def classified() -> Iterator[ReportEntry]:
         for captured in tests:
-            surface = captured.solve()
+            surface = captured.solve(planar=True)
             match = library.classify(surface)
             trial = Trial(captured.label or "", captured.metadata.orientation_deg or 0.0, match)
             own = surface_spectra(surface, library.segment_px)
