@@ -18,7 +18,7 @@ import tifffile
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 NAMESPACE = "ps4rig/captured-set"
 Planes = npt.NDArray[np.uint16]
 _VALUE = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"  # in any OME schema
@@ -35,7 +35,8 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
     Returns
     -------
     planes
-        (pages, H, W) uint16: the light images in order, then the ambient image if it exists.
+        (pages, H, W) uint16: the light images in order, then the ambient image and the mask if
+        they exist.
     fields
         JSON values of the file, not validated. Files of `schema_version` 1 have no hash over them.
 
@@ -62,12 +63,22 @@ def read_set_header(path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
         return _header(tiff, path)
 
 
-def pixels_sha256(images: Planes, ambient: Planes | None = None) -> str:
-    """SHA-256 of all pixels, light images then ambient image, as little-endian 16-bit rows."""
+def pixels_sha256(
+    images: Planes, ambient: Planes | None = None, mask: npt.NDArray[np.bool_] | None = None
+) -> str:
+    """SHA-256 of all pixels, in the order of the pages, as little-endian 16-bit rows."""
     digest = hashlib.sha256()
-    for plane in (*images, *(() if ambient is None else (ambient,))):
+    for plane in pages(images, ambient, mask):
         digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
     return digest.hexdigest()
+
+
+def pages(
+    images: Planes, ambient: Planes | None, mask: npt.NDArray[np.bool_] | None
+) -> list[Planes]:
+    """Return the pages of a file; a mask is 65535 inside and 0 outside."""
+    last = [] if mask is None else [np.where(mask, np.uint16(65535), np.uint16(0))]
+    return [*images, *(() if ambient is None else (ambient,)), *last]
 
 
 def fields_sha256(fields: dict[str, Any]) -> str:

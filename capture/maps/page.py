@@ -34,7 +34,8 @@ def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[Map
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=escape(captured.label or "Captured set without a label"),
         notice=_SIMULATED * captured.metadata.simulated
-        + _UNPROTECTED * (not captured.metadata.is_protected),
+        + _UNPROTECTED * (not captured.metadata.is_protected)
+        + "".join(map(_warning, captured.metadata.warnings)),
         facts="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
             for name, value in _facts(captured, maps)
@@ -47,6 +48,10 @@ def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[Map
     )
 
 
+def _warning(text: str) -> str:
+    return f'<p class="notice"><b>Warning at import:</b> {escape(text)}</p>'
+
+
 def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]]:
     surface, metadata, lighting = maps.surface, captured.metadata, captured.lighting
     rows, columns = surface.shape
@@ -56,6 +61,10 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "captured", metadata.created_utc
     if metadata.orientation_deg is not None:
         yield "orientation", f"{metadata.orientation_deg:g}°"
+    if captured.mask is not None:
+        yield "mask", f"{metadata.mask_file}, {captured.mask.mean():.1%} of the image"
+    if metadata.crop is not None:
+        yield "crop", f"from column {metadata.crop[0]}, row {metadata.crop[1]}"
     yield "valid", f"{surface.valid.mean():.1%}"
     yield "saturated", f"{surface.saturated.mean():.1%}"
     yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"

@@ -25,6 +25,8 @@ class CapturedSet:
         (N, H, W) uint16 light images in the order of the lighting; pixel values of the camera.
     ambient
         (H, W) uint16 image with all LEDs off, or None.
+    mask
+        (H, W) bool, false outside the part, where no pixel is valid; None for the whole frame.
 
     Raises
     ------
@@ -35,6 +37,7 @@ class CapturedSet:
     images: npt.NDArray[np.uint16]
     ambient: npt.NDArray[np.uint16] | None
     metadata: SetMetadata
+    mask: npt.NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         lights = len(self.metadata.lighting.directions)
@@ -50,6 +53,15 @@ class CapturedSet:
                 f"the ambient image is {self.ambient.shape} {self.ambient.dtype}, the light "
                 f"images are {self.images.shape[1:]} uint16"
             )
+        if self.mask is not None and (
+            self.mask.shape != self.images.shape[1:] or self.mask.dtype != np.bool_
+        ):
+            raise InputError(
+                f"the mask is {self.mask.shape} {self.mask.dtype}, the light images are "
+                f"{self.images.shape[1:]}; give bool of that shape"
+            )
+        if (self.mask is None) != (self.metadata.mask_file is None):
+            raise InputError("the metadata name a mask if, and only if, the set has one")
 
     @property
     def label(self) -> str | None:
@@ -65,12 +77,13 @@ class CapturedSet:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more.
+        least_squares for more. No pixel outside the mask is valid.
         """
-        return photometric_stereo(
+        surface = photometric_stereo(
             self.images, self.lighting, method, ambient=self.ambient,
             full_scale=self.metadata.full_scale, noise=self.noise, planar=planar,
         )  # fmt: skip
+        return surface if self.mask is None else surface.within(self.mask)
 
     @property
     def noise(self) -> SensorNoise | None:
@@ -89,7 +102,7 @@ class CapturedSet:
         InputError
             If the name does not end in ``.ome.tif``, or the file cannot be written.
         """
-        ome_tiff.write(Path(path), self.images, self.ambient, self.metadata)
+        ome_tiff.write(Path(path), self.images, self.ambient, self.metadata, self.mask)
 
     @staticmethod
     def load(path: str | Path) -> CapturedSet:

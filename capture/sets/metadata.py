@@ -168,9 +168,17 @@ class SetMetadata(_Record):
         Response of imported photographs that was undone: ``linear`` or ``srgb``.
     calibration_ids
         Hashes of the calibrations that apply to the set.
+    crop
+        Column and row of the top left pixel, width and height of the part of the imported
+        photographs that was kept; None for all.
+    mask_file
+        Name of the image with the mask; None for a set without a mask.
+    warnings, accepted
+        What the checks of imported photographs found but did not refuse, and the causes for a
+        refusal that were accepted.
     """
 
-    schema_version: Literal[1, 2] = 2
+    schema_version: Literal[1, 2, 3] = 3
     label: Annotated[str | None, AfterValidator(_printable)]
     created_utc: str
     simulated: bool
@@ -189,6 +197,10 @@ class SetMetadata(_Record):
     failed_attempts: tuple[str, ...] = Field(default=(), alias="retries")
     gamma: str = "linear"
     calibration_ids: tuple[str, ...] = ()
+    crop: tuple[int, int, int, int] | None = None
+    mask_file: str | None = None
+    warnings: tuple[str, ...] = ()
+    accepted: tuple[str, ...] = ()
     software_version: str
     pixels_sha256: str
 

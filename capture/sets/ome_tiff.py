@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import tifffile
 from pydantic import ValidationError
 
@@ -15,6 +16,7 @@ from rig.set_file import (
     NAMESPACE,
     Planes,
     fields_sha256,
+    pages,
     pixels_sha256,
     read_set_file,
     read_set_header,
@@ -22,11 +24,19 @@ from rig.set_file import (
 
 from .metadata import SetMetadata
 
+Mask = npt.NDArray[np.bool_]
+
 SUFFIX = ".ome.tif"
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
-def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetadata) -> None:
+def write(
+    path: Path,
+    images: Planes,
+    ambient: Planes | None,
+    metadata: SetMetadata,
+    mask: Mask | None = None,
+) -> None:
     """Write a captured set to `path`, whole or not at all.
 
     Raises
@@ -37,9 +47,9 @@ def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetad
     """
     if not path.name.endswith(SUFFIX):
         raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
-    if pixels_sha256(images, ambient) != metadata.pixels_sha256:
+    if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
-    planes = images if ambient is None else np.concatenate([images, ambient[None]])
+    planes = np.stack(pages(images, ambient, mask))
     with durable_file(path) as temporary:
         tifffile.imwrite(
             temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
@@ -48,8 +58,8 @@ def write(path: Path, images: Planes, ambient: Planes | None, metadata: SetMetad
         )  # fmt: skip
 
 
-def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
-    """Read light images, ambient image and metadata.
+def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata, Mask | None]:
+    """Read light images, ambient image, metadata and mask.
 
     Raises
     ------
@@ -59,7 +69,9 @@ def read(path: Path) -> tuple[Planes, Planes | None, SetMetadata]:
     planes, fields = read_set_file(path)
     metadata = _metadata(path, fields, len(planes))
     lights = len(metadata.lighting.directions)
-    return planes[:lights], planes[lights] if len(planes) > lights else None, metadata
+    ambient = planes[lights] if len(metadata.images) > lights else None
+    mask = None if metadata.mask_file is None else planes[-1] > 0
+    return planes[:lights], ambient, metadata, mask
 
 
 def read_header(path: Path) -> tuple[SetMetadata, tuple[int, int]]:
@@ -86,24 +98,28 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         raise InputError(
             f"{path}: metadata field images does not list the {lights} lights in order"
         )
-    if pages != len(order):
-        raise InputError(f"{path}: holds {pages} images, its metadata name {len(order)}")
+    named = len(order) + (metadata.mask_file is not None)
+    if pages != named:
+        raise InputError(f"{path}: holds {pages} images, its metadata name {named}")
     return metadata
 
 
 def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
     rows, columns = shape
+    tilts_deg = metadata.lighting.to_lighting().tilts_deg
+    names = [
+        "ambient" if record.light is None else f"tilt {tilts_deg[record.light]:g} deg"
+        for record in metadata.images
+    ] + ["mask"] * (metadata.mask_file is not None)
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
     ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc
     pixels = ET.SubElement(
         image, "Pixels", ID="Pixels:0", DimensionOrder="XYCZT", Type="uint16",
         SignificantBits=str(metadata.full_scale.bit_length()), SizeX=str(columns), SizeY=str(rows),
-        SizeC=str(len(metadata.images)), SizeZ="1", SizeT="1", BigEndian="false",
+        SizeC=str(len(names)), SizeZ="1", SizeT="1", BigEndian="false",
     )  # fmt: skip
-    tilts_deg = metadata.lighting.to_lighting().tilts_deg
-    for index, record in enumerate(metadata.images):
-        name = "ambient" if record.light is None else f"tilt {tilts_deg[record.light]:g} deg"
+    for index, name in enumerate(names):
         ET.SubElement(pixels, "Channel", ID=f"Channel:0:{index}", Name=name, SamplesPerPixel="1")
     ET.SubElement(pixels, "TiffData")
     ET.SubElement(image, "AnnotationRef", ID="Annotation:0")

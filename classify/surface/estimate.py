@@ -1,8 +1,8 @@
 """`SurfaceEstimate`, the result of a solver."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +60,9 @@ class SurfaceEstimate:
     repaired
         bool, true where fewer than three lights were usable and the slope, with one light or none
         the albedo too, comes from the pixels around (ps4_robust only).
+    mask
+        bool, false outside the part, where nothing is valid, in shadow or a highlight; None for the
+        whole frame.
     """
 
     p: FloatMap
@@ -77,6 +80,7 @@ class SurfaceEstimate:
     left_out: npt.NDArray[np.uint8] | None = None
     highlights: npt.NDArray[np.bool_] | None = None
     repaired: npt.NDArray[np.bool_] | None = None
+    mask: npt.NDArray[np.bool_] | None = None
 
     @cached_property
     def dropped(self) -> npt.NDArray[np.uint8]:
@@ -150,6 +154,18 @@ class SurfaceEstimate:
         """
         return self._shadows_and_highlights[1] if self.highlights is None else self.highlights
 
+    def within(self, mask: npt.NDArray[np.bool_]) -> Self:
+        """Return this surface with nothing but albedo and residual outside `mask` (H, W)."""
+        zero = np.float32(0.0)
+        return replace(
+            self,
+            p=np.where(mask, self.p, zero),
+            q=np.where(mask, self.q, zero),
+            valid=self.valid & mask,
+            highlights=None if self.highlights is None else self.highlights & mask,
+            mask=mask,
+        )
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
@@ -180,6 +196,9 @@ class SurfaceEstimate:
             )  # fmt: skip
 
         run_on_rows(compare, self.shape)
+        if self.mask is not None:
+            shadow_count *= self.mask
+            highlights &= self.mask
         return shadow_count, highlights
 
     @property

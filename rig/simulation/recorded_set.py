@@ -72,6 +72,8 @@ def _recorded(
 ) -> RecordedSet:
     directions = np.array(fields["lighting"]["directions"], np.float64)
     count, full_scale, bits = len(directions), fields["full_scale"], fields["bit_depth"]
+    if fields.get("mask_file") is not None:
+        planes = planes[:-1]  # a camera sees the whole frame
     if len(planes) not in (count, count + 1):
         raise ValueError(f"{len(planes)} images for {count} lights")
     if full_scale not in (255, 1023, 4095, 65535):

@@ -51,6 +51,7 @@ def _made_set(
     pixels: Images,
     ambient: Images | None = None,
     lighting: Lighting | None = None,
+    mask: npt.NDArray[np.bool_] | None = None,
     **fields: object,
 ) -> CapturedSet:
     """Make a set from pixels of shape (lights, rows, columns)."""
@@ -67,9 +68,10 @@ def _made_set(
         "lighting": LightingRecord.of(lighting or Lighting.ring(45.0, tilts_deg)),
         "images": tuple(ImageRecord(light=light) for light in lights),
         "software_version": "0",
-        "pixels_sha256": pixels_sha256(pixels, ambient),
+        "pixels_sha256": pixels_sha256(pixels, ambient, mask),
+        "mask_file": None if mask is None else "mask.png",
     }
-    return CapturedSet(pixels, ambient, SetMetadata.model_validate(values | fields))
+    return CapturedSet(pixels, ambient, SetMetadata.model_validate(values | fields), mask)
 
 
 @pytest.fixture(scope="session")

@@ -99,10 +99,23 @@ def test_text_of_a_set_is_escaped(made_set: Callable[..., CapturedSet]) -> None:
     assert page.text.count(evil) == 3  # title, heading, date
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 def test_a_set_of_schema_1_is_marked(made_set: Callable[..., CapturedSet], version: int) -> None:
     page = page_of(made_set(np.full((4, 8, 8), 1000, np.uint16), schema_version=version))
     assert ("its metadata have no hash" in page.text) == (version == 1)
+
+
+def test_warnings_mask_and_crop_of_an_import_are_shown(
+    made_set: Callable[..., CapturedSet],
+) -> None:
+    images, mask = np.full((4, 8, 8), 1000, np.uint16), np.zeros((8, 8), np.bool_)
+    mask[:2] = True
+    warnings = ("light-order: <exchanged>", "12 bits, guessed")
+    text = page_of(made_set(images, mask=mask, crop=(3, 5, 8, 8), warnings=warnings)).text
+    assert all(f"Warning at import: {warning}" in text for warning in warnings)
+    assert "mask.png, 25.0% of the image" in text
+    assert "from column 3, row 5" in text
+    assert "Warning" not in page_of(made_set(images)).text
 
 
 def test_a_set_without_label_or_valid_pixel_is_shown(made_set: Callable[..., CapturedSet]) -> None:

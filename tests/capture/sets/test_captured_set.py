@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
+from classify import Method
 from classify.errors import InputError
 from rig import Rig
 
@@ -30,6 +31,35 @@ def test_solving_subtracts_the_ambient_light(rig: Rig) -> None:
     assert lit.mean() > 0.3
     for found, true in ((surface.p, truth.p), (surface.q, truth.q)):
         assert np.corrcoef(found[lit], true[lit])[0, 1] > 0.99
+
+
+@pytest.mark.parametrize("method", ["ps4", "ps4_robust", "least_squares"])
+def test_nothing_is_valid_or_in_shadow_outside_the_mask(
+    rig: Rig, made_set: Callable[..., CapturedSet], method: Method
+) -> None:
+    captured = capture_set(rig)
+    mask = np.zeros(captured.images.shape[1:], np.bool_)
+    mask[10:40, 20:50] = True
+    images, ambient, lighting = captured.images, captured.ambient, captured.lighting
+    whole = made_set(images, ambient, lighting, bit_depth=12, full_scale=4095).solve(method)
+    part = made_set(images, ambient, lighting, mask, bit_depth=12, full_scale=4095).solve(method)
+    np.testing.assert_array_equal(part.valid, whole.valid & mask)
+    np.testing.assert_array_equal(part.p, np.where(mask, whole.p, 0.0))
+    np.testing.assert_array_equal(part.q, np.where(mask, whole.q, 0.0))
+    np.testing.assert_array_equal(part.shadow_mask, whole.shadow_mask & mask)
+    np.testing.assert_array_equal(part.specular, whole.specular & mask)
+
+
+def test_a_mask_has_the_shape_of_the_images_and_a_name(
+    made_set: Callable[..., CapturedSet],
+) -> None:
+    images = np.zeros((4, 3, 2), np.uint16)
+    good = made_set(images, mask=np.ones((3, 2), np.bool_))
+    for wrong in (np.ones((2, 3), np.bool_), np.ones((3, 2), np.uint8)):
+        with pytest.raises(InputError, match="the mask is"):
+            CapturedSet(images, None, good.metadata, wrong)
+    with pytest.raises(InputError, match="name a mask if"):
+        CapturedSet(images, None, good.metadata)
 
 
 def test_more_than_four_lights_are_solved_by_least_squares(

@@ -216,13 +216,14 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.update(schema_version=3), "captured-set version 3, .* reads up to 2; use a n"),
+        (lambda f: f.update(schema_version=4), "captured-set version 4, .* reads up to 3; use a n"),
         (lambda f: f.update(schema_version="2"), "schema_version: not a positive whole number"),
         (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
         (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
         (lambda f: f.update(full_scale=0), "metadata field full_scale: "),
         (lambda f: f.update(bit_depth="many"), "metadata field bit_depth: "),
         (lambda f: f["images"].pop(), "holds 5 images, its metadata name 4"),
+        (lambda f: f.update(mask_file="m.png"), "holds 5 images, its metadata name 6"),
         (lambda f: f["images"].reverse(), "images does not list the 4 lights in order"),
         (lambda f: f["lighting"]["directions"].pop(), "lights? in order|intensities for 3 lights"),
         (lambda f: f["lighting"]["directions"][1].__setitem__(2, -1), "light 1 stands at or below"),
@@ -278,6 +279,33 @@ def test_a_set_of_schema_1_is_read_and_says_so(tmp_path: Path, name: str) -> Non
     # Nobody checked its metadata: a copy claims no more.
     old.save(tmp_path / "a.ome.tif")
     assert not CapturedSet.load(tmp_path / "a.ome.tif").metadata.is_protected
+
+
+def test_a_set_of_schema_2_is_read() -> None:
+    old = CapturedSet.load(DATA / "imported-schema-2.ome.tif")
+    assert old.metadata.is_protected
+    assert (old.label, old.mask, old.metadata.warnings) == ("moth", None, ())
+    assert old.ambient is not None
+    assert old.solve("least_squares").valid.any()
+
+
+def test_a_mask_is_the_last_page(tmp_path: Path, made_set: MadeSet) -> None:
+    mask = np.zeros(PIXELS.shape[1:], np.bool_)
+    mask[2:5, 1:4] = True
+    for ambient in (None, PIXELS[4]):
+        path = tmp_path / f"{ambient is None}.ome.tif"
+        written = made_set(PIXELS[:4], ambient, mask=mask)
+        written.save(path)
+        read = CapturedSet.load(path)
+        assert read.mask is not None
+        np.testing.assert_array_equal(read.mask, mask)
+        assert read.metadata == written.metadata
+        assert (read.ambient is None) == (ambient is None)
+        with tifffile.TiffFile(path) as tiff:
+            assert tiff.is_ome
+            assert tiff.series[0].shape == (len(written.metadata.images) + 1, 6, 7)
+            np.testing.assert_array_equal(tiff.pages[-1].asarray() == 65535, mask)
+            assert 'Name="mask"' in tiff.pages.first.description
 
 
 @pytest.mark.parametrize(
