@@ -19,6 +19,8 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
+from .exif import UPRIGHT, checked_orientation, exif_orientation, jpeg_exif, upright
+
 Image = npt.NDArray[np.uint8 | np.uint16]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
@@ -45,8 +47,8 @@ _ADAM7 = (
 def read_image(path: Path) -> Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
-    Pixel values are those of the file; the orientation in a camera's EXIF data is not applied.
-    Bytes after the end of a JPEG or PNG are ignored.
+    Pixel values are those of the file. The image is turned upright as its EXIF data say. Bytes
+    after the end of a JPEG or PNG are ignored.
 
     Raises
     ------
@@ -54,13 +56,18 @@ def read_image(path: Path) -> Image:
         If the file is missing, damaged, not one grey or colour image of 8 or 16 bits, or declares
         far more pixels than a file of its length can hold.
     """
+    return read_oriented_image(path)[0]
+
+
+def read_oriented_image(path: Path) -> tuple[Image, int]:
+    """Read an image as `read_image`, with the EXIF orientation, 1 to 8, that was undone."""
     readers = {".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{path}: images come as PNG, JPEG or TIFF")
     content = read_regular_file(path, _MAX_BYTES)
     try:
-        image = reader(content)
+        image, orientation = reader(content)
     except (ValueError, cv2.error) as error:
         raise InputError(f"{path}: {error}") from error
     if image.dtype not in (np.uint8, np.uint16):
@@ -69,7 +76,7 @@ def read_image(path: Path) -> Image:
         image = image[:, :, 0]
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)):
         raise InputError(f"{path}: {image.shape} is not one grey or colour image")
-    return image if image.ndim == 2 else image[:, :, :3]
+    return image if image.ndim == 2 else image[:, :, :3], orientation
 
 
 def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
@@ -93,7 +100,7 @@ def _by_opencv(content: bytes, kind: str) -> npt.NDArray[Any]:
     return np.ascontiguousarray(image[:, :, 2::-1]) if image.ndim == 3 else image
 
 
-def _jpeg(content: bytes) -> npt.NDArray[Any]:
+def _jpeg(content: bytes) -> tuple[npt.NDArray[Any], int]:
     import simplejpeg
 
     try:
@@ -107,10 +114,11 @@ def _jpeg(content: bytes) -> npt.NDArray[Any]:
         image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
     except ValueError as error:
         raise ValueError(f"not a complete JPEG image: {error}; it may be truncated") from error
-    return image
+    orientation = exif_orientation(jpeg_exif(content))
+    return upright(image, orientation), orientation
 
 
-def _png(content: bytes) -> npt.NDArray[Any]:
+def _png(content: bytes) -> tuple[npt.NDArray[Any], int]:
     """Check all chunks and the length of the pixels, then decode the critical chunks.
 
     No ancillary chunk changes a pixel value, and libpng prints warnings about them.
@@ -121,7 +129,10 @@ def _png(content: bytes) -> npt.NDArray[Any]:
     except ValueError as error:
         raise ValueError(f"not a complete PNG image: {error}; it may be truncated") from error
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
-    return _by_opencv(_PNG_SIGNATURE + b"".join(c for c in chunks if c[4:8] in critical), "PNG")
+    image = _by_opencv(_PNG_SIGNATURE + b"".join(c for c in chunks if c[4:8] in critical), "PNG")
+    exif = next((chunk[8:-4] for chunk in chunks if chunk[4:8] == b"eXIf"), b"")
+    orientation = exif_orientation(exif)
+    return upright(image, orientation), orientation
 
 
 def _png_chunks(content: bytes) -> Iterator[bytes]:
@@ -179,7 +190,7 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
     return indexed
 
 
-def _tiff(content: bytes) -> npt.NDArray[Any]:
+def _tiff(content: bytes) -> tuple[npt.NDArray[Any], int]:
     # Imported here, so that a simulated rig opens without it.
     import tifffile
 
@@ -188,10 +199,12 @@ def _tiff(content: bytes) -> npt.NDArray[Any]:
             page, shape = tiff.pages.first, tiff.series[0].shape
             grey, rgb = tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.RGB
             kind = page.photometric
+            tag = page.tags.get("Orientation")
+            orientation = UPRIGHT if tag is None else checked_orientation(int(tag.value))
             _require_size(page.shape[0], page.shape[1], tiff.series[0].nbytes, len(content))
             # LZW, OpenCV's default, is read by tifffile only with a further package.
             if kind in (grey, rgb) and page.compression != tifffile.COMPRESSION.LZW:
-                return tiff.asarray()
+                return upright(tiff.asarray(), orientation), orientation
     except Exception as error:
         raise ValueError(
             f"not a readable TIFF ({error}); it may be truncated, or its compression is not handled"
@@ -201,4 +214,4 @@ def _tiff(content: bytes) -> npt.NDArray[Any]:
         raise ValueError(f"TIFF pixels are {name}; save it as grey or RGB")
     if len(shape) > 3:
         raise ValueError(f"{shape} is not one grey or colour image")
-    return _by_opencv(content, "TIFF")
+    return _by_opencv(content, "TIFF"), orientation  # OpenCV has turned it upright

@@ -38,7 +38,8 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "image_file", "set_file", "signals"},
+        {"acceptance", "errors", "camera", "exif", "set_file", "signals"},
+        {"image_file"},
         {"scene"},
         {"config"},
         {"frame_time"},
