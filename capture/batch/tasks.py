@@ -20,8 +20,10 @@ from capture.sets.metadata import UNPROTECTED, SetMetadata
 from classify import Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.errors import InputError
+from classify.images.stack import ImageStack
 from classify.labels import checked_label
 from classify.library.training import observe
+from classify.lights.fall_off import fall_off
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.texture.spectra import segment_for
 
@@ -138,19 +140,30 @@ class SolveTask:
 
 @dataclass(frozen=True)
 class SolvedSet:
-    """Names of the written files, shares of the pixels from 0 to 1, and fields of the set."""
+    """Names of the written files, shares of the pixels from 0 to 1, and fields of the set.
+
+    Attributes
+    ----------
+    fall_off
+        Share by which a light falls off across the part if that is flat; None where too little of
+        it is lit. It was divided out if the set was solved as `planar`.
+    """
 
     files: tuple[str, ...]
     valid: float
     saturated: float
     shadowed: float
+    planar: bool
+    fall_off: float | None
     simulated: bool
     protected: bool
     lights: int
 
 
-def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LIGHT) -> SolvedSet:
-    """Write the maps of a set, `relit.tif` under `light`.
+def solve_set(
+    task: SolveTask, method: Method | None, light: Lighting = RELIT_LIGHT, *, planar: bool = False
+) -> SolvedSet:
+    """Write the maps of a set, `relit.tif` under `light`; see `CapturedSet.solve` for `planar`.
 
     Raises
     ------
@@ -161,7 +174,7 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
     """
     captured = CapturedSet.load(task.path)
     with _named(task.path):
-        surface = captured.solve(method)
+        surface = captured.solve(method, planar=planar)
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():
@@ -169,12 +182,18 @@ def solve_set(task: SolveTask, method: Method | None, light: Lighting = RELIT_LI
             f"{task.path}: no pixel can be solved: {saturated:.0%} are saturated, {shadowed:.0%} "
             "are dark under a light; check exposure and lights"
         )
+    found = surface.fall_off
+    if not planar:
+        stack = ImageStack(captured.images, captured.ambient)
+        found = fall_off(stack, captured.lighting, surface.full_scale)
     written = write_maps(captured, surface, task.folder, light=light)
     return SolvedSet(
         files=tuple(path.name for path in written),
         valid=float(surface.valid.mean()),
         saturated=saturated,
         shadowed=shadowed,
+        planar=planar,
+        fall_off=None if found is None else found.share,
         simulated=captured.metadata.simulated,
         protected=captured.metadata.is_protected,
         lights=len(captured.images),

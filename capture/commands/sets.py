@@ -27,6 +27,8 @@ LabelOption = Annotated[str | None, typer.Option(help="Texture class of the part
 
 _RING = "0,90,180,270"
 _RELIT = "135,45"
+# From such a fall-off on, textures are not recognised without --planar (classify/README.md).
+_PLAIN_FALL_OFF = 0.25
 
 
 @reported
@@ -215,6 +217,14 @@ def solve(
             metavar="METHOD",
         ),
     ] = None,
+    planar: Annotated[
+        bool,
+        typer.Option(
+            "--planar",
+            help="The part is flat but for its texture: divide out the fall-off of near lights. "
+            "This also takes away a tilt or bow of the part.",
+        ),
+    ] = False,
     relight: Annotated[
         str | None,
         typer.Option(
@@ -237,7 +247,7 @@ def solve(
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
     rows, protected = [], []
     with Batch(workers, scheduler) as batch:
-        solving = batch.map(partial(solve_set, method=method, light=light), tasks)
+        solving = batch.map(partial(solve_set, method=method, light=light, planar=planar), tasks)
         solved = progress(solving, len(tasks), "solve")
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             protected.append((path, surface.protected))
@@ -252,10 +262,26 @@ def solve(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
+                if said := _fall_off_note(surface):
+                    out.print(said, soft_wrap=True)
     warn_unprotected(protected)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])
+
+
+def _fall_off_note(surface: SolvedSet) -> str | None:
+    share = surface.fall_off
+    if surface.planar and share is None:
+        return "solved as a planar part, but too little of it is lit: no fall-off was divided out"
+    if surface.planar:
+        return (
+            f"solved as a planar part: light falls off by {share:.0%} across it, which was divided "
+            "out, with any tilt or bow of the part"
+        )
+    if share is None or share < _PLAIN_FALL_OFF:
+        return None
+    return f"if the part is flat, light falls off by {share:.0%} across it: use --planar"
 
 
 def _light(angles: str) -> Lighting:
@@ -270,4 +296,5 @@ def _light(angles: str) -> Lighting:
 def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
     shares = {"valid": surface.valid, "saturated": surface.saturated, "shadowed": surface.shadowed}
     files = [str(folder / name) for name in surface.files]
-    return {"set": str(path), "files": files, **shares, "simulated": surface.simulated}
+    part = {"planar": surface.planar, "fall_off": surface.fall_off}
+    return {"set": str(path), "files": files, **shares, **part, "simulated": surface.simulated}

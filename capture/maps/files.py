@@ -49,6 +49,7 @@ def write_maps(
     maps = SurfaceMaps.of(surface, light)
     origin = {
         "method": surface.method,
+        "planar": surface.planar,
         "simulated": captured.metadata.simulated,
         "label": captured.label,
         "pixels_sha256": captured.metadata.pixels_sha256,

@@ -12,6 +12,7 @@ import numpy as np
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED
+from classify.lights.fall_off import FallOff
 
 from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
@@ -56,6 +57,8 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     surface, metadata, lighting = maps.surface, captured.metadata, captured.lighting
     rows, columns = surface.shape
     yield "solver", surface.method
+    if surface.planar:
+        yield "planar part", _divided(surface.fall_off)
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     yield "captured", metadata.created_utc
@@ -69,6 +72,12 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "saturated", f"{surface.saturated.mean():.1%}"
     yield "in shadow of a light", f"{surface.shadow_mask.mean():.1%}"
     yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
+
+
+def _divided(fall_off: FallOff | None) -> str:
+    if fall_off is None:
+        return "too little of it is lit: no fall-off divided out"
+    return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
 
 
 def _span(degrees: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:

@@ -64,9 +64,9 @@ class FallOff:
     bounds: FloatArray
 
     @property
-    def span(self) -> float:
-        """Largest difference of the strength of one light over the part, as a share of the mean."""
-        return float((np.exp(self.bounds[:, 1]) - np.exp(self.bounds[:, 0])).max())
+    def share(self) -> float:
+        """Share by which a light is weaker at its darkest than at its brightest place; largest."""
+        return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
 
     def saturation(self, full_scale: float) -> np.float32:
         """Value of saturated pixels after `divide`; no others reach it."""
