@@ -95,9 +95,10 @@ def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIE
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """The match of a set, with the label and the orientation in its metadata."""
+    """The match of a set, solved as `planar` or not, with fields of its metadata."""
 
     match: Match
+    planar: bool
     label: str | None
     orientation_deg: float | None
     simulated: bool
@@ -123,7 +124,12 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
         _check_lights(metadata)
         match = trained.classify(captured.solve(planar=trained.planar))
     return ClassifiedSet(
-        match, metadata.label, metadata.orientation_deg, metadata.simulated, metadata.is_protected
+        match,
+        trained.planar,
+        metadata.label,
+        metadata.orientation_deg,
+        metadata.simulated,
+        metadata.is_protected,
     )
 
 
@@ -185,7 +191,7 @@ def solve_set(
     found = surface.fall_off
     if not planar:
         stack = ImageStack(captured.images, captured.ambient)
-        found = fall_off(stack, captured.lighting, surface.full_scale)
+        found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     written = write_maps(captured, surface, task.folder, light=light)
     return SolvedSet(
         files=tuple(path.name for path in written),

@@ -54,11 +54,12 @@ def train(
         trained, classes = train_library(paths, library.parent, batch, classifier)
     trained.save(library)
     if json:
-        about = {"classes": classes, "simulated": trained.simulated}
+        about = {"classes": classes, "planar": trained.planar, "simulated": trained.simulated}
         print_json({"library": str(library), **about})
     else:
         note = " (simulated)" if trained.simulated else ""
-        out.print(f"{library}: {len(classes)} classes from {len(paths)} sets{note}", soft_wrap=True)
+        parts = f"{len(paths)} sets, solved as planar parts"
+        out.print(f"{library}: {len(classes)} classes from {parts}{note}", soft_wrap=True)
 
 
 @reported
@@ -77,7 +78,10 @@ def classify(
     with Batch(workers, scheduler) as batch:
         answers = _classified(paths, library, batch)
     if json:
-        fields = ({**asdict(each.match), "simulated": each.simulated} for each in answers)
+        fields = (
+            asdict(each.match) | {"planar": each.planar, "simulated": each.simulated}
+            for each in answers
+        )
         print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")

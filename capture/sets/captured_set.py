@@ -79,11 +79,11 @@ class CapturedSet:
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
         least_squares for more. No pixel outside the mask is valid.
         """
-        surface = photometric_stereo(
+        return photometric_stereo(
             self.images, self.lighting, method, ambient=self.ambient,
             full_scale=self.metadata.full_scale, noise=self.noise, planar=planar,
+            mask=self.mask,
         )  # fmt: skip
-        return surface if self.mask is None else surface.within(self.mask)
 
     @property
     def noise(self) -> SensorNoise | None:

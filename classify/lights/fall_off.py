@@ -94,13 +94,19 @@ class FallOff:
         return ImageStack(images, ambient)
 
 
-def fall_off(stack: ImageStack, lighting: Lighting, full_scale: float | None) -> FallOff | None:
+def fall_off(
+    stack: ImageStack,
+    lighting: Lighting,
+    full_scale: float | None,
+    mask: npt.NDArray[np.bool_] | None = None,
+) -> FallOff | None:
     """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
 
-    Pixels that are saturated, in the shadow of a light or of a dark background do not count. The
+    Pixels that are saturated, in the shadow of a light, of a dark background or outside the (H, W)
+    `mask` do not count. The
     degree is 2, or 4 where that predicts parts of the frame better that were left out of the fit.
     """
-    samples = _Samples.of(stack, lighting, full_scale)
+    samples = _Samples.of(stack, lighting, full_scale, mask)
     coefficients = samples.refined(np.zeros((len(lighting), 5, 5)), _DEGREE)
     residuals, weights = samples.residuals(coefficients)
     if np.count_nonzero(weights) < _MIN_BLOCKS:
@@ -171,7 +177,7 @@ class _Samples:
     values
         (N, n, n) float32, the same for all lights on a flat part if all are equally strong.
     usable
-        (n, n) bool, false for saturated pixels and background.
+        (n, n) bool, false outside the mask, for saturated pixels and background.
     """
 
     grid: _Grid
@@ -179,13 +185,21 @@ class _Samples:
     usable: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(cls, stack: ImageStack, lighting: Lighting, full_scale: float | None) -> "_Samples":
+    def of(
+        cls,
+        stack: ImageStack,
+        lighting: Lighting,
+        full_scale: float | None,
+        mask: npt.NDArray[np.bool_] | None,
+    ) -> "_Samples":
         grid = _Grid.of(stack.shape)
         raw = grid.of_image(stack.images)
         values = raw if stack.ambient is None else raw - grid.of_image(stack.ambient)
         flat = lighting.directions[:, 2] * lighting.intensities
         values = values * (flat.mean() / flat).astype(np.float32)[:, None, None]
         brightness = values.mean(axis=0)
+        if mask is not None:
+            brightness *= grid.of_image(mask)
         usable = brightness > _BACKGROUND * np.percentile(brightness, 95)
         if full_scale is not None:
             usable &= raw.max(axis=0) < full_scale

@@ -48,6 +48,7 @@ def photometric_stereo(
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
     planar: bool = False,
+    mask: npt.NDArray[np.bool_] | None = None,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known distant lights.
 
@@ -75,6 +76,8 @@ def photometric_stereo(
     planar
         The part is flat but for its texture: divide out the fall-off and the levels of near lights
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
+    mask
+        (H, W) pixels of the part. Others are not valid, and do not count in the fall-off.
 
     Raises
     ------
@@ -110,13 +113,16 @@ def photometric_stereo(
                 f"full_scale times the intensity of light {light} is {divisor:g}; give values "
                 f"from {_SMALLEST_DIVISOR:g} to {_LARGEST_DIVISOR:g}"
             )
-    found, used = fall_off(stack, lighting, full_scale) if planar else None, lighting
+    if mask is not None and mask.shape != stack.shape:
+        raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
+    used = lighting
+    found = fall_off(stack, lighting, full_scale, mask) if planar else None
     if found is not None:
         stack = found.divide(stack, full_scale)
         # What remains of the levels of the LEDs is not estimated again.
         used = Lighting(lighting.directions, lighting.intensities)
     maps = _SOLVERS[chosen](Problem(stack, used, full_scale, noise, found))
-    return SurfaceEstimate(
+    surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,
         albedo=maps.albedo,
@@ -133,3 +139,4 @@ def photometric_stereo(
         highlights=maps.highlights,
         repaired=maps.repaired,
     )
+    return surface if mask is None else surface.within(mask)

@@ -240,8 +240,11 @@ def test_solve_writes_its_maps_and_prints_shares_of_pixels(
     source = sets / "rock-001.ome.tif"
     result = ps4rig("solve", source, "--out", tmp_path / "maps", "--json")
     answer = json.loads(result.stdout)
-    assert set(answer) == {"set", "files", "valid", "saturated", "shadowed", "simulated"}
-    assert answer["simulated"] is True
+    assert set(answer) == {
+        "set", "files", "valid", "saturated", "shadowed", "planar", "fall_off", "simulated",
+    }  # fmt: skip
+    assert (answer["planar"], answer["simulated"]) == (False, True)
+    assert 0.0 <= answer["fall_off"] < 0.25
     assert {Path(name).name for name in answer["files"]} >= {
         "p.tif", "q.tif", "albedo.tif", "normals.tif", "height.tif", "residual.tif", "shadow.png",
         "preview.png",

@@ -20,9 +20,11 @@ def test_train_counts_the_sets_of_each_class(ps4rig: Command, sets: Path, tmp_pa
     library = tmp_path / "t.ps4lib"
     result = ps4rig("train", sets, "--library", library, "--json")
     assert json.loads(result.stdout) == {
-        "library": str(library), "classes": {"rock": 2, "sand": 2}, "simulated": True,
+        "library": str(library), "classes": {"rock": 2, "sand": 2}, "planar": True,
+        "simulated": True,
     }  # fmt: skip
     assert TextureLibrary.load(library).simulated
+    assert TextureLibrary.load(library).planar
 
 
 def test_train_replaces_a_library_with_force_only_and_never_a_set(
@@ -47,13 +49,15 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     rock, sand = json.loads(result.stdout)
     assert list(rock) == [
         "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
-        "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "simulated",
+        "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "blur_px",
+        "planar", "simulated",
     ]  # fmt: skip
     assert 0.0 <= rock["distance"] <= rock["limit"]
     assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
     assert f"{rock['distance']:.2f} to rock, limit" in rock["reason"]
     assert (rock["set"], rock["label"], rock["runner_up"]) == (str(paths[0]), "rock", "sand")
     assert (sand["label"], sand["nearest"], sand["simulated"]) == ("sand", "sand", True)
+    assert sand["planar"] is True
     assert sand["orientation_deg"] == pytest.approx(50.0, abs=5.0)
     assert 0.0 <= sand["distance"] < sand["runner_up_distance"]
     assert sand["margin"] == pytest.approx(1 - sand["distance"] / sand["runner_up_distance"])
