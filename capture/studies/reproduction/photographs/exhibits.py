@@ -33,41 +33,60 @@ def photograph_exhibits(
 
 
 def _summary(scores: Sequence[Score]) -> Exhibit:
-    means = {
-        (each.name, each.pick, each.method): each.mean_pct
+    least_squares = {
+        (each.name, each.pick, each.planar): each
         for each in scores
-        if each.mean_pct is not None
+        if each.method == "least_squares"
     }
+    groups: dict[tuple[str, str], list[Score]] = {}
+    for each in scores:
+        groups.setdefault((each.name, _title(each)), []).append(each)
+    for each in scores:
+        if not each.planar:
+            groups.setdefault(("all", _title(each)), []).append(each)
     rows: list[Row] = []
-    for method in METHODS:
-        own = [each for each in scores if each.method == method and not each.planar]
+    for (name, title), group in groups.items():
         ratios = [
-            means[each.name, each.pick, method] / means[each.name, each.pick, "least_squares"]
-            for each in own
+            each.mean_pct / base.mean_pct
+            for each in group
+            if (base := least_squares[each.name, each.pick, each.planar]).mean_pct
+            if each.mean_pct is not None
         ]
         rows.append((
-            method,
-            len(own),
-            float(np.mean([each.median_pct for each in own])),
-            float(np.mean([each.mean_pct for each in own])),
-            sum(ratio > _DIFFERENT for ratio in ratios),
-            sum(ratio < 1.0 / _DIFFERENT for ratio in ratios),
-            max(each.changed_pct for each in own),
+            name, title, len(group),
+            _mean([each.median_pct for each in group]),
+            _mean([each.mean_pct for each in group]),
+            sum(ratio > _DIFFERENT for ratio in ratios) if ratios else None,
+            sum(ratio < 1.0 / _DIFFERENT for ratio in ratios) if ratios else None,
+            _mean([each.valid_pct for each in group]),
+            max(each.changed_pct for each in group),
+            None if name == "all" else _mean([each.reference_r for each in group]),
         ))  # fmt: skip
     return Exhibit(
         "photographs",
         (
-            "method", "picks", "median error, %", "mean error, %",
-            "worse than least squares", "better", "most changed by turning, %",
+            "photographs", "method", "picks", "median error, %", "mean error, %",
+            "worse than least squares", "better", "valid, %", "changed by turning, %",
+            "r of p with the reference",
         ),
         rows,
+        digits=2,
     )  # fmt: skip
+
+
+def _title(score: Score) -> str:
+    return f"{score.method}{', planar' * score.planar}"
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _picks(scores: Sequence[Score]) -> Exhibit:
     rows: list[Row] = [
         (
-            each.name, " ".join(map(str, each.pick)), f"{each.method}{', planar' * each.planar}",
+            each.name, " ".join(map(str, each.pick)), _title(each),
             each.median_pct, each.mean_pct, each.valid_pct, each.changed_pct, each.reference_r,
         )
         for each in scores
