@@ -29,8 +29,10 @@ FloatArray = npt.NDArray[np.float64]
 _SAMPLES, _BLOCKS, _FOLDS = 64, 16, 4
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
-# The higher degree is taken where its error of prediction is below this share of the lower one's.
-_CLEARLY_BETTER = 0.5
+# The higher degree is taken where its error of prediction is below this share of the lower one's,
+# and at least so large a part of the smooth ratio cannot be relief. classify/README.md has both
+# figures for photographs and materials.
+_CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
 # Tukey's biweight with this constant has 95 % of the efficiency of least squares.
 _TUKEY = 4.685
 # Median of the square of a standard normal deviate.
@@ -103,11 +105,12 @@ def fall_off(
     """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
 
     Pixels that are saturated, in the shadow of a light, of a dark background or outside the (H, W)
-    `mask` do not count. The
-    degree is 2, or 4 where that predicts parts of the frame better that were left out of the fit.
+    `mask` do not count. The degree is 2. It is 4 where that predicts parts of the frame better that
+    were left out of the fit, and the redundancy of the lights shows that they do fall off.
     """
     samples = _Samples.of(stack, lighting, full_scale, mask)
-    coefficients = samples.refined(np.zeros((len(lighting), 5, 5)), _DEGREE)
+    even = np.zeros((len(lighting), 5, 5))
+    coefficients = samples.refined(even, _DEGREE)
     residuals, weights = samples.residuals(coefficients)
     if np.count_nonzero(weights) < _MIN_BLOCKS:
         return None
@@ -115,7 +118,7 @@ def fall_off(
         _prediction_error(samples.grid.bases[degree], residuals, weights)
         for degree in (_DEGREE, _HIGHER_DEGREE)
     )
-    if high < _CLEARLY_BETTER * low:
+    if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
         coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
     seen = [each[samples.usable] for each in samples.grid.polynomials(coefficients)]
     return FallOff(coefficients, np.array([(each.min(), each.max()) for each in seen]))
@@ -315,6 +318,19 @@ def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
     terms = gram.shape[-1]
     ridge = _RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] + _TINY
     return np.asarray(np.linalg.solve(gram + ridge * np.eye(terms), right), np.float64)
+
+
+def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bool:
+    """Whether the residuals of even lights contain what no relief can make.
+
+    Relief cancels in combinations of four or more lights.
+    """
+    directions = lighting.directions / lighting.directions[:, 2:]
+    cancelling = np.linalg.svd(directions.T)[2][3:]
+    redundant = np.tensordot(cancelling, means, 1)
+    redundant -= np.average(redundant, axis=(1, 2), weights=weights, keepdims=True)
+    energy, total = (float((np.square(each) * weights).sum()) for each in (redundant, means))
+    return energy > _NO_RELIEF**2 * total
 
 
 def _prediction_error(basis: FloatArray, means: FloatArray, weights: FloatArray) -> float:
