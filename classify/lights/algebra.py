@@ -48,6 +48,7 @@ def drop_one_constants(
     return pinv, null
 
 
+@lru_cache(maxsize=16)
 def least_squares_weights(lighting: Lighting, method: str) -> Array32:
     """(3, N) weights with b = weights i from all lights.
 

@@ -9,9 +9,8 @@ from classify.compiling import kernel
 from classify.images.noise import BEYOND_NOISE, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
-from classify.threads import run_on_rows
 
-from .linear import judge_row, solve_lights
+from .linear import by_fours, invert, judge_row, least_determinant, solve_lights
 from .problem import Maps, Problem, slope_noise
 from .robust import DARK, LEAK, TOLERANCE
 
@@ -26,20 +25,24 @@ def solve_drbohlav(problem: Problem) -> Maps:
     pixel without shadow or highlight, i_k = sum c_j i_j. A value replaced by the prediction of the
     others has no residual, so that the solution from all is that of the others: the light is left
     out.
+
+    The lights are left out one by one. The residuals without a light follow from those with it
+    (`_replace`): a pixel takes a time proportional to the lights times those left out.
     """
     weights = least_squares_weights(problem.lighting, "drbohlav")
     least_bz, limits = slope_noise(weights), gates(len(problem.lighting))
+    fours = by_fours(problem)
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
     maps = problem.new_maps(left_out=dropped, highlights=highlights)
 
     def solve(first: int, last: int) -> None:
         _drop_inconsistent(
-            *problem.stack.float_rows(first, last), problem.gains, problem.saturation,
-            problem.variance, problem.frames, least_bz, limits, weights, problem.directions,
+            *problem.stack.float_rows(first, last), *fours, problem.saturation,
+            problem.variance, problem.frames, least_bz, limits, weights,
             *maps.slope_rows(first, last), dropped[first:last], highlights[first:last],
         )  # fmt: skip
 
-    run_on_rows(solve, problem.shape)
+    problem.solve_rows(solve)
     return maps
 
 
@@ -55,9 +58,9 @@ def gates(lights: int) -> npt.NDArray[np.float32]:
 
 @kernel
 def _drop_inconsistent(
-    images: Array, ambient: Array, gains: Array, saturation: np.float32,
-    noise: Array, frames: np.float32, least_bz: np.float32, gates: Array, weights: Array,
-    directions: Array,
+    images: Array, ambient: Array, lights: Array, gains: Array, directions: Array,
+    saturation: np.float32, noise: Array, frames: np.float32, least_bz: np.float32,
+    gates: Array, weights: Array,
     p: Array, q: Array, albedo: Array, valid: Array, dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
     """Solve rows from all lights, or without those that are inconsistent.
@@ -65,11 +68,11 @@ def _drop_inconsistent(
     `noise`, `frames` and `least_bz` are those of `robust._gate`, with sigma the rms noise of the
     values.
     """
-    lights = images.shape[0]
+    count = len(images)
     rows, columns = p.shape
     a, slope, black = noise
     zero = np.float32(0.0)
-    every = np.ones(lights, np.bool_)
+    limit = gates[count]
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
@@ -79,46 +82,46 @@ def _drop_inconsistent(
         variance = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
         most = np.zeros(columns, np.float32)
-        lost = np.zeros(columns, np.float32)
-        for k in range(lights):
-            share = gains[k] * gains[k] / np.float32(lights)
+        for k in range(count):
+            gain, share = gains[k], gains[k] * gains[k] / np.float32(count)
+            x, y, z = weights[:, k]
             for c in range(columns):
                 raw = images[k, r, c]
                 brightest[c] = max(brightest[c], raw)
                 variance[c] += share * (a + slope * max(raw - black, zero))
-                v = (raw - dark[c]) * gains[k]
+                v = (raw - dark[c]) * gain
                 most[c] = max(most[c], v)
-                bx[c] += weights[0, k] * v
-                by[c] += weights[1, k] * v
-                bz[c] += weights[2, k] * v
-        for k in range(lights):
-            x, y, z = directions[k]
+                bx[c] += x * v
+                by[c] += y * v
+                bz[c] += z * v
+        for k in range(count):
+            gain = gains[k]
+            x, y, z = directions[:, k]
             for c in range(columns):
                 s = x * bx[c] + y * by[c] + z * bz[c]
-                squares[c] += ((images[k, r, c] - dark[c]) * gains[k] - s) ** 2
-        for c in range(columns):
-            dropped[r, c] = NO_DROPPED_LIGHT
-            highlights[r, c] = False
-            gate = gates[lights] * variance[c] + (TOLERANCE * most[c]) ** 2
-            if squares[c] > gate or brightest[c] >= saturation:
-                dark_variance = frames * (a + slope * max(dark[c] - black, zero))
-                solved, dropped[r, c], highlights[r, c], x, y, z = _replace(
-                    images, dark[c], dark_variance, gains, saturation, gates, directions,
-                    variance[c], r, c,
-                )  # fmt: skip
-                lost[c] = not solved
-                bx[c], by[c], bz[c] = x, y, z
+                squares[c] += ((images[k, r, c] - dark[c]) * gain - s) ** 2
+        dropped[r] = NO_DROPPED_LIGHT
+        highlights[r] = False
+        gate = limit * variance + (TOLERANCE * most) ** 2
+        for column in np.flatnonzero((squares > gate) | (brightest >= saturation)):
+            dark_variance = frames * (a + slope * max(dark[column] - black, zero))
+            first, highlight, x, y, z = _replace(
+                images, dark[column], dark_variance, lights, gains, directions, saturation, gates,
+                variance[column], r, column,
+            )  # fmt: skip
+            dropped[r, column], highlights[r, column] = first, highlight
+            bx[column], by[column], bz[column] = x, y, z
         floors = least_bz * np.sqrt(variance)
         judge_row(
-            images, dark, gains, directions, every, r, bx, by, bz, floors, lost, p, q, albedo, valid
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
         )
 
 
 @kernel
 def _replace(
-    images: Array, dark: np.float32, dark_variance: np.float32, gains: Array,
-    saturation: np.float32, gates: Array, directions: Array, variance: np.float32, r: int, c: int,
-) -> tuple[bool, int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
+    images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
+    directions: Array, saturation: np.float32, gates: Array, variance: np.float32, r: int, c: int,
+) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Leave out one light after the other until the rest agree.
 
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
@@ -126,15 +129,19 @@ def _replace(
     darkest light that is too dark or the brightest that is too bright: the one without which the
     surface is flatter (as in `robust._settle_row`).
 
+    With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence takes
+    e^2 / (1 - h) off the sum of squared residuals and the factor 1 - h off the determinant of
+    L^T L (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
+
     Returns
     -------
-    Whether the rest determine the pixel, the first light left out, if one was a highlight, and b.
+    The first light left out, if one was a highlight, and b, zeros if it is not determined.
     """
-    lights = images.shape[0]
-    used = np.ones(lights, np.bool_)
-    values = np.empty(lights, np.float32)
-    first, highlight, remaining = NO_DROPPED_LIGHT, False, lights
-    for k in range(lights):
+    count = len(images)
+    used = np.ones(count, np.bool_)
+    values = np.empty(count, np.float32)
+    first, highlight, remaining = NO_DROPPED_LIGHT, False, count
+    for k in range(count):
         raw = images[k, r, c]
         values[k] = (raw - dark) * gains[k]
         if raw >= saturation:
@@ -142,81 +149,131 @@ def _replace(
             remaining -= 1
             first = min(first, k)
     brightest, second = np.float32(0.0), np.float32(0.0)
-    for k in range(lights):
+    for k in range(count):
         second = max(second, min(brightest, values[k]))
         brightest = max(brightest, values[k])
     dark_level = DARK * np.sqrt(dark_variance)
-    levels = np.maximum(np.minimum(dark_level * gains, SHADOW_FRACTION * brightest), LEAK * second)
     tolerance = TOLERANCE * brightest
-    solved, bx, by, bz = solve_lights(images, dark, gains, directions, used, r, c)
-    while solved and remaining > 3:
-        squares = np.float32(0.0)
-        for k in range(lights):
-            if used[k]:
-                squares += (values[k] - _dot(directions, k, bx, by, bz)) ** 2
+    is_dark = np.empty(count, np.bool_)
+    # The sums of the normal equations, from which a light is taken off when it goes.
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(count):
+        level = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
+        is_dark[k] = values[k] <= level
+        if used[k]:
+            lx, ly, lz = float(directions[0, k]), float(directions[1, k]), float(directions[2, k])
+            value = float(values[k])
+            xx, xy, xz = xx + lx * lx, xy + lx * ly, xz + lx * lz
+            yy, yz, zz = yy + ly * ly, yz + ly * lz, zz + lz * lz
+            x, y, z = x + lx * value, y + ly * value, z + lz * value
+    determinant, a00, a01, a02, a11, a12, a22 = invert(xx, xy, xz, yy, yz, zz)
+    bx = np.float32(a00 * x + a01 * y + a02 * z)
+    by = np.float32(a01 * x + a11 * y + a12 * z)
+    bz = np.float32(a02 * x + a12 * y + a22 * z)
+    errors = np.empty(count, np.float32)
+    while determinant > 0.0 and remaining > 3:
+        squares, any_dark = np.float32(0.0), False
+        for k in range(count):
+            s = directions[0, k] * bx + directions[1, k] * by + directions[2, k] * bz
+            errors[k] = values[k] - s if used[k] else np.float32(0.0)
+            squares += errors[k] * errors[k]
+            any_dark |= used[k] & is_dark[k]
         if squares <= gates[remaining] * variance + tolerance * tolerance:
             break
-        any_dark = False
-        for k in range(lights):
-            any_dark |= used[k] and values[k] <= levels[k]
-        chosen, least, low, high = -1, np.float32(np.inf), -1, -1
-        for k in range(lights):
-            if not used[k] or (any_dark and values[k] > levels[k]):
-                continue
-            if remaining == 4:
-                # The residuals do not decide: any three lights agree.
-                error = values[k] - _dot(directions, k, bx, by, bz)
-                if any_dark and values[k] < least:
-                    chosen, least = k, values[k]
-                if error < 0.0 and (low < 0 or values[k] < values[low]):
-                    low = k
-                if error > 0.0 and (high < 0 or values[k] > values[high]):
-                    high = k
-                continue
-            used[k] = False
-            possible, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
-            if possible:
-                squares = np.float32(0.0)
-                for j in range(lights):
-                    if used[j]:
-                        squares += (values[j] - _dot(directions, j, x, y, z)) ** 2
-                if squares < least:
-                    chosen, least = k, squares
-            used[k] = True
-        if chosen < 0 and low >= 0:
-            chosen = low
-            steep = _steepness(images, dark, gains, directions, used, low, r, c)
-            if _steepness(images, dark, gains, directions, used, high, r, c) < steep:
-                chosen = high
+        eligible = used & is_dark if any_dark else used
+        if remaining == 4:
+            chosen = _one_of_four(
+                images, dark, lights, gains, directions, used, eligible, values, errors, any_dark,
+                r, c,
+            )  # fmt: skip
+        else:
+            least = least_determinant(remaining - 1.0) / determinant
+            inverse = (a00, 2.0 * a01, 2.0 * a02, a11, 2.0 * a12, a22)
+            chosen = _least_consistent(directions, errors, eligible, inverse, least)
         if chosen < 0:
             break
-        predicted = _dot(directions, chosen, bx, by, bz)
-        used[chosen] = False
-        possible, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
-        if not possible:
+        value = float(values[chosen])
+        lx, ly, lz = directions[:, chosen].astype(np.float64)
+        xx, xy, xz = xx - lx * lx, xy - lx * ly, xz - lx * lz
+        yy, yz, zz = yy - ly * ly, yz - ly * lz, zz - lz * lz
+        x, y, z = x - lx * value, y - ly * value, z - lz * value
+        inverted = invert(xx, xy, xz, yy, yz, zz)
+        if inverted[0] <= 0.0:
             break
-        bx, by, bz = x, y, z
+        determinant, a00, a01, a02, a11, a12, a22 = inverted
+        bx = np.float32(a00 * x + a01 * y + a02 * z)
+        by = np.float32(a01 * x + a11 * y + a12 * z)
+        bz = np.float32(a02 * x + a12 * y + a22 * z)
+        used[chosen] = False
         remaining -= 1
         first = chosen if first == NO_DROPPED_LIGHT else first
-        highlight |= values[chosen] > max(predicted, LEAK * second)
-    return solved, first, highlight, bx, by, bz
+        highlight |= values[chosen] > max(values[chosen] - errors[chosen], LEAK * second)
+    return first, highlight, bx, by, bz
 
 
 @kernel
-def _dot(directions: Array, k: int, x: np.float32, y: np.float32, z: np.float32) -> np.float32:
-    return np.float32(directions[k, 0] * x + directions[k, 1] * y + directions[k, 2] * z)
+def _least_consistent(
+    directions: Array, errors: Array, eligible: Array,
+    inverse: tuple[float, float, float, float, float, float], least: float,
+) -> int:  # fmt: skip
+    """The light whose absence leaves the smallest residuals, -1 if the rest cannot be solved.
+
+    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled; `least` is
+    the smallest 1 - h with which the rest determine the normal.
+    """
+    xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
+    yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
+    one, none = np.float32(1.0), np.float32(-1.0)
+    smallest = np.float32(least)
+    gains = np.empty(len(errors), np.float32)
+    for k in range(len(errors)):
+        x, y, z = directions[0, k], directions[1, k], directions[2, k]
+        rest = one - (x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z)
+        gain = errors[k] * errors[k] / rest
+        gains[k] = gain if eligible[k] & (rest > smallest) else none
+    chosen, largest = -1, none
+    for k in range(len(errors)):
+        if gains[k] > largest:
+            chosen, largest = k, gains[k]
+    return chosen
+
+
+@kernel
+def _one_of_four(
+    images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
+    used: Array, eligible: Array, values: Array, errors: Array, any_dark: bool, r: int, c: int,
+) -> int:  # fmt: skip
+    """The light to leave out of four, any three of which agree; -1 for none."""
+    darkest, low, high = -1, -1, -1
+    for k in range(len(values)):
+        if eligible[k]:
+            if darkest < 0 or values[k] < values[darkest]:
+                darkest = k
+            if errors[k] < 0.0 and (low < 0 or values[k] < values[low]):
+                low = k
+            if errors[k] > 0.0 and (high < 0 or values[k] > values[high]):
+                high = k
+    if any_dark:
+        return darkest
+    if low < 0:
+        return -1
+    steep = _steepness(images, dark, lights, gains, directions, used, low, r, c)
+    if _steepness(images, dark, lights, gains, directions, used, high, r, c) < steep:
+        return high
+    return low
 
 
 @kernel
 def _steepness(
-    images: Array, dark: np.float32, gains: Array, directions: Array, used: Array,
+    images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array, used: Array,
     without: int, r: int, c: int,
 ) -> np.float32:  # fmt: skip
     """Squared slope of the surface without one more light, infinite if that cannot be solved."""
     if without < 0:
         return np.float32(np.inf)
     used[without] = False
-    solved, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
+    solved, x, y, z = solve_lights(images, dark, lights, gains, directions, used, r, c)
     used[without] = True
     if not solved or z <= 0.0:
         return np.float32(np.inf)

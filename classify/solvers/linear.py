@@ -18,7 +18,6 @@ from classify.shadow_rule import (
     SHADOW_FLOOR,
     SHADOW_FRACTION,
 )
-from classify.threads import run_on_rows
 
 from .problem import Maps, Problem
 
@@ -42,81 +41,118 @@ def solve_three_of_ring(problem: Problem, method: str) -> Maps:
 
 def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
     """B = weights i at every pixel, without the light `unused`."""
-    used = np.arange(len(problem.lighting)) != unused
     floor = problem.noise_floor(weights)
+    lights, gains, _ = fours = by_fours(problem, unused)
+    weights = weights[:, lights] * gains
     maps = problem.new_maps(left_out=np.broadcast_to(np.uint8(unused), problem.shape))
+    images, dark = problem.stack.images, problem.stack.dark_rows
 
     def solve(first: int, last: int) -> None:
         _linear(
-            *problem.stack.float_rows(first, last), problem.gains, problem.saturation, floor,
-            weights, problem.directions, used, *maps.slope_rows(first, last),
+            first, last, images, dark, *fours, problem.saturation, floor, weights,
+            maps.p, maps.q, maps.albedo, maps.valid,
         )  # fmt: skip
 
-    run_on_rows(solve, problem.shape)
+    problem.solve_rows(solve)
     return maps
+
+
+def by_fours(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, Array, Array]:
+    """The lights without `unused`, for kernels that read four images at a time.
+
+    One loop over four images takes half the time of four loops, because it stores its sums once.
+    The last four are filled up with a light of gain 0, which adds nothing.
+
+    Returns
+    -------
+    The index (4 n,) of each image, its gain, and its direction as a column of (3, 4 n).
+    """
+    used = np.flatnonzero(np.arange(len(problem.lighting)) != unused)
+    padding = (0, -len(used) % 4)
+    lights = np.pad(used, padding, mode="edge")
+    gains = np.pad(problem.gains[used], padding)
+    return lights, gains, np.ascontiguousarray(problem.directions[lights].T)
 
 
 @kernel
 def _linear(
-    images: Array, ambient: Array, gains: Array, saturation: np.float32,
-    noise_floor: np.float32, weights: Array, directions: Array, used: Array,
+    first: int, last: int, images: Array, ambient: Array,
+    lights: Array, gains: Array, directions: Array,
+    saturation: np.float32, noise_floor: np.float32, weights: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
-    """Solve by b = weights i; `used` (N,) bool says which weights are not zero.
+    """Solve by b = weights i; `weights` (3, 4 n) contain the gains.
 
     Lights that are saturated at a pixel are left out there as long as the rest determine the
     normal.
     """
-    lights = images.shape[0]
-    rows, columns = p.shape
+    columns = p.shape[1]
+    zero = np.float32(0.0)
+    bx = np.empty(columns, np.float32)
+    by = np.empty(columns, np.float32)
+    bz = np.empty(columns, np.float32)
+    brightest = np.empty(columns, np.float32)
     floors = np.full(columns, noise_floor)
-    for r in range(rows):
+    for r in range(first, last):
         dark = ambient[min(r, len(ambient) - 1)]
-        # Sums over the lights of one row at a time: the inner loops then run along the pixels.
-        bx = np.zeros(columns, np.float32)
-        by = np.zeros(columns, np.float32)
-        bz = np.zeros(columns, np.float32)
-        brightest = np.zeros(columns, np.float32)
-        lost = np.zeros(columns, np.float32)
-        for k in range(lights):
-            if used[k]:
-                gain, x, y, z = gains[k], weights[0, k], weights[1, k], weights[2, k]
-                for c in range(columns):
-                    raw = images[k, r, c]
-                    brightest[c] = max(brightest[c], raw)
-                    v = (raw - dark[c]) * gain
-                    bx[c] += x * v
-                    by[c] += y * v
-                    bz[c] += z * v
-        # A loop over all pixels with this test would not be vectorised.
-        for column in np.flatnonzero(brightest >= saturation):
-            rest = used.copy()
-            for k in range(lights):
-                rest[k] &= images[k, r, column] < saturation
-            solved, x, y, z = solve_lights(images, dark[column], gains, directions, rest, r, column)
-            lost[column] = not solved
-            if solved:
-                bx[column], by[column], bz[column] = x, y, z
+        for k in range(0, len(lights), 4):
+            i0, i1, i2, i3 = lights[k], lights[k + 1], lights[k + 2], lights[k + 3]
+            x0, x1, x2, x3 = weights[0, k], weights[0, k + 1], weights[0, k + 2], weights[0, k + 3]
+            y0, y1, y2, y3 = weights[1, k], weights[1, k + 1], weights[1, k + 2], weights[1, k + 3]
+            z0, z1, z2, z3 = weights[2, k], weights[2, k + 1], weights[2, k + 2], weights[2, k + 3]
+            for c in range(columns):
+                v0, v1 = np.float32(images[i0, r, c]), np.float32(images[i1, r, c])
+                v2, v3 = np.float32(images[i2, r, c]), np.float32(images[i3, r, c])
+                brighter = brightest[c] if k else zero
+                brightest[c] = max(brighter, max(max(v0, v1), max(v2, v3)))
+                d = np.float32(dark[c])
+                v0, v1, v2, v3 = v0 - d, v1 - d, v2 - d, v3 - d
+                x = bx[c] if k else zero
+                y = by[c] if k else zero
+                z = bz[c] if k else zero
+                bx[c] = x + ((x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3))
+                by[c] = y + ((y0 * v0 + y1 * v1) + (y2 * v2 + y3 * v3))
+                bz[c] = z + ((z0 * v0 + z1 * v1) + (z2 * v2 + z3 * v3))
+        # A sum is vectorised, a search is not.
+        saturated = 0
+        for c in range(columns):
+            saturated += brightest[c] >= saturation
+        if saturated:
+            for column in np.flatnonzero(brightest >= saturation):
+                used = gains != zero
+                for k in range(len(lights)):
+                    used[k] &= images[lights[k], r, column] < saturation
+                d = np.float32(dark[column])
+                solved, x, y, z = solve_lights(
+                    images, d, lights, gains, directions, used, r, column
+                )
+                if solved:
+                    bx[column], by[column], bz[column] = x, y, z
+                else:
+                    floors[column] = np.inf
         judge_row(
-            images, dark, gains, directions, used, r, bx, by, bz, floors, lost, p, q, albedo, valid
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
         )
+        if saturated:
+            floors[:] = noise_floor
 
 
 @kernel
 def solve_lights(
-    images: Array, dark: np.float32, gains: Array, directions: Array, used: Array, r: int, c: int
-) -> tuple[bool, np.float32, np.float32, np.float32]:
+    images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
+    used: Array, r: int, c: int,
+) -> tuple[bool, np.float32, np.float32, np.float32]:  # fmt: skip
     """Scaled normal of one pixel by the normal equations of the lights `used`.
 
-    `dark` is its ambient value. The first result is false if the lights do not determine a normal:
-    fewer than three, or all in one plane.
+    `used` is of the first lights or of all, `dark` the ambient value. If the lights do not
+    determine a normal, fewer than three or all in one plane, the results are False and zeros.
     """
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
-    for k in range(images.shape[0]):
+    for k in range(len(used)):
         if used[k]:
-            value = float((images[k, r, c] - dark) * gains[k])
-            lx, ly, lz = float(directions[k, 0]), float(directions[k, 1]), float(directions[k, 2])
+            value = float((np.float32(images[lights[k], r, c]) - dark) * gains[k])
+            lx, ly, lz = float(directions[0, k]), float(directions[1, k]), float(directions[2, k])
             xx += lx * lx
             xy += lx * ly
             xz += lx * lz
@@ -126,53 +162,114 @@ def solve_lights(
             x += lx * value
             y += ly * value
             z += lz * value
-    # The inverse as adjugate over determinant.
-    a00, a01, a02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    a11, a12, a22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    determinant = xx * a00 + xy * a01 + xz * a02
-    # The product of the two larger eigenvalues is at most a quarter of the squared trace.
-    trace = xx + yy + zz
-    if not determinant > 0.25 * _MIN_EIGENVALUE * trace * trace:
-        return False, np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    determinant, a00, a01, a02, a11, a12, a22 = invert(xx, xy, xz, yy, yz, zz)
     return (
-        True,
-        np.float32((a00 * x + a01 * y + a02 * z) / determinant),
-        np.float32((a01 * x + a11 * y + a12 * z) / determinant),
-        np.float32((a02 * x + a12 * y + a22 * z) / determinant),
+        determinant > 0.0,
+        np.float32(a00 * x + a01 * y + a02 * z),
+        np.float32(a01 * x + a11 * y + a12 * z),
+        np.float32(a02 * x + a12 * y + a22 * z),
     )
 
 
 @kernel
+def invert(
+    xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """Determinant and inverse of L^T L, both symmetric; all 0 if it determines no normal."""
+    a00, a01, a02 = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    a11, a12, a22 = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant = xx * a00 + xy * a01 + xz * a02
+    if not determinant > least_determinant(xx + yy + zz):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    f = 1.0 / determinant
+    return determinant, f * a00, f * a01, f * a02, f * a11, f * a12, f * a22
+
+
+@kernel
+def least_determinant(trace: float) -> float:
+    """Least determinant of L^T L that determines a normal; its trace is the number of lights."""
+    # The product of the two larger eigenvalues is at most a quarter of the squared trace.
+    return 0.25 * _MIN_EIGENVALUE * trace * trace
+
+
+@kernel
 def judge_row(
-    images: Array, dark: Array, gains: Array, directions: Array, used: Array, r: int,
-    bx: Array, by: Array, bz: Array, floors: Array, lost: Array,
+    images: Array, dark: Array, lights: Array, gains: Array, directions: Array, r: int,
+    bx: Array, by: Array, bz: Array, floors: Array,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> None:  # fmt: skip
     """Write the maps of row r from its scaled normals; `dark` is its ambient row.
 
-    A slope is valid where bz^2 >= `floors` rho, the pixel is not `lost`, and at least three of the
-    lights `used` are out of shadow.
+    The lights are those of `by_fours`. A slope is valid where bz^2 >= `floors` rho and at least
+    three of the lights are out of shadow.
     """
     columns = p.shape[1]
     zero, one = np.float32(0.0), np.float32(1.0)
-    for c in range(columns):
-        albedo[r, c] = np.sqrt(bx[c] * bx[c] + by[c] * by[c] + bz[c] * bz[c])
-    lit = np.zeros(columns, np.float32)
-    for k in range(images.shape[0]):
-        if used[k]:
-            x, y, z = directions[k]
-            gain = gains[k]
-            for c in range(columns):
-                v = images[k, r, c] - dark[c]
-                s = x * bx[c] + y * by[c] + z * bz[c]
-                limit = SHADOW_FRACTION * max(s, SHADOW_FLOOR * albedo[r, c])
-                lit[c] += one if v * gain > limit else zero
-    for c in range(columns):
-        rho = albedo[r, c]
-        visible = (bz[c] > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (
-            bz[c] * bz[c] >= floors[c] * rho
+    lit = np.empty(columns, np.float32)
+    last = len(lights) - 4
+    for k in range(0, len(lights), 4):
+        i0, i1, i2, i3 = lights[k], lights[k + 1], lights[k + 2], lights[k + 3]
+        x0, x1, x2, x3 = (
+            directions[0, k],
+            directions[0, k + 1],
+            directions[0, k + 2],
+            directions[0, k + 3],
         )
-        inverse = -one / bz[c] if visible else zero
-        p[r, c] = bx[c] * inverse
-        q[r, c] = by[c] * inverse
-        valid[r, c] = visible & (lit[c] > np.float32(2.5)) & (lost[c] == zero)
+        y0, y1, y2, y3 = (
+            directions[1, k],
+            directions[1, k + 1],
+            directions[1, k + 2],
+            directions[1, k + 3],
+        )
+        z0, z1, z2, z3 = (
+            directions[2, k],
+            directions[2, k + 1],
+            directions[2, k + 2],
+            directions[2, k + 3],
+        )
+        g0, g1, g2, g3 = (
+            gains[k] / SHADOW_FRACTION,
+            gains[k + 1] / SHADOW_FRACTION,
+            gains[k + 2] / SHADOW_FRACTION,
+            gains[k + 3] / SHADOW_FRACTION,
+        )
+        if k < last:
+            for c in range(columns):
+                d = np.float32(dark[c])
+                x, y, z = bx[c], by[c], bz[c]
+                rho = np.sqrt(x * x + y * y + z * z)
+                floor = SHADOW_FLOOR * rho
+                v0, v1 = np.float32(images[i0, r, c]), np.float32(images[i1, r, c])
+                v2, v3 = np.float32(images[i2, r, c]), np.float32(images[i3, r, c])
+                l0 = _lit((v0 - d) * g0, x0 * x + y0 * y + z0 * z, floor)
+                l1 = _lit((v1 - d) * g1, x1 * x + y1 * y + z1 * z, floor)
+                l2 = _lit((v2 - d) * g2, x2 * x + y2 * y + z2 * z, floor)
+                l3 = _lit((v3 - d) * g3, x3 * x + y3 * y + z3 * z, floor)
+                n = (lit[c] if k else zero) + ((l0 + l1) + (l2 + l3))
+                lit[c] = n
+        else:
+            # One loop with the rest takes a fifth less time: of four lights there is no other.
+            for c in range(columns):
+                d = np.float32(dark[c])
+                x, y, z = bx[c], by[c], bz[c]
+                rho = np.sqrt(x * x + y * y + z * z)
+                floor = SHADOW_FLOOR * rho
+                v0, v1 = np.float32(images[i0, r, c]), np.float32(images[i1, r, c])
+                v2, v3 = np.float32(images[i2, r, c]), np.float32(images[i3, r, c])
+                l0 = _lit((v0 - d) * g0, x0 * x + y0 * y + z0 * z, floor)
+                l1 = _lit((v1 - d) * g1, x1 * x + y1 * y + z1 * z, floor)
+                l2 = _lit((v2 - d) * g2, x2 * x + y2 * y + z2 * z, floor)
+                l3 = _lit((v3 - d) * g3, x3 * x + y3 * y + z3 * z, floor)
+                n = (lit[c] if k else zero) + ((l0 + l1) + (l2 + l3))
+                visible = (z > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (z * z >= floors[c] * rho)
+                inverse = -one / z if visible else zero
+                p[r, c] = x * inverse
+                q[r, c] = y * inverse
+                albedo[r, c] = rho
+                valid[r, c] = visible & (n > np.float32(2.5))
+
+
+@kernel
+def _lit(value: np.float32, prediction: np.float32, floor: np.float32) -> np.float32:
+    """1 if a value times gain / SHADOW_FRACTION is out of shadow, else 0."""
+    return np.float32(1.0) if value > max(prediction, floor) else np.float32(0.0)

@@ -1,5 +1,6 @@
 """The input and the output of every solver."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,6 +12,7 @@ from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import FallOff
+from classify.threads import STRIP_PX, run_on_rows
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
@@ -65,6 +67,7 @@ class Problem:
     full_scale: float | None
     sensor_noise: SensorNoise | None
     fall_off: FallOff | None = None  # by which the images were divided
+    on_progress: Callable[[float], None] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -122,6 +125,19 @@ class Problem:
         if repaired is None:
             repaired = nowhere(self.shape)
         return Maps(p, q, albedo, valid, left_out, highlights, repaired, self.lighting)
+
+    def solve_rows(self, solve: Callable[[int, int], None]) -> None:
+        """Call ``solve(first, last)`` for all rows in strips; tell `on_progress` the share."""
+        rows, done = self.shape[0], list[int]()
+
+        def solve_strip(first: int, last: int) -> None:
+            solve(first, last)
+            done.append(last - first)
+            if self.on_progress is not None:
+                self.on_progress(sum(done) / rows)
+
+        # As many values a strip as of four images, so that they stay in the cache.
+        run_on_rows(solve_strip, self.shape, 4 * STRIP_PX // len(self.lighting))
 
     def noise_floor(self, weights: npt.NDArray[Any]) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""

@@ -8,9 +8,8 @@ import numpy.typing as npt
 from classify.compiling import kernel
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.threads import run_on_rows
 
-from .linear import judge_row, solve_lights
+from .linear import by_fours, judge_row, solve_lights
 from .problem import Maps, Problem
 
 Array = npt.NDArray[Any]
@@ -23,23 +22,23 @@ def solve_rushmeier(problem: Problem) -> Maps:
     """
     inverses = drop_two_inverses(problem.lighting)
     floor = problem.noise_floor(least_squares_weights(problem.lighting, "rushmeier"))
-    dropped = np.empty(problem.shape, np.uint8)
+    fours, dropped = by_fours(problem), np.empty(problem.shape, np.uint8)
     maps = problem.new_maps(left_out=dropped)
 
     def solve(first: int, last: int) -> None:
         _drop_extremes(
-            *problem.stack.float_rows(first, last), problem.gains, problem.saturation, floor,
-            inverses, problem.directions, *maps.slope_rows(first, last), dropped[first:last],
+            *problem.stack.float_rows(first, last), *fours, problem.saturation, floor, inverses,
+            *maps.slope_rows(first, last), dropped[first:last],
         )  # fmt: skip
 
-    run_on_rows(solve, problem.shape)
+    problem.solve_rows(solve)
     return maps
 
 
 @kernel
 def _drop_extremes(
-    images: Array, ambient: Array, gains: Array, saturation: np.float32,
-    noise_floor: np.float32, inverses: Array, directions: Array,
+    images: Array, ambient: Array, lights: Array, gains: Array, directions: Array,
+    saturation: np.float32, noise_floor: np.float32, inverses: Array,
     p: Array, q: Array, albedo: Array, valid: Array, dropped: Array,
 ) -> None:  # fmt: skip
     """Solve rows without the lowest and the highest value of each pixel.
@@ -50,9 +49,7 @@ def _drop_extremes(
     Where several lights are equally dark, or equally bright, the mean of their solutions is taken.
     Where all are equal, all are used. Saturated lights count as the highest, however many they are.
     """
-    lights = images.shape[0]
     rows, columns = p.shape
-    every = np.ones(lights, np.bool_)
     floors = np.full(columns, noise_floor)
     zero, one = np.float32(0.0), np.float32(1.0)
     for r in range(rows):
@@ -62,8 +59,8 @@ def _drop_extremes(
         bz = np.zeros(columns, np.float32)
         lowest = np.full(columns, np.float32(np.inf))
         highest = np.full(columns, np.float32(-np.inf))
-        for k in range(lights):
-            x, y, z = directions[k]
+        for k in range(len(images)):
+            x, y, z = directions[:, k]
             gain = gains[k]
             for c in range(columns):
                 v = (images[k, r, c] - dark[c]) * gain
@@ -78,7 +75,7 @@ def _drop_extremes(
         highs = np.zeros(columns, np.float32)
         high = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
-        for k in range(lights):
+        for k in range(len(images)):
             gain, index = gains[k], np.float32(k)
             for c in range(columns):
                 raw = images[k, r, c]
@@ -88,38 +85,34 @@ def _drop_extremes(
                 low[c] += index if v <= lowest[c] else zero
                 highs[c] += one if v >= highest[c] else zero
                 high[c] += index if v >= highest[c] else zero
-        lost = np.zeros(columns, np.float32)
         for c in range(columns):
             i, j = int(low[c]), int(high[c])
             if brightest[c] >= saturation:
-                solved, i, x, y, z = _without_saturated(
-                    images, dark[c], gains, saturation, directions, r, c
+                i, x, y, z = _without_saturated(
+                    images, dark[c], lights, gains, directions, saturation, r, c
                 )
-                lost[c] = not solved
                 bx[c], by[c], bz[c] = x, y, z
             elif lowest[c] == highest[c]:
                 i = NO_DROPPED_LIGHT
                 bx[c], by[c], bz[c] = _times(inverses[0, 0], bx[c], by[c], bz[c])
             elif lows[c] > one or highs[c] > one:
-                solved, i, x, y, z = _mean_of_ties(
+                i, x, y, z = _mean_of_ties(
                     images, dark[c], gains, inverses, directions, r, c,
                     lowest[c], highest[c], bx[c], by[c], bz[c],
                 )  # fmt: skip
-                lost[c] = not solved
                 bx[c], by[c], bz[c] = x, y, z
             else:
                 inverse = inverses[i, j]
-                x = bx[c] - lowest[c] * directions[i, 0] - highest[c] * directions[j, 0]
-                y = by[c] - lowest[c] * directions[i, 1] - highest[c] * directions[j, 1]
-                z = bz[c] - lowest[c] * directions[i, 2] - highest[c] * directions[j, 2]
+                x = bx[c] - lowest[c] * directions[0, i] - highest[c] * directions[0, j]
+                y = by[c] - lowest[c] * directions[1, i] - highest[c] * directions[1, j]
+                z = bz[c] - lowest[c] * directions[2, i] - highest[c] * directions[2, j]
                 if np.isnan(inverse[0, 0]):
-                    lost[c] = one
                     bx[c], by[c], bz[c] = zero, zero, zero
                 else:
                     bx[c], by[c], bz[c] = _times(inverse, x, y, z)
             dropped[r, c] = i
         judge_row(
-            images, dark, gains, directions, every, r, bx, by, bz, floors, lost, p, q, albedo, valid
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
         )
 
 
@@ -136,21 +129,21 @@ def _times(
 
 @kernel
 def _without_saturated(
-    images: Array, dark: np.float32, gains: Array, saturation: np.float32,
-    directions: Array, r: int, c: int,
-) -> tuple[bool, int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Solve without the lowest and the saturated lights: whether solved, the lowest light, b."""
-    lights = images.shape[0]
-    used = np.ones(lights, np.bool_)
+    images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
+    saturation: np.float32, r: int, c: int,
+) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
+    """Solve without the lowest and the saturated lights: the lowest light, and b or zeros."""
+    count = len(images)
+    used = np.ones(count, np.bool_)
     low, lowest = 0, np.float32(np.inf)
-    for k in range(lights):
+    for k in range(count):
         used[k] = images[k, r, c] < saturation
         v = (images[k, r, c] - dark) * gains[k]
         if v < lowest:
             low, lowest = k, v
     used[low] = False
-    solved, x, y, z = solve_lights(images, dark, gains, directions, used, r, c)
-    return solved, low, x, y, z
+    _, x, y, z = solve_lights(images, dark, lights, gains, directions, used, r, c)
+    return low, x, y, z
 
 
 @kernel
@@ -158,8 +151,8 @@ def _mean_of_ties(
     images: Array, dark: np.float32, gains: Array, inverses: Array, directions: Array,
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
-) -> tuple[bool, int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Mean over all pairs of lowest and highest lights: whether solved, the first lowest, b."""
+) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
+    """Mean over all pairs of lowest and highest lights: the first lowest, and b or zeros."""
     lights = images.shape[0]
     count, first = 0, lights
     bx, by, bz = np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -174,13 +167,13 @@ def _mean_of_ties(
             if not np.isnan(inverse[0, 0]):
                 x, y, z = _times(
                     inverse,
-                    sum_x - lowest * directions[i, 0] - highest * directions[j, 0],
-                    sum_y - lowest * directions[i, 1] - highest * directions[j, 1],
-                    sum_z - lowest * directions[i, 2] - highest * directions[j, 2],
+                    sum_x - lowest * directions[0, i] - highest * directions[0, j],
+                    sum_y - lowest * directions[1, i] - highest * directions[1, j],
+                    sum_z - lowest * directions[2, i] - highest * directions[2, j],
                 )
                 bx += x
                 by += y
                 bz += z
                 count += 1
     share = np.float32(1.0) / np.float32(max(count, 1))
-    return count > 0, first, bx * share, by * share, bz * share
+    return first, bx * share, by * share, bz * share

@@ -49,6 +49,7 @@ def photometric_stereo(
     noise: SensorNoise | None = None,
     planar: bool = False,
     mask: npt.NDArray[np.bool_] | None = None,
+    on_progress: Callable[[float], None] | None = None,
 ) -> SurfaceEstimate:
     """Gradients and albedo of a Lambertian surface from images under known distant lights.
 
@@ -78,6 +79,9 @@ def photometric_stereo(
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
     mask
         (H, W) pixels of the part. Others are not valid, and do not count in the fall-off.
+    on_progress
+        Called with the share of rows solved, 0 to 1, by any thread. ``ps4`` and ``ps4_robust`` do
+        not call it: they need milliseconds.
 
     Raises
     ------
@@ -121,7 +125,7 @@ def photometric_stereo(
         stack = found.divide(stack, full_scale)
         # What remains of the levels of the LEDs is not estimated again.
         used = Lighting(lighting.directions, lighting.intensities)
-    maps = _SOLVERS[chosen](Problem(stack, used, full_scale, noise, found))
+    maps = _SOLVERS[chosen](Problem(stack, used, full_scale, noise, found, on_progress))
     surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,

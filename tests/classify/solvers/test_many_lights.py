@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SensorNoise, photometric_stereo
 from classify.solvers.drbohlav import gates
+from classify.solvers.robust import TOLERANCE
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Where every pixel has its fault, the images do not tell how noisy they are.
@@ -188,6 +189,47 @@ def test_five_lights_and_more_show_which_one_is_wrong(count: int, fault: str) ->
     np.testing.assert_array_equal(surface.dropped.ravel(), wrong)
     assert (surface.specular == (fault == "highlight")).all()
     assert (surface.shadow_count == (fault == "shadow")).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(6, 12), SEEDS)
+def test_the_light_goes_whose_absence_leaves_the_smallest_residuals(count: int, seed: int) -> None:
+    """Against one least squares solution without each light; no value is dark."""
+    rng = np.random.default_rng(seed)
+    tilts = (np.arange(count) + rng.uniform(-0.3, 0.3, count)) * 360.0 / count
+    lighting = Lighting.from_angles(list(tilts), list(rng.uniform(25, 55, count)))
+    values = rng.uniform(120, 250, (count, 3))
+    noise = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=8.0)
+    surface = photometric_stereo(
+        values.astype(np.float32)[:, None], lighting, "drbohlav", noise=noise
+    )
+    for pixel, p, q in zip(values.T, surface.p[0], surface.q[0], strict=True):
+        gone: set[int] = set()
+
+        def squares(left_out: set[int], pixel: np.ndarray = pixel) -> float:
+            used = [k for k in range(count) if k not in left_out]
+            return float(np.linalg.lstsq(lighting.directions[used], pixel[used])[1][0])
+
+        tolerance = (TOLERANCE * pixel.max()) ** 2
+        while (
+            count - len(gone) > 4
+            and squares(gone) > gates(count)[count - len(gone)] * 64 + tolerance
+        ):
+            gone.add(min(set(range(count)) - gone, key=lambda k: squares(gone | {k})))
+        if count - len(gone) == 4:
+            continue  # four lights are settled by another rule
+        b = without(lighting, pixel, gone)
+        assert (p, q) == pytest.approx((-b[0] / b[2], -b[1] / b[2]), abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "rushmeier", "drbohlav"])
+def test_progress_is_told_up_to_the_last_row(method: str) -> None:
+    shares: list[float] = []
+    images = np.full((24, 60, 2000), 90, np.uint8)
+    photometric_stereo(images, ring_of(24), method, on_progress=shares.append)
+    assert len(shares) > 3
+    assert max(shares) == 1.0
+    assert min(shares) > 0.0
 
 
 def test_drbohlav_replaces_several_values_of_many() -> None:
