@@ -4,17 +4,25 @@ With nul the left null vector of the light directions, sum_k nul_k i_k is zero a
 matt surface without shadow, whatever its slope and albedo. If light k has another level than
 assumed, sum_k w_k nul_k i_k is zero instead, with w_k the inverse of that level. The images of a
 surface with relief span three of four dimensions, and so determine w up to a common factor.
+
+There are two estimates. That from the redundancy is exact to parts in a thousand, but only for a
+surface that is matt to half a percent: gloss of a few percent changes it by half of the brightness
+(icon_rti72: 2.4 instead of 1.0). The other one compares the brightness of the images, is good to a
+few percent for any surface, and is used where the first leaves a residual.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.images.sampling import sample_pixels
+from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
+
+from .algebra import drop_one_constants
 
 FloatArray = npt.NDArray[np.float32]
 
@@ -39,6 +47,9 @@ _MAX_CORRECTION = 0.1
 # many times that of noise and a matt surface. Else the levels are not to blame.
 _MIN_GAIN = 1.25
 _MAX_MEAN_SQUARE = 2.0
+# Standard deviation of the mean slope of a part, for a flat one and as a share of the spread of its
+# slopes. Parts lie within a degree in a rig; the mean slope of a figurine is as uncertain as that.
+_MEAN_SLOPE, _MEAN_SLOPE_OF_RELIEF = 0.02, 0.3
 # Half of all residuals of pure noise are below this: 0.67 standard deviations, with a margin.
 _MEDIAN_OF_NOISE = 0.75
 
@@ -98,61 +109,127 @@ def fit_levels(terms: FloatArray, noises: FloatArray, level_spread: float) -> Le
     return LevelFit(factors, error, typical, agreeing)
 
 
-def level_corrections(
-    images: npt.NDArray[Any],
-    ambient: npt.NDArray[Any] | None,
-    gains: FloatArray,
-    saturation: float,
-    variance: FloatArray,
-    null: npt.NDArray[np.float64],
-) -> FloatArray:
-    """Find factors of mean 1 for the images of four lights of which each differs by a few percent.
+@dataclass(frozen=True, eq=False)
+class LitSamples:
+    """Pixels of four images that all lights reach, evenly spread over the frame.
 
-    The factors (4,) are all 1 where the images agree as well without a correction, or not even
-    with one. They multiply the known `gains` (4,) of the images (4, H, W).
+    Attributes
+    ----------
+    raw
+        (4, n) float32 pixel values.
+    values
+        (4, n) float32, less the ambient image and times the gains.
+    """
+
+    raw: FloatArray
+    values: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        images: npt.NDArray[Any],
+        ambient: npt.NDArray[Any] | None,
+        gains: FloatArray,
+        saturation: float,
+    ) -> Self:
+        """Take the samples, without pixels that reach the value `saturation`."""
+        pixels = sample_pixels(images.shape[1:], _MAX_SAMPLES)
+        raw = images.reshape(4, -1).take(pixels, 1).astype(np.float32)
+        dark = np.float32(0.0) if ambient is None else ambient.ravel()[pixels].astype(np.float32)
+        values = (raw - dark) * gains[:, None]
+        lit = np.flatnonzero(
+            (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
+            & (raw.max(axis=0) < saturation)
+        )
+        return cls(raw.take(lit, 1), values.take(lit, 1))
+
+
+def residual_spread(values: FloatArray, null: npt.NDArray[np.float64]) -> float:
+    """Robust standard deviation of the redundancy residual about 0, as a share of the brightness.
+
+    `values` (4, n) are those of pixels that all lights reach; too few of them give 0.
+    """
+    if values.shape[1] < _MIN_SAMPLES:
+        return 0.0
+    residual = np.abs(null.astype(np.float32) @ values) / values.mean(axis=0)
+    return 1.4826 * _median(residual)
+
+
+def level_corrections(
+    lit: LitSamples, gains: FloatArray, variance: FloatArray, lighting: Lighting
+) -> FloatArray:
+    """Find factors of mean 1 for the images of four lights whose levels are not known.
+
+    They are those of `fit_levels` where these leave noise only, else those of a part that is level
+    on average. The factors (4,) are all 1 where the images agree as well without a correction.
 
     Parameters
     ----------
-    saturation
-        Pixel value from which on a pixel is saturated.
+    gains
+        (4,) factors by which pixel values were multiplied.
     variance
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
-    null
-        (4,) left null vector of the light directions, of length 1.
     """
     equal = np.ones(4, np.float32)
-    pixels = sample_pixels(images.shape[1:], _MAX_SAMPLES)
-    raw = images.reshape(4, -1).take(pixels, 1).astype(np.float32)
-    dark = np.float32(0.0) if ambient is None else ambient.ravel()[pixels].astype(np.float32)
-    values = (raw - dark) * gains[:, None]
-    brightest = values.max(axis=0)
-    lit = np.flatnonzero(
-        (values.min(axis=0) > MAYBE_SHADOW * brightest) & (raw.max(axis=0) < saturation)
-    )
-    if len(lit) < _MIN_SAMPLES:
+    values, count = lit.values, lit.values.shape[1]
+    if count < _MIN_SAMPLES:
         return equal
-    raw, values, brightest = raw.take(lit, 1), values.take(lit, 1), brightest.take(lit)
+    pinv, null = drop_one_constants(lighting, "level_corrections")
     a, b, black = variance
     noises = np.square(null * gains).astype(np.float32)[:, None] * (
-        a + b * np.maximum(raw - black, np.float32(0.0))
+        a + b * np.maximum(lit.raw - black, np.float32(0.0))
     )
-    spread = np.sqrt(noises.sum(axis=0) + np.square(MATT * brightest))
+    spread = np.sqrt(noises.sum(axis=0) + np.square(MATT * values.max(axis=0)))
     terms = null.astype(np.float32)[:, None] * values / spread
-    if np.count_nonzero(np.abs(terms.sum(axis=0)) < _MEDIAN_OF_NOISE) > len(lit) // 2:
+    if np.count_nonzero(np.abs(terms.sum(axis=0)) < _MEDIAN_OF_NOISE) > count // 2:
         return equal
     fit = fit_levels(terms, noises / np.square(spread), _LEVEL_SPREAD)
-    if np.abs(fit.factors - 1.0).max() > _MAX_CORRECTION:
-        return equal
     before, after = (
         float(np.average(np.square(factors @ terms), weights=fit.agreeing))
         for factors in (equal, fit.factors)
     )
-    if after > _MAX_MEAN_SQUARE or before < _MIN_GAIN * after:
-        return equal
-    return fit.factors.astype(np.float32)
+    explained = after <= _MAX_MEAN_SQUARE and before >= _MIN_GAIN * after
+    if explained and np.abs(fit.factors - 1.0).max() <= _MAX_CORRECTION:
+        return np.asarray(fit.factors, np.float32)
+    factors = 1.0 / _levels_of_a_level_part(values, pinv, null, lighting.directions)
+    return np.asarray(factors / factors.mean(), np.float32)
 
 
-def _median(values: npt.NDArray[np.float64]) -> float:
+def _levels_of_a_level_part(
+    values: FloatArray,
+    pinv: npt.NDArray[np.float64],
+    null: npt.NDArray[np.float64],
+    directions: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Levels (4,) of the lights, from the brightness of their images.
+
+    On a level part each image is l_z times its level times what all images have in common. The
+    median ratios to that are x = g + A t in the logarithm, with g the levels and A t the effect
+    of a mean slope t of the part, A = -l_xy / l_z. g is estimated for normal g and t. The variance
+    of g is that of the redundancy residual which x removes: levels that the residual does not
+    show are not corrected.
+    """
+    vertical = directions[:, 2]
+    logarithms = np.log(values / vertical.astype(np.float32)[:, None])
+    ratios = np.median(logarithms - logarithms.mean(axis=0), axis=1).astype(np.float64)
+    evened = values * np.exp(-ratios).astype(np.float32)[:, None]
+    explained = residual_spread(values, null) ** 2 - residual_spread(evened, null) ** 2
+    if explained <= 0.0:
+        return np.ones(4)
+    variance = explained / float(np.square(null * vertical / vertical.mean()).sum())
+    bx, by, bz = pinv.astype(np.float32) @ values
+    slopes = np.stack([bx, by]) / bz
+    slopes -= np.median(slopes, axis=1, keepdims=True)
+    relief = 1.4826 * np.median(np.abs(slopes), axis=1)
+    tilt = _MEAN_SLOPE**2 + _MEAN_SLOPE_OF_RELIEF**2 * float(np.square(relief).mean())
+    across = directions[:, :2] / vertical[:, None]
+    # The last term: the images do not tell a common factor of all levels.
+    covariance = variance * np.eye(4) + tilt * across @ across.T + np.full((4, 4), 1e3)
+    levels: npt.NDArray[np.float64] = np.exp(variance * np.linalg.solve(covariance, ratios))
+    return levels
+
+
+def _median(values: npt.NDArray[np.floating[Any]]) -> float:
     """Upper median, found in half the time that numpy takes for the mean of the middle two."""
     middle = len(values) // 2
     return float(np.partition(values, middle)[middle])

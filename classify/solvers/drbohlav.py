@@ -127,7 +127,7 @@ def _replace(
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
     residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
     darkest light that is too dark or the brightest that is too bright: the one without which the
-    surface is flatter (as in `robust._settle_row`).
+    surface is flatter (see `robust._gate`).
 
     With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence takes
     e^2 / (1 - h) off the sum of squared residuals and the factor 1 - h off the determinant of

@@ -1,8 +1,7 @@
-"""`ps4_robust` and its first pass: the noise gate, and at most one light left out of a pixel.
+"""`ps4_robust` and its first pass: the residual gate, and the light that it blames.
 
-The first loops over a row have no branches, so that the compiler vectorises them. They mark the
-doubtful pixels, which `_settle_row` solves one by one. `in_fill` completes those with fewer than
-three usable lights.
+The loops over a row have no branches, so that the compiler vectorises them. `in_fill` completes
+the pixels with fewer than three usable lights.
 """
 
 from dataclasses import replace
@@ -14,7 +13,7 @@ import numpy.typing as npt
 from classify.compiling import kernel
 from classify.lighting import Lighting
 from classify.lights.algebra import drop_one_constants
-from classify.lights.led_levels import level_corrections
+from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
 from classify.threads import STRIP_PX, run_on_rows
 
@@ -24,7 +23,6 @@ from .problem import Maps, Problem, slope_noise
 Array = npt.NDArray[Any]
 
 _NONE_LIT = np.uint8(15)
-_DOUBTFUL = np.uint8(128)
 
 # A residual of more standard deviations than this is not noise; one normal residual in 370 is.
 _GATE = np.float32(3.0)
@@ -35,27 +33,29 @@ _GATE = np.float32(3.0)
 DARK = np.float32(3.0)
 LEAK = np.float32(0.03)
 # LED levels are known, and surfaces are Lambertian, to a few percent only: a smaller residual, as
-# a share of the brightest light, leaves out no light. All four lights average such errors better
+# a share of the brightness, is taken off no light. All four lights average such errors better
 # than three. tests/rig/test_known_truth.py holds the slope errors that these limits give.
 TOLERANCE = np.float32(0.05)
+# Squared slope below which one explanation is not better for being flatter: 0.6 degrees, less than
+# images tell at a noise of 1 %.
+_LEVEL = np.float32(1e-4)
 _TINY = np.float32(1e-30)
 
 
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
-    """Least squares of four lights where they agree, without one light where they do not.
+    """Least squares of four lights where they agree, less the light to blame where they do not.
 
     Pixels with fewer than three lights are filled in from their surroundings. Intensities that
     were not given are estimated first, and the lighting of the result holds them.
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     stack, shape = problem.stack, problem.shape
-    balanced = problem
+    lit = LitSamples.of(stack.images, stack.ambient, problem.gains, float(problem.saturation))
+    balanced, corrections = problem, np.ones(4, np.float32)
     if not problem.lighting.intensities_given:
-        corrections = level_corrections(
-            stack.images, stack.ambient, problem.gains, float(problem.saturation),
-            problem.variance, null,
-        )  # fmt: skip
+        corrections = level_corrections(lit, problem.gains, problem.variance, problem.lighting)
         balanced = replace(problem, lighting=Lighting(problem.lighting.directions, 1 / corrections))
+    spread = np.float32(residual_spread(lit.values * corrections[:, None], null))
     dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
     unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
@@ -66,7 +66,7 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     def solve(first: int, last: int) -> None:
         _gate(
             first, last, images, dark, balanced.gains, problem.saturation,
-            problem.variance, problem.frames, least_bz, pinv, per_residual, null,
+            problem.variance, problem.frames, spread, least_bz, pinv, per_residual, null,
             maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit, row_counts,
         )  # fmt: skip
 
@@ -76,13 +76,25 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
 
 
 @kernel
+def _flatness(
+    bx: np.float32, by: np.float32, bz: np.float32, share: np.float32,
+    cx: np.float32, cy: np.float32, cz: np.float32,
+) -> np.float32:  # fmt: skip
+    """Square of the inverse squared slope of b - share c; 0 where it faces away."""
+    x, y, z = bx - share * cx, by - share * cy, bz - share * cz
+    square = z * z
+    flatness = square / max(x * x + y * y + _LEVEL * square, _TINY)
+    return flatness * flatness if z > np.float32(0.0) else np.float32(0.0)
+
+
+@kernel
 def _gate(
     first: int, last: int, images: Array, ambient: Array, gains: Array, saturation: np.float32,
-    noise: Array, frames: np.float32, least_bz: np.float32, pinv: Array, corrections: Array,
-    null: Array, p: Array, q: Array, albedo: Array, valid: Array,
+    noise: Array, frames: np.float32, spread: np.float32, least_bz: np.float32, pinv: Array,
+    corrections: Array, null: Array, p: Array, q: Array, albedo: Array, valid: Array,
     dropped: Array, highlights: Array, unlit: Array, row_counts: Array,
 ) -> None:  # fmt: skip
-    """Least squares of four lights where they agree, without one light where they do not.
+    """Least squares of four lights where they agree, less the light to blame where they do not.
 
     Parameters
     ----------
@@ -90,6 +102,9 @@ def _gate(
         (3,) a, b and black of the variance a + b (value - black) of a pixel value.
     frames
         1, or 2 where an ambient image, which is noisy as well, was subtracted.
+    spread
+        Standard deviation of the redundancy residual where all lights reach, as a share of the
+        brightness.
     least_bz
         A slope is valid where bz^2 >= least_bz sigma rho, sigma that of the redundancy residual.
     corrections
@@ -102,32 +117,48 @@ def _gate(
 
     Notes
     -----
-    Formulas as for `ps4._drop_darkest`, with a share of the redundancy residual r = nul . i in
-    place of all of it. The share is zero for least squares of all four. Where a dark light k is
-    left out it is (1 - variance / r^2) r, all but what noise explains (the positive-part estimator
-    of James and Stein, 1961). The solution then predicts i_j - nul_j (r - share) for every light,
-    and share / nul_k less for light k.
+    b = L+ i - share sum_k w_k L+[:, k] / nul_k, with weights w_k of sum 1 that say which light is
+    to blame, and a share of the redundancy residual r = nul . i. The share is (1 - T^2 / r^2) r,
+    or 0 for |r| < T (the positive-part estimator of James and Stein, 1961), so that nothing jumps
+    at the gate T. T is the largest of three standard deviations of noise, `TOLERANCE` and `spread`
+    times the brightness: what shadow and gloss do not cause.
+
+    Four values cannot tell a light that is too dark from one that is too bright. Each of the four
+    explanations has its surface; flatter ones are likelier. The weights are the inverse fourth
+    powers of their slopes, so that the blame passes smoothly from light to light. A light that is
+    dark or saturated takes all the blame, and T is one standard deviation of noise.
     """
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
     a, b, black = noise
     y0, y1, y2, y3 = (n0 * g0) ** 2, (n1 * g1) ** 2, (n2 * g2) ** 2, (n3 * g3) ** 2
+    x0, x1, x2, x3 = pinv[0]
+    z0, z1, z2, z3 = pinv[2]
+    u0, u1, u2, u3 = pinv[1]
+    cx0, cx1, cx2, cx3 = corrections[0]
+    cy0, cy1, cy2, cy3 = corrections[1]
+    cz0, cz1, cz2, cz3 = corrections[2]
+    zero, one, two, half = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
+    quarter = np.float32(0.25)
     # The one ambient frame is in all four values, and cancels if the gains are equal.
-    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
     common = (frames - one) * (n0 * g0 + n1 * g1 + n2 * g2 + n3 * g3) ** 2
-    c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
-    marked, values = np.empty(columns, np.int64), np.empty((columns, 5), np.float32)
+    doubt = max(TOLERANCE, spread) ** 2
+    outlier = max(TOLERANCE, _GATE * spread) ** 2
+    variances = np.empty(columns, np.float32)
     for r in range(first, last):
         dark_row = ambient[min(r, len(ambient) - 1)]
         # The maps hold the scaled normals until the second loop.
-        variances = np.empty(columns, np.float32)
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
             v1 = np.float32(images[1, r, c])
             v2 = np.float32(images[2, r, c])
             v3 = np.float32(images[3, r, c])
-            saturated = max(max(v0, v1), max(v2, v3)) >= saturation
+            o0 = one if v0 >= saturation else zero
+            o1 = one if v1 >= saturation else zero
+            o2 = one if v2 >= saturation else zero
+            o3 = one if v3 >= saturation else zero
+            saturated = (o0 + o1) + (o2 + o3) > zero
             variance = (
                 y0 * (a + b * max(v0 - black, zero)) + y1 * (a + b * max(v1 - black, zero))
             ) + (y2 * (a + b * max(v2 - black, zero)) + y3 * (a + b * max(v3 - black, zero)))
@@ -143,37 +174,55 @@ def _gate(
             high, other_high = max(v0, v1), max(v2, v3)
             brightest = max(high, other_high)
             second = max(min(high, other_high), max(min(v0, v1), min(v2, v3)))
-            half, leak = SHADOW_FRACTION * brightest, LEAK * second
+            most, leak = SHADOW_FRACTION * brightest, LEAK * second
             t0, t1, t2, t3 = dark_level * g0, dark_level * g1, dark_level * g2, dark_level * g3
-            w0 = one if v0 <= max(min(t0, half), leak) else zero
-            w1 = one if v1 <= max(min(t1, half), leak) else zero
-            w2 = one if v2 <= max(min(t2, half), leak) else zero
-            w3 = one if v3 <= max(min(t3, half), leak) else zero
-            count = (w0 + w1) + (w2 + w3)
+            o0 = one if v0 <= max(min(t0, most), leak) else o0
+            o1 = one if v1 <= max(min(t1, most), leak) else o1
+            o2 = one if v2 <= max(min(t2, most), leak) else o2
+            o3 = one if v3 <= max(min(t3, most), leak) else o3
+            count = (o0 + o1) + (o2 + o3)
             residual = (n0 * v0 + n1 * v1) + (n2 * v2 + n3 * v3)
             square = residual * residual
-            # A single dark light is left out, but not for noise alone, which costs more than it
-            # gains: the share of the residual that noise explains is subtracted.
-            beyond = max(square - variance, zero) / max(square, _TINY)
-            share = residual * beyond if count == one else zero
-            s0 = v0 - share * w0 * c0
-            s1 = v1 - share * w1 * c1
-            s2 = v2 - share * w2 * c2
-            s3 = v3 - share * w3 * c3
-            p[r, c] = (pinv[0, 0] * s0 + pinv[0, 1] * s1) + (pinv[0, 2] * s2 + pinv[0, 3] * s3)
-            q[r, c] = (pinv[1, 0] * s0 + pinv[1, 1] * s1) + (pinv[1, 2] * s2 + pinv[1, 3] * s3)
-            albedo[r, c] = (pinv[2, 0] * s0 + pinv[2, 1] * s1) + (pinv[2, 2] * s2 + pinv[2, 3] * s3)
-            index = np.uint8(w1 + two * w2 + np.float32(3.0) * w3)
-            dropped[r, c] = index if share != zero else np.uint8(NO_DROPPED_LIGHT)
-            tolerance = TOLERANCE * brightest
-            doubtful = saturated | (
-                (count == zero) & (square > _GATE * _GATE * variance + tolerance * tolerance)
-            )
-            bits = np.uint8((w0 + two * w1) + (np.float32(4.0) * w2 + np.float32(8.0) * w3))
+            mean = quarter * ((v0 + v1) + (v2 + v3))
+            noise_gate = _GATE * _GATE * variance
+            gate = max(noise_gate, doubt * mean * mean)
+            gate = gate if count == zero else variance
+            beyond = max(square - gate, zero) / max(square, _TINY)
+            share = residual * beyond
+            bx = (x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3)
+            by = (u0 * v0 + u1 * v1) + (u2 * v2 + u3 * v3)
+            bz = (z0 * v0 + z1 * v1) + (z2 * v2 + z3 * v3)
+            w0 = _flatness(bx, by, bz, share, cx0, cy0, cz0)
+            w1 = _flatness(bx, by, bz, share, cx1, cy1, cz1)
+            w2 = _flatness(bx, by, bz, share, cx2, cy2, cz2)
+            w3 = _flatness(bx, by, bz, share, cx3, cy3, cz3)
+            w0 = w0 if count == zero else o0
+            w1 = w1 if count == zero else o1
+            w2 = w2 if count == zero else o2
+            w3 = w3 if count == zero else o3
+            total = one / max((w0 + w1) + (w2 + w3), _TINY)
+            taken = share * total
+            p[r, c] = bx - taken * ((w0 * cx0 + w1 * cx1) + (w2 * cx2 + w3 * cx3))
+            q[r, c] = by - taken * ((w0 * cy0 + w1 * cy1) + (w2 * cy2 + w3 * cy3))
+            albedo[r, c] = bz - taken * ((w0 * cz0 + w1 * cz1) + (w2 * cz2 + w3 * cz3))
+            largest = max(max(w0, w1), max(w2, w3))
+            index = np.uint8(2) if w2 == largest else np.uint8(3)
+            index = np.uint8(1) if w1 == largest else index
+            index = np.uint8(0) if w0 == largest else index
+            left_out = largest * total * beyond > half
+            dropped[r, c] = index if left_out else np.uint8(NO_DROPPED_LIGHT)
+            bright = (
+                (w0 if n0 * residual > zero else zero) + (w1 if n1 * residual > zero else zero)
+            ) + ((w2 if n2 * residual > zero else zero) + (w3 if n3 * residual > zero else zero))
+            outlying = (count == zero) & (square > max(noise_gate, outlier * mean * mean))
+            blames_bright = bright * total > half
+            highlights[r, c] = blames_bright & (outlying | (saturated & (count == one)))
+            bits = np.uint8((o0 + two * o1) + (np.float32(4.0) * o2 + np.float32(8.0) * o3))
+            bits |= SATURATED if saturated else np.uint8(0)
             bits = bits if count > one else np.uint8(0)
             black_pixel = (v0 <= t0) & (v1 <= t1) & (v2 <= t2) & (v3 <= t3)
             bits = _NONE_LIT if black_pixel else bits
-            unlit[r, c] = bits | (_DOUBTFUL if doubtful else np.uint8(0))
+            unlit[r, c] = bits
         for c in range(columns):
             bx, by, bz = p[r, c], q[r, c], albedo[r, c]
             rho = np.sqrt(bx * bx + by * by + bz * bz)
@@ -183,120 +232,12 @@ def _gate(
             p[r, c] = bx * inverse
             q[r, c] = by * inverse
             albedo[r, c] = rho
-            highlights[r, c] = False
             bits = unlit[r, c]
             lost = (bits & _NONE_LIT == 0) & (not visible)
             bits |= LOST if lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0
-        doubts = 0
-        for c in range(columns):
-            if unlit[r, c] & _DOUBTFUL:
-                marked[doubts] = c
-                for k in range(4):
-                    values[doubts, k] = images[k, r, c]
-                values[doubts, 4] = dark_row[c]
-                doubts += 1
-        _settle_row(
-            marked[:doubts], values, gains, saturation, noise, frames, least_bz,
-            pinv, corrections, null, p[r], q[r], albedo[r], valid[r],
-            dropped[r], highlights[r], unlit[r],
-        )  # fmt: skip
         unsolved = 0
         for c in range(columns):
             unsolved += unlit[r, c] != 0
         row_counts[r] = unsolved
-
-
-@kernel
-def _settle_row(
-    marked: Array, values: Array, gains: Array, saturation: np.float32,
-    noise: Array, frames: np.float32, least_bz: np.float32,
-    pinv: Array, corrections: Array, null: Array,
-    p: Array, q: Array, albedo: Array, valid: Array,
-    dropped: Array, highlights: Array, unlit: Array,
-) -> None:  # fmt: skip
-    """Solve the columns `marked` of a row: saturated lights, or four lights that do not agree.
-
-    A saturated light is left out. If there is none, some light is darker than a Lambertian surface
-    would be (penumbra) or brighter (highlight). The sign of the residual leaves one pair of
-    lights to each: the darkest of one pair, the brightest of the other. Four values cannot
-    distinguish the two explanations; the one with the flatter surface is taken.
-
-    `values` (n, 5) holds the four pixel values and the ambient value of each of these columns. One
-    call for a row, because passing the arguments takes as long as solving a pixel.
-    """
-    zero = np.float32(0.0)
-    a, b, black = noise
-    for n, c in enumerate(marked):
-        dark = values[n, 4]
-        variance = zero
-        dark_variance = frames * (a + b * max(dark - black, zero))
-        brightest, second, residual = zero, zero, zero
-        bx, by, bz = zero, zero, zero
-        for k in range(4):
-            raw = values[n, k]
-            v = (raw - dark) * gains[k]
-            variance += (null[k] * gains[k]) ** 2 * (a + b * max(raw - black, zero))
-            second = max(second, min(brightest, v))
-            brightest = max(brightest, v)
-            residual += null[k] * v
-            bx += pinv[0, k] * v
-            by += pinv[1, k] * v
-            bz += pinv[2, k] * v
-        dark_level = DARK * np.sqrt(dark_variance)
-        bits, count, left_out, low, high = 0, 0, 0, 0, 0
-        saturated = False
-        lowest, highest = np.float32(np.inf), -np.float32(np.inf)
-        for k in range(4):
-            raw = values[n, k]
-            v = (raw - dark) * gains[k]
-            limit = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
-            if raw >= saturation:
-                saturated = True
-            if raw >= saturation or v <= limit:
-                bits |= 1 << k
-                count += 1
-                left_out = k
-            elif null[k] * residual < zero and v < lowest:
-                low, lowest = k, v
-            elif null[k] * residual > zero and v > highest:
-                high, highest = k, v
-        if count > 1:
-            unlit[c] = bits | SATURATED if saturated else bits
-            valid[c] = False
-            continue
-        if count == 0:
-            left_out = low
-            if highest > zero:
-                dark_z = bz - residual * corrections[2, low]
-                bright_z = bz - residual * corrections[2, high]
-                across_dark = (bx - residual * corrections[0, low]) ** 2 + (
-                    by - residual * corrections[1, low]
-                ) ** 2
-                across_bright = (bx - residual * corrections[0, high]) ** 2 + (
-                    by - residual * corrections[1, high]
-                ) ** 2
-                if bright_z > zero and (
-                    dark_z <= zero or across_bright * dark_z**2 < across_dark * bright_z**2
-                ):
-                    left_out = high
-                    highlights[c] = True
-        bx -= residual * corrections[0, left_out]
-        by -= residual * corrections[1, left_out]
-        bz -= residual * corrections[2, left_out]
-        rho = np.sqrt(bx * bx + by * by + bz * bz)
-        visible = (
-            bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)
-            and bz * bz >= least_bz * np.sqrt(variance) * rho
-        )
-        inverse = np.float32(1.0) / bz if visible else zero
-        p[c] = -bx * inverse
-        q[c] = -by * inverse
-        albedo[c] = rho
-        dropped[c] = left_out
-        if count == 1:
-            v = (values[n, left_out] - dark) * gains[left_out]
-            highlights[c] = v > v - residual / null[left_out]
-        unlit[c] = np.uint8(0) if visible else LOST
-        valid[c] = visible

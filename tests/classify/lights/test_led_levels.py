@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, photometric_stereo
-from classify.lights.algebra import drop_one_constants
-from classify.lights.led_levels import level_corrections
+from classify.lights.led_levels import LitSamples, level_corrections
 
 SIDE = 128
 RING = Lighting.ring(45.0)
@@ -35,8 +34,8 @@ def images_with(
 
 
 def found(images: np.ndarray, lighting: Lighting = RING, saturation: float = np.inf) -> np.ndarray:
-    null = drop_one_constants(lighting, "ps4_robust")[1]
-    return level_corrections(images, None, KNOWN, saturation, QUIET, null)
+    lit = LitSamples.of(images, None, KNOWN, saturation)
+    return level_corrections(lit, KNOWN, QUIET, lighting)
 
 
 @settings(deadline=None, max_examples=25)
@@ -79,9 +78,33 @@ def test_shadow_gloss_and_saturation_are_left_out() -> None:
     assert np.abs(disturbed - alone).max() < 0.003
 
 
-@pytest.mark.parametrize("levels", [(0.6, 1.0, 1.0, 1.0), (0.0, 1.0, 1.0, 1.0)])
-def test_a_failed_light_gets_no_correction(levels: tuple[float, ...]) -> None:
-    np.testing.assert_array_equal(found(images_with(levels)), 1.0)
+def test_a_failed_light_gets_no_correction() -> None:
+    np.testing.assert_array_equal(found(images_with((0.0, 1.0, 1.0, 1.0))), 1.0)
+
+
+@pytest.mark.parametrize("slant_deg", [30.0, 45.0, 60.0])
+def test_levels_of_glossy_photographs_are_found_from_their_brightness(slant_deg: float) -> None:
+    """A lobe of a tenth of the light: levels that make the residual least are wrong."""
+    levels = np.array([0.7, 1.2, 0.9, 1.1])
+    lighting = Lighting.ring(slant_deg)
+    halfway = lighting.directions + (0.0, 0.0, 1.0)
+    halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
+    lobe = np.maximum(np.tensordot(halfway, relief(0.2), 1), 0.0) ** 30
+    images = images_with((1.0,) * 4, 0.2, lighting) + np.float32(400.0) * lobe.astype(np.float32)
+    np.testing.assert_allclose(found(images, lighting), 1.0, atol=0.03)
+    factors = found(images * levels[:, None, None].astype(np.float32), lighting)
+    even = factors * levels
+    np.testing.assert_allclose(even / even.mean(), 1.0, atol=0.06)
+
+
+def test_a_tilted_surface_is_not_taken_for_unequal_lights() -> None:
+    """Its images differ in brightness as those of unequal lights do, but leave no residual."""
+    normals = relief(0.1)
+    p, q = -normals[0] / normals[2] + 0.3, -normals[1] / normals[2] - 0.2
+    tilted = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1.0 + p * p + q * q)
+    values = 4000.0 * np.tensordot(RING.directions, tilted, 1)
+    noise = np.random.default_rng(1).normal(0.0, 30.0, values.shape)
+    np.testing.assert_allclose(found((values + noise).astype(np.float32)), 1.0, atol=0.01)
 
 
 def test_few_pixels_give_no_correction() -> None:
