@@ -87,7 +87,7 @@ def test_levels_of_glossy_photographs_are_found_from_their_brightness(slant_deg:
     """A lobe of a tenth of the light: levels that make the residual least are wrong."""
     levels = np.array([0.7, 1.2, 0.9, 1.1])
     lighting = Lighting.ring(slant_deg)
-    halfway = lighting.directions + (0.0, 0.0, 1.0)
+    halfway = lighting.directions + np.array([0.0, 0.0, 1.0])
     halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
     lobe = np.maximum(np.tensordot(halfway, relief(0.2), 1), 0.0) ** 30
     images = images_with((1.0,) * 4, 0.2, lighting) + np.float32(400.0) * lobe.astype(np.float32)
