@@ -1,8 +1,8 @@
 """Lower bounds on the distances of the joint classifier, from numbers that no rotation changes.
 
-A reference and its changes by blur are a path through points. The path is projected on a few
-directions, in which all references of a library change most, and its distance from these is kept.
-The distance to the projected path less that of the path from its projection is a bound.
+A reference and its changes by blur are a path through points. It is known on a few directions, in
+which the references of a library change most, and of the rest only how long it is: a bound is the
+distance on these directions, with the rest of the difference shortened by the rest of the change.
 """
 
 from functools import partial
@@ -12,10 +12,11 @@ import numpy.typing as npt
 
 from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
-from classify.texture.blur import KNOTS_PX2, least_over_blur
+from classify.texture.blur import EXTRAPOLATION, KNOTS_PX2, least_on_path, path_products
 from classify.threads import run_on_rows
 
 from .classifier import Bounds, Parameters
+from .joint_features import SERIES
 
 BLUR_BASIS = "blur_basis"
 """Parameter with the directions; a library without it was trained before blur was estimated."""
@@ -25,6 +26,8 @@ RING_DIRECTIONS, LOCAL_DIRECTIONS = 6, 10
 
 On 100,000 references (``ps4rig bench``) half as many double the number that are compared.
 """
+
+_REACHES = 6  # of `blur_coordinates`
 
 # Relative error of the norm of the difference of two vectors of single precision.
 _ROUNDING = np.float32(2e-6)
@@ -50,67 +53,101 @@ def blur_basis(curves: FloatMap, rings: int) -> npt.NDArray[np.float64]:
 def blur_coordinates(
     levels: FloatMap, curves: FloatMap, basis: npt.NDArray[np.float64], rings: int
 ) -> FloatMap:
-    """(n, 4 m + 1): features on m directions, their changes, the distance of path and projection.
+    """(n, 4 m + 6): features on m directions, their changes, and lengths of the rest of these.
 
-    `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`.
+    `levels` (n, d) and `curves` (n, 3, d) are those of `least_over_blurs`. The six lengths are
+    those at the knots of a reference, of its first change of statistics, and of the first two
+    changes of the rings of a test.
     """
     directions = basis.astype(np.float32)
     coordinates = levels @ directions.T
     changes = curves @ directions.T
-    rest = curves - changes @ directions
-    squares = np.square(rest).sum(axis=2)
-    extrapolated = (KNOTS_PX2[1] / KNOTS_PX2[0]) ** 2 * np.square(rest[:, 0, rings:]).sum(axis=1)
-    reach = np.sqrt(np.maximum(squares.max(axis=1), extrapolated))
-    return np.concatenate([coordinates, changes.reshape(len(levels), -1), reach[:, None]], axis=1)
+    rest = np.square(curves - changes @ directions)
+    squares = [
+        rest.sum(axis=2),
+        rest[:, :1, rings:].sum(axis=2),
+        rest[:, :2, :rings].sum(axis=2),
+    ]
+    reach = np.sqrt(np.concatenate(squares, axis=1))
+    return np.concatenate([coordinates, changes.reshape(len(levels), -1), reach], axis=1)
 
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Bounds:
-    """(n,) bounds on the distances of the test with the invariants (k + 1,) to n references."""
+    """(n,) bounds on the distances of the test with the invariants (k,) to n references."""
     size = RING_DIRECTIONS + LOCAL_DIRECTIONS if BLUR_BASIS in parameters else 0
-    plain = references.shape[1] - 1 - (4 * size + 1 if size else 0)
+    plain = 2 * SERIES + len(parameters["whitening"])
     paths = []
     for rows in (test[None], references):
         numbers = rows[:, plain:-1]
         changes = numbers[:, size : 4 * size].reshape(len(rows), len(KNOTS_PX2), size)
-        reach = numbers[:, -1] if size else np.zeros(len(rows), np.float32)
-        paths.append((numbers[:, :size], changes, reach))
-    (own, curve, own_reach), (others, curves, reach) = paths
+        reach = numbers[:, 4 * size :] if size else np.zeros((len(rows), _REACHES), np.float32)
+        paths += [numbers[:, :size], changes, reach]
+    own, curve, own_reach, *others = paths
     found = np.empty(len(references), np.float64)
-    plain_numbers = (test[:plain], references[:, :plain])
-    path = (own[0], curve[0], others, curves, own_reach[0] + reach)
-    run_on_rows(partial(_bounds, *plain_numbers, *path, test[-1], found), references.shape)
+    path = (own[0], curve[0], own_reach[0], *others)
+    rows = partial(_bounds, test[:plain], references, *path, test[-1], found)
+    run_on_rows(rows, references.shape)
     return found
 
 
 @kernel
 def _bounds(
-    test: Array, references: Array, own: Array, curve: Array, others: Array, curves: Array,
-    reach: Array, divisor: np.float32, bounds: Array, first: int, stop: int,
+    test: Array, references: Array, own: Array, curve: Array, own_reach: Array,
+    others: Array, curves: Array, reaches: Array,
+    divisor: np.float32, bounds: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Squared distances to the paths, less reach and rounding error, over the divisor."""
+    """Squared distances to the paths, less rounding errors, over the divisor."""
     zero = np.float32(0.0)
     energy = zero
     for k in range(len(test)):
         energy += test[k] * test[k]
     # The energy of a reference differs from the test's only where the distance is large.
     rounding = _ROUNDING * np.sqrt(energy)
-    count = len(test) // 4 * 4
     for n in range(first, stop):
-        # Four sums, because one addition has to wait for the one before.
-        s0, s1, s2, s3 = zero, zero, zero, zero
-        for k in range(0, count, 4):
-            d0, d1 = references[n, k] - test[k], references[n, k + 1] - test[k + 1]
-            d2, d3 = references[n, k + 2] - test[k + 2], references[n, k + 3] - test[k + 3]
-            s0 += d0 * d0
-            s1 += d1 * d1
-            s2 += d2 * d2
-            s3 += d3 * d3
-        for k in range(count, len(test)):
-            s0 += (references[n, k] - test[k]) ** 2
-        square = s0 + s1 + s2 + s3
-        across = square - _ROUNDING * square
+        reference, reach = references[n], reaches[n]
+        directional = _square(test, reference, SERIES, 2 * SERIES)
+        across = _square(test, reference, 0, SERIES)
+        across += _square(test, reference, 2 * SERIES, len(test))
+        across -= _ROUNDING * across
         for k in range(len(own)):
             across -= (others[n, k] - own[k]) ** 2
-        along, _ = least_over_blur(own, curve, others[n], curves[n], RING_DIRECTIONS, zero)
-        distance = np.sqrt(max(across + along, zero)) - rounding - reach[n]
+        # The rest of the difference, which the rest of a change shortens by its length at most.
+        r2 = np.sqrt(max(across, zero))
+        r0 = r2 - own_reach[5] - np.float32(EXTRAPOLATION) * reach[3]
+        r1 = r2 - own_reach[4] - reach[3]
+        r3, r4, r5 = r2 - reach[0], r2 - reach[1], r2 - reach[2]
+        s, p = path_products(own, curve, others[n], curves[n], RING_DIRECTIONS)
+        if min(r0, r1, r3, r4, r5) > zero:
+            squares = (
+                s[0] + r0 * r0, s[1] + r1 * r1, s[2] + r2 * r2,
+                s[3] + r3 * r3, s[4] + r4 * r4, s[5] + r5 * r5,
+            )  # fmt: skip
+            products = (
+                p[0] + r0 * r1,
+                p[1] + r1 * r2,
+                p[2] + r2 * r3,
+                p[3] + r3 * r4,
+                p[4] + r4 * r5,
+            )
+            least, _ = least_on_path(squares, products)
+        else:
+            least, _ = least_on_path(s, p)
+        distance = np.sqrt(max(directional + least, zero)) - rounding
         bounds[n] = np.float64(max(distance, zero)) ** 2 / np.float64(divisor)
+
+
+@kernel
+def _square(test: Array, reference: Array, start: int, stop: int) -> np.float32:
+    """Squared distance in some of the numbers, by four sums that do not wait for each other."""
+    s0, s1, s2, s3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    last = start + (stop - start) // 4 * 4
+    for k in range(start, last, 4):
+        d0, d1 = reference[k] - test[k], reference[k + 1] - test[k + 1]
+        d2, d3 = reference[k + 2] - test[k + 2], reference[k + 3] - test[k + 3]
+        s0 += d0 * d0
+        s1 += d1 * d1
+        s2 += d2 * d2
+        s3 += d3 * d3
+    for k in range(last, stop):
+        s0 += (reference[k] - test[k]) ** 2
+    return s0 + s1 + s2 + s3

@@ -8,6 +8,7 @@ of a spectrum, and local statistics. They are known at a few variances and linea
 import math
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -31,6 +32,9 @@ MAX_BLURRIER_PX, MAX_SHARPER_PX = math.sqrt(KNOTS_PX2[2]), math.sqrt(KNOTS_PX2[1
 
 The second is smaller, because statistics of a reference sharper than it is are extrapolated.
 """
+
+EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
+"""Change of the statistics up to the second point of a sharper reference over that to the first."""
 
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
@@ -86,32 +90,31 @@ def least_over_blurs(
     within the square of -`MAX_SHARPER_PX` and of `MAX_BLURRIER_PX`.
     """
     least = np.empty((len(references), 2), np.float64)
-    arguments = (test, test_curve, references, curves, rings, np.float32(_PENALTY), least)
-    run_on_rows(partial(_least_rows, *arguments), references.shape)
+    rows = partial(_least_rows, test, test_curve, references, curves, rings, least)
+    run_on_rows(rows, references.shape)
     return least[:, 0], least[:, 1]
 
 
 @kernel
 def _least_rows(
     test: Array, test_curve: Array, references: Array, curves: Array, rings: int,
-    penalty: np.float32, least: Array, first: int, stop: int,
+    least: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     for n in range(first, stop):
-        least[n] = least_over_blur(test, test_curve, references[n], curves[n], rings, penalty)
+        products = path_products(test, test_curve, references[n], curves[n], rings)
+        least[n] = least_on_path(*products)
 
 
 @kernel
-def least_over_blur(
-    test: Array, test_curve: Array, reference: Array, curve: Array, rings: int, penalty: np.float32
-) -> tuple[np.float32, np.float32]:
-    """Least squared distance to one reference plus penalty, and its variance.
+def path_products(
+    test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
+) -> tuple[Any, Any]:
+    """Squared differences at six points of the path, and products of five neighbouring pairs.
 
     A blurrier test is compared with the blurred reference. A sharper test is compared after its
     rings are blurred, which are known, while the statistics of the reference are extrapolated.
     """
     zero = np.float32(0.0)
-    extrapolation = np.float32(KNOTS_PX2[1] / KNOTS_PX2[0])
-    # Squares of the difference at each point, and products of neighbouring ones.
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
     p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero
     for k in range(len(test)):
@@ -120,7 +123,7 @@ def least_over_blur(
         if k < rings:
             a, b = difference + test_curve[1, k], difference + test_curve[0, k]
         else:
-            a, b = difference + extrapolation * slope, difference + slope
+            a, b = difference + np.float32(EXTRAPOLATION) * slope, difference + slope
         d, e, f = difference - slope, difference - curve[1, k], difference - curve[2, k]
         s0 += a * a
         p0 += a * b
@@ -133,16 +136,22 @@ def least_over_blur(
         s4 += e * e
         p4 += e * f
         s5 += f * f
-    squares, products = (s0, s1, s2, s3, s4, s5), (p0, p1, p2, p3, p4)
-    least, variance = s2, zero
+    return (s0, s1, s2, s3, s4, s5), (p0, p1, p2, p3, p4)
+
+
+@kernel
+def least_on_path(squares: Any, products: Any) -> tuple[np.float32, np.float32]:
+    """Least squared distance plus penalty on a path of straight lines, and its variance."""
+    zero = np.float32(0.0)
+    least, variance = squares[2], zero
     for k in range(len(products)):
         low, high = np.float32(_POINTS_PX2[k]), np.float32(_POINTS_PX2[k + 1])
         along = squares[k] - products[k]
-        across = max(squares[k] - products[k] + squares[k + 1] - products[k], np.float32(1e-12))
-        cost = penalty * (abs(high) - abs(low))
+        across = max(along + squares[k + 1] - products[k], np.float32(1e-12))
+        cost = np.float32(_PENALTY) * (abs(high) - abs(low))
         share = min(max((along - np.float32(0.5) * cost) / across, zero), np.float32(1.0))
         square = squares[k] + share * (share * across - np.float32(2.0) * along)
-        square += penalty * abs(low) + share * cost
+        square += np.float32(_PENALTY) * abs(low) + share * cost
         if square < least:
             least, variance = square, low + share * (high - low)
     return least, variance
