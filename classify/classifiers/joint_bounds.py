@@ -85,8 +85,8 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Boun
     own, curve, own_reach, *others = paths
     found = np.empty(len(references), np.float64)
     path = (own[0], curve[0], own_reach[0], *others)
-    rows = partial(_bounds, test[:plain], references, *path, test[-1], found)
-    run_on_rows(rows, references.shape)
+    bound_rows = partial(_bounds, test[:plain], references, *path, test[-1], found)
+    run_on_rows(bound_rows, references.shape)
     return found
 
 
