@@ -64,6 +64,13 @@ class ImageStack:
             return np.zeros((1, self.shape[1]), self.images.dtype)
         return self.ambient
 
+    def values_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+        """(N, n) values less ambient light of pixels with these flat indices."""
+        values = self.images.reshape(len(self.images), -1).take(pixels, 1).astype(np.float32)
+        if self.ambient is not None:
+            values -= self.ambient.ravel().take(pixels).astype(np.float32)
+        return values
+
     def float_rows(
         self, first: int, last: int
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -15,6 +15,7 @@ from classify.images.sampling import sample_pixels
 from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
+from .dark import judge_dark_pixels
 from .problem import Maps, Problem
 from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, Unsolved, grow, neighbour_weights, relax
 
@@ -44,9 +45,13 @@ def in_fill(
 
     Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
     and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
-    with one light or none): there p = q = 0. `row_counts` (H,) is the number of pixels to be
-    completed in each row, and `strip_px` that of all pixels in a strip of rows.
+    with one light or none), nor at dark pixels that are not valid: there p = q = 0. `row_counts`
+    (H,) is the number of pixels to be completed in each row, and `strip_px` that of all pixels in
+    a strip of rows.
     """
+    dark = judge_dark_pixels(problem, maps)
+    unlit.ravel()[dark] = LOST
+    row_counts += np.bincount(dark // problem.shape[1], minlength=len(row_counts))
     starts = np.concatenate(([0], np.cumsum(row_counts)))
     total = int(starts[-1])
     if total == 0:
@@ -60,7 +65,8 @@ def in_fill(
     def list_pixels(first: int, last: int) -> None:
         if starts[first] < starts[last]:
             _list_pixels(
-                *problem.stack.float_rows(first, last), problem.gains, solutions,
+                *problem.stack.float_rows(first, last), problem.gains, problem.dark_level,
+                solutions,
                 unlit[first:last], starts[first : last + 1], unsolved.columns, unsolved.lines,
                 unsolved.pairs, unsolved.depth[first:last], maps.p[first:last], maps.q[first:last],
             )  # fmt: skip
@@ -99,10 +105,14 @@ def _lines_of_two_lights(
 
 @kernel
 def _list_pixels(
-    images: Array, ambient: Array, gains: Array, solutions: Array, unlit: Array, starts: Array,
-    columns: Array, lines: Array, pairs: Array, depth: Array, p: Array, q: Array,
+    images: Array, ambient: Array, gains: Array, dark_level: np.float32, solutions: Array,
+    unlit: Array, starts: Array, columns: Array, lines: Array, pairs: Array, depth: Array,
+    p: Array, q: Array,
 ) -> None:  # fmt: skip
-    """List the marked pixels row by row, with the pair of lights and the b0 of each."""
+    """List the marked pixels row by row, with the pair of lights and the b0 of each.
+
+    Two lights of a dark pixel are not used (see `dark`): it is marked as without light.
+    """
     for r in range(unlit.shape[0]):
         n = starts[r]
         if starts[r + 1] == n:
@@ -111,6 +121,11 @@ def _list_pixels(
         for c in range(unlit.shape[1]):
             if unlit[r, c] == 0:
                 continue
+            total = np.float32(0.0)
+            for k in range(4):
+                total += (images[k, r, c] - dark[c]) * gains[k]
+            if unlit[r, c] != LOST and total < np.float32(4.0) * dark_level:
+                unlit[r, c] |= _LIGHTS
             columns[n] = c
             pairs[n] = SKIPPED if unlit[r, c] == LOST else NO_LINE
             depth[r, c] = NOT_REACHED

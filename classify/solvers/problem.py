@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
+from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import FallOff
@@ -17,6 +18,11 @@ from classify.threads import STRIP_PX, run_on_rows
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
 _MAX_SLOPE_ERROR = 0.5
+# A pixel that gives less than this share of the bright parts of the frame is dark: half of that can
+# be light that the lens scatters (veiling glare, 1 to 5 % by ISO 9358) and that the surface around
+# it reflects (`robust.LEAK`). test_validity.py holds it on photographs with dark backdrops.
+_DARK = 0.06
+_SAMPLES = 4096
 
 Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float32]
@@ -107,6 +113,19 @@ class Problem:
             return self.sensor_noise.coefficients()
         a = self.sigma**2 / np.mean(self.gains.astype(np.float64) ** 2)
         return np.array([a, 0.0, 0.0], dtype=np.float32)
+
+    @cached_property
+    def dark_level(self) -> np.float32:
+        """Mean of the values of a pixel, in units of the albedo, below which it is dark.
+
+        Relative to the brightness of the frame, which is the mean of its pixels weighted by
+        themselves: a dark backdrop of any size hardly changes it. Of each pixel the median of the
+        lights counts, which a highlight under one of them does not change.
+        """
+        values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
+        typical = np.maximum(np.median(values, axis=0), 0.0)
+        total = float(typical.sum())
+        return np.float32(_DARK * float(np.square(typical).sum()) / total if total > 0.0 else 0.0)
 
     @property
     def frames(self) -> np.float32:

@@ -15,6 +15,7 @@ from classify.lights.fall_off import fall_off
 from classify.methods import METHODS, Method
 from classify.surface.estimate import SurfaceEstimate
 
+from .dark import judge_dark_pixels
 from .drbohlav import solve_drbohlav
 from .linear import solve_least_squares, solve_three_of_ring
 from .problem import Maps, Problem
@@ -125,7 +126,9 @@ def photometric_stereo(
         stack = found.divide(stack, full_scale)
         # What remains of the levels of the LEDs is not estimated again.
         used = Lighting(lighting.directions, lighting.intensities)
-    maps = _SOLVERS[chosen](Problem(stack, used, full_scale, noise, found, on_progress))
+    problem = Problem(stack, used, full_scale, noise, found, on_progress)
+    maps = _SOLVERS[chosen](problem)
+    judge_dark_pixels(problem, maps)
     surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,

@@ -8,14 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
+from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import FallOff
 from classify.threads import run_on_rows
 
-from .diagnostics import compare_with_prediction, find_darkest, fit_residual
+from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
 
 FloatMap = npt.NDArray[np.float32]
+
+# Pixels from which the limits of highlights are taken: they determine a median to 2 %.
+_SAMPLES = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +156,7 @@ class SurfaceEstimate:
         where the lights do not agree, the other methods where a light exceeds the prediction of
         their solution by half. ps4, which relies on the three brightest lights, finds none.
         """
-        return self._shadows_and_highlights[1] if self.highlights is None else self.highlights
+        return self._shadows_and_highlights[1]
 
     def within(self, mask: npt.NDArray[np.bool_]) -> Self:
         """Return this surface with nothing but albedo and residual outside `mask` (H, W)."""
@@ -187,18 +191,29 @@ class SurfaceEstimate:
         stack, lighting = self._stack_and_lights
         directions = lighting.directions.astype(np.float32)
         shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
+        determined = self.valid | (self.p != 0.0) | (self.q != 0.0)
+        if self.repaired is not None:
+            determined |= self.repaired
+        if self.mask is not None:
+            determined &= self.mask
+        pixels = sample_pixels(self.shape, _SAMPLES)
+        pixels = pixels[self.valid.ravel()[pixels]]
+        limits = highlight_limits(
+            stack.values_at(pixels) * self._gains[:, None], directions,
+            *(plane.ravel()[pixels] for plane in (self.p, self.q, self.albedo)),
+        )  # fmt: skip
 
         def compare(first: int, last: int) -> None:
             rows = slice(first, last)
             compare_with_prediction(
                 *stack.float_rows(first, last), self._gains, directions,
-                self.p[rows], self.q[rows], self.albedo[rows], shadow_count[rows], highlights[rows],
+                self.p[rows], self.q[rows], self.albedo[rows], determined[rows], limits,
+                shadow_count[rows], highlights[rows],
             )  # fmt: skip
 
         run_on_rows(compare, self.shape)
-        if self.mask is not None:
-            shadow_count *= self.mask
-            highlights &= self.mask
+        if self.highlights is not None:
+            highlights &= self.highlights
         return shadow_count, highlights
 
     @property

@@ -328,12 +328,13 @@ def test_an_attached_shadow_is_counted_and_does_not_change_the_slopes(method: st
     assert surface.valid.all()
 
 
-def test_a_black_pixel_is_in_shadow_under_every_light() -> None:
+def test_a_black_pixel_is_in_shadow_only_where_its_slope_is_filled_in() -> None:
+    """A hole in shadow or a black backdrop: without a prediction nobody knows."""
     images = tile([100, 100, 100, 100], np.uint8)
     images[:, 0, 0] = 0
     for method in FOR_FOUR:
         surface = photometric_stereo(images, Lighting.ring(), method)
-        assert surface.shadow_count[0, 0] == 4
+        assert surface.shadow_count[0, 0] == 4 * (method == "ps4_robust")
         assert (surface.shadow_count.ravel()[1:] == 0).all()
         assert not surface.valid[0, 0]
         assert abs(surface.p[0, 0]) + abs(surface.q[0, 0]) < 1e-6

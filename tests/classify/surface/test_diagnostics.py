@@ -63,15 +63,16 @@ def test_shadows_and_highlights_are_relative_to_the_prediction(surface: SurfaceE
 
     below, above = beyond(0.5, 0.1), beyond(1.5, 0.2)
     clear = (np.abs(below) > 1e-4).all(axis=0) & (np.abs(above) > 1e-4).all(axis=0)
-    clear &= surface.albedo > 1e-3
+    clear &= (surface.albedo > 1e-3) & ((surface.p != 0.0) | (surface.q != 0.0) | surface.valid)
     assert clear.mean() > 0.8
     np.testing.assert_array_equal(surface.shadow_count[clear], (below <= 0).sum(axis=0)[clear])
     np.testing.assert_array_equal(surface.shadow_mask, surface.shadow_count > 0)
-    if surface.highlights is None:
-        np.testing.assert_array_equal(surface.specular[clear], (above >= 0).any(axis=0)[clear])
-        assert 0.01 < surface.specular.mean() < 0.5
-    else:
-        np.testing.assert_array_equal(surface.specular, surface.highlights)
+    bright = (above >= 0).any(axis=0)
+    if surface.highlights is not None:
+        bright &= surface.highlights
+    np.testing.assert_array_equal(surface.specular[clear], bright[clear])
+    assert surface.specular.mean() < 0.5
+    assert surface.specular.mean() > 0.005 or surface.method == "ps4"
 
 
 def test_pixels_at_full_scale_are_saturated(surface: SurfaceEstimate) -> None:
@@ -87,7 +88,17 @@ def test_maps_are_computed_once(surface: SurfaceEstimate) -> None:
 
 def test_the_maps_of_a_crop_are_crops_of_the_maps(surface: SurfaceEstimate) -> None:
     part = np.s_[..., 5:20, 7:30]
-    arrays = ("p", "q", "albedo", "valid", "images", "ambient", "left_out", "highlights")
+    arrays = (
+        "p",
+        "q",
+        "albedo",
+        "valid",
+        "images",
+        "ambient",
+        "left_out",
+        "highlights",
+        "repaired",
+    )
     cut = {
         name: np.ascontiguousarray(values[part])
         for name in arrays
