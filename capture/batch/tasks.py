@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from capture.console import complain
 from capture.errors import SetRejected
 from capture.maps.files import write_maps
@@ -153,6 +155,9 @@ class SolvedSet:
     fall_off
         Share by which a light falls off across the part if that is flat; None where too little of
         it is lit. It was divided out if the set was solved as `planar`.
+    led_levels
+        Levels of the lights that were estimated from the images; None if the set gives them, or the
+        solver does not estimate them.
     """
 
     files: tuple[str, ...]
@@ -161,6 +166,7 @@ class SolvedSet:
     shadowed: float
     planar: bool
     fall_off: float | None
+    led_levels: tuple[float, ...] | None
     simulated: bool
     protected: bool
     lights: int
@@ -192,6 +198,7 @@ def solve_set(
     if not planar:
         stack = ImageStack(captured.images, captured.ambient)
         found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
+    levels = surface.led_levels
     written = write_maps(captured, surface, task.folder, light=light)
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -200,6 +207,7 @@ def solve_set(
         shadowed=shadowed,
         planar=planar,
         fall_off=None if found is None else found.share,
+        led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
         protected=captured.metadata.is_protected,
         lights=len(captured.images),

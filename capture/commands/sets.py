@@ -262,12 +262,21 @@ def solve(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
-                if said := _fall_off_note(surface):
-                    out.print(said, soft_wrap=True)
+                for said in (_levels_note(surface), _fall_off_note(surface)):
+                    if said:
+                        out.print(said, soft_wrap=True)
     warn_unprotected(protected)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])
+
+
+def _levels_note(surface: SolvedSet) -> str | None:
+    levels = surface.led_levels
+    if levels is None or max(levels) == min(levels):
+        return None
+    found = ", ".join(f"{level:.3f}" for level in levels)
+    return f"LED levels {found} were found in the images and divided out: the set gives none"
 
 
 def _fall_off_note(surface: SolvedSet) -> str | None:
@@ -297,4 +306,5 @@ def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
     shares = {"valid": surface.valid, "saturated": surface.saturated, "shadowed": surface.shadowed}
     files = [str(folder / name) for name in surface.files]
     part = {"planar": surface.planar, "fall_off": surface.fall_off}
-    return {"set": str(path), "files": files, **shares, **part, "simulated": surface.simulated}
+    lights = {"led_levels": surface.led_levels, "simulated": surface.simulated}
+    return {"set": str(path), "files": files, **shares, **part, **lights}

@@ -9,6 +9,7 @@ from string import Template
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED
@@ -18,6 +19,8 @@ from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
+
+FloatArray = npt.NDArray[np.float64]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
 # A smaller picture is enlarged on the page, with square pixels instead of interpolation.
@@ -61,6 +64,10 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
         yield "planar part", _divided(surface.fall_off)
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
+    if lighting.intensities_given:
+        yield "LED levels", f"{_levels(lighting.intensities)}, as given"
+    elif surface.led_levels is not None:
+        yield "LED levels", f"{_levels(surface.led_levels)}, found in the images"
     yield "captured", metadata.created_utc
     if metadata.orientation_deg is not None:
         yield "orientation", f"{metadata.orientation_deg:g}°"
@@ -80,7 +87,11 @@ def _divided(fall_off: FallOff | None) -> str:
     return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
 
 
-def _span(degrees: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+def _levels(levels: FloatArray) -> str:
+    return ", ".join(f"{level:.3f}" for level in levels)
+
+
+def _span(degrees: FloatArray) -> str:
     low, high = f"{degrees.min():.1f}", f"{degrees.max():.1f}"
     return low if low == high else f"{low} to {high}"
 

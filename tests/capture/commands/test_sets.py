@@ -13,6 +13,7 @@ import pytest
 import tifffile
 
 from capture import CapturedSet
+from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 
 Command = Callable[..., Any]
@@ -241,7 +242,8 @@ def test_solve_writes_its_maps_and_prints_shares_of_pixels(
     result = ps4rig("solve", source, "--out", tmp_path / "maps", "--json")
     answer = json.loads(result.stdout)
     assert set(answer) == {
-        "set", "files", "valid", "saturated", "shadowed", "planar", "fall_off", "simulated",
+        "set", "files", "valid", "saturated", "shadowed", "planar", "fall_off", "led_levels",
+        "simulated",
     }  # fmt: skip
     assert (answer["planar"], answer["simulated"]) == (False, True)
     assert 0.0 <= answer["fall_off"] < 0.25
@@ -255,6 +257,31 @@ def test_solve_writes_its_maps_and_prints_shares_of_pixels(
     assert plain.stdout.splitlines()[0] == (
         f"{tmp_path / 'maps'}: {len(answer['files'])} files (of a simulated set)"
     )
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_led_levels_that_were_found_are_printed_and_given_ones_believed(
+    ps4rig: Command, sets: Path, made_set: Callable[..., CapturedSet], tmp_path: Path, given: bool
+) -> None:
+    rock, levels = CapturedSet.load(sets / "rock-001.ome.tif"), np.array([1.0, 0.9, 1.0, 1.0])
+    assert rock.ambient is not None
+    images = np.rint((rock.images - 1.0 * rock.ambient) * levels[:, None, None]).clip(0)
+    lighting = Lighting(rock.lighting.directions, np.ones(4) if given else np.empty(0))
+    made_set(images.astype(np.uint16), lighting=lighting).save(tmp_path / "weak.ome.tif")
+    command = ("solve", tmp_path / "weak.ome.tif", "--out", tmp_path / "maps")
+    answer = json.loads(ps4rig(*command, "--json").stdout)
+    printed = ps4rig(*command).stdout
+    page = (tmp_path / "maps" / "index.html").read_text(encoding="utf-8")
+    if given:
+        assert answer["led_levels"] is None
+        assert "LED levels" not in printed
+        assert "1.000, 1.000, 1.000, 1.000, as given" in page
+    else:
+        found = np.array(answer["led_levels"])
+        np.testing.assert_allclose(found / found[0], levels, atol=0.01)
+        line = ", ".join(f"{level:.3f}" for level in found)
+        assert f"LED levels {line} were found in the images" in printed
+        assert f"{line}, found in the images" in page
 
 
 @pytest.mark.parametrize(
