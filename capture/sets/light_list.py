@@ -1,10 +1,13 @@
 """Light directions of photographs, from an RTI ``.lp`` file or JSON."""
 
 import json
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path, PureWindowsPath
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter
@@ -16,6 +19,20 @@ from classify.regular_file import read_regular_file
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
+# Words in the names that others give to the keys of this format.
+_ALIKE = {
+    "intensity": {
+        "intensity", "intensities", "brightness", "strength", "strengths", "level", "levels",
+        "power", "powers", "gain", "gains", "flux",
+    },
+    "direction": {"direction", "directions", "vector", "vectors", "light", "dir", "xyz"},
+    "file": {"file", "filename", "image", "name", "path", "photo"},
+    "images": {"images", "image", "lights", "photos", "photographs", "files"},
+}  # fmt: skip
+# Similarity from which on a word is a misspelling of one that is at least so long: one or two
+# letters of ten differ. A short word is similar to too many others.
+_MISSPELT, _LONG_WORD = 0.8, 8
 
 
 class _NamedLight(BaseModel):
@@ -30,6 +47,10 @@ class _ImagesFile(BaseModel):
     images: tuple[_NamedLight, ...]
 
 
+_FORM = (
+    "not a list of lights; give [[x, y, z], ...] in the order of the images, or "
+    '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
+)
 _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]] = TypeAdapter(
     _ImagesFile | tuple[_NamedLight, ...] | tuple[Vector, ...]
 )
@@ -49,6 +70,8 @@ class LightList:
         (x, y, z) towards each light; x right, y up, z to the camera.
     intensities
         Intensity of each light relative to the others; empty if the file gives none.
+    warnings
+        What of the file is ignored or assumed.
 
     Raises
     ------
@@ -60,6 +83,7 @@ class LightList:
     names: Sequence[str]
     vectors: Sequence[Vector]
     intensities: Sequence[float]
+    warnings: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.vectors) <= _MAX_LIGHTS:
@@ -100,17 +124,24 @@ class LightList:
             raise InputError(f"{self.source}: {error}") from error
 
 
-def load_light_list(path: Path) -> LightList:
+def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
     """Read ``.lp`` (a count, then one ``name x y z`` per line) or ``.json``.
 
     JSON may be a list of ``[x, y, z]`` in the order of the images, a list of ``{"file": name,
     "direction": [x, y, z]}``, or an object with such a list under ``images``. An entry may have
-    ``"intensity": number``, relative to the other lights.
+    ``"intensity": number``, relative to the other lights; so may a line of ``.lp``, at its end.
+
+    Parameters
+    ----------
+    unknown_keys
+        Whether to ignore keys of JSON that look like a missing one, such as
+        ``relative_intensity``. Others are ignored always. The warnings name them all.
 
     Raises
     ------
     InputError
-        If the file is missing or has another form; the message names file and line.
+        If the file is missing or has another form, or a key looks like a missing one; the message
+        names file and line.
     """
     try:
         text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
@@ -119,7 +150,7 @@ def load_light_list(path: Path) -> LightList:
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)
     if path.suffix.lower() == ".json":
-        return _parsed_json(path, text)
+        return _parsed_json(path, text, unknown_keys)
     raise InputError(f"{path}: light directions come as .lp or .json")
 
 
@@ -130,36 +161,87 @@ def _parsed_lp(path: Path, text: str) -> LightList:
         raise InputError(f"{path}: line 1 must be the number of lights")
     names: list[str] = []
     vectors: list[Vector] = []
+    intensities: list[float] = []
     for number, line in numbered[1:]:
         # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
+        longer = line.rsplit(maxsplit=4)
+        if longer[0].lower().endswith(_IMAGE_SUFFIXES):
+            name, *fields = longer
         try:
-            x, y, z = map(float, fields)
+            x, y, z, *more = map(float, fields)
         except ValueError:
             raise InputError(f"{path}: line {number} is not 'name x y z'") from None
         names.append(PureWindowsPath(name).name)
         vectors.append((x, y, z))
+        intensities += more
     announced = int(numbered[0][1][:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")
-    return LightList(path, names, vectors, intensities=[])
+    if len(intensities) not in (0, len(vectors)):
+        raise InputError(f"{path}: gives the intensity of some lights only; give all or none")
+    return LightList(path, names, vectors, intensities)
 
 
-def _parsed_json(path: Path, text: str) -> LightList:
+def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     try:
-        content = _JSON.validate_python(json.loads(text))
+        raw = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error})") from error
-    # ValueError: pydantic's ValidationError, or a number of thousands of digits.
-    except (ValueError, RecursionError):
-        raise InputError(
-            f"{path}: not a list of lights; give [[x, y, z], ...] in the order of the images, or "
-            '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
-        ) from None
+    except (ValueError, RecursionError):  # a number of thousands of digits, nested too deep
+        raise InputError(f"{path}: {_FORM}") from None
+    ignored = [*_unknown_keys(raw)]
+    for place, key, known in ignored:
+        if known is not None and not unknown_keys:
+            raise InputError(
+                f'{path}: {place} has the unknown key "{key}", which looks like "{known}"; '
+                "rename it if it is that, or give --accept light-keys to ignore it"
+            )
+    try:
+        content = _JSON.validate_python(raw)
+    except ValueError:
+        raise InputError(f"{path}: {_FORM}") from None
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
     given = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
     any_given = any(intensity is not None for intensity in given)
     intensities = [1.0 if each is None else each for each in given] if any_given else []
-    return LightList(path, names, vectors, intensities)
+    warnings = []
+    if ignored:
+        keys = ", ".join(dict.fromkeys(key for _, key, _ in ignored))
+        warnings.append(f"{path.name}: unknown keys are ignored: {keys}")
+    if any_given and None in given:
+        warnings.append(f"{path.name}: lights without an intensity count as of intensity 1")
+    return LightList(path, names, vectors, intensities, warnings)
+
+
+def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:
+    """Place, name, and the missing key that it looks like, of each key that is not read."""
+    listed = content.get("images") if isinstance(content, dict) else content
+    images = listed if isinstance(listed, list) else []
+    entries = [each for each in images if isinstance(each, dict)]
+    known = [*_NamedLight.model_fields]
+    if isinstance(content, dict):
+        missing = [] if isinstance(listed, list) else ["images"]
+        missing += [] if any("intensity" in entry for entry in entries) else ["intensity"]
+        for key in content:
+            if key != "images":
+                yield "the file", key, _look_alike(key, content[key], missing)
+    for number, entry in enumerate(entries):
+        missing = [key for key in known if key not in entry]
+        for key in entry:
+            if key not in known:
+                yield f"image {number}", key, _look_alike(key, entry[key], missing)
+
+
+def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
+    """Return the missing key that `key` is a variant or a misspelling of, if any."""
+    words = {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", key)}
+    for known in missing:
+        if known == "intensity" and (value is None or isinstance(value, str)):
+            continue  # a remark
+        long = [word for word in _ALIKE[known] if len(word) >= _LONG_WORD]
+        if words & _ALIKE[known] or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
+            return known
+    return None

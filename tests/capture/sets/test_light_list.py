@@ -193,3 +193,78 @@ def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_p
     lighting = found.lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
     assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
     assert lighting.intensities_given
+
+
+def test_an_lp_line_may_end_in_an_intensity(tmp_path: Path) -> None:
+    lines = ["3", "my photo 1.png 1 0 1 0.5", "b.JPG 0 1 1 1", "c.tif -1 0 1 2"]
+    found = load_light_list(written(tmp_path, "\n".join(lines)))
+    assert found.names == ["my photo 1.png", "b.JPG", "c.tif"]
+    assert found.intensities == [0.5, 1.0, 2.0]
+    assert found.vectors[0] == (1.0, 0.0, 1.0)
+    lines[2] = "b.JPG 0 1 1"
+    with pytest.raises(InputError, match="intensity of some lights only"):
+        load_light_list(written(tmp_path, "\n".join(lines)))
+
+
+# unknown keys
+
+VECTORS = RING.directions.tolist()
+
+
+def named(**more: Any) -> list[dict[str, Any]]:
+    pairs = zip(NAMES, VECTORS, strict=True)
+    return [{"file": name, "direction": vector, **more} for name, vector in pairs]
+
+
+@pytest.mark.parametrize("key", [
+    "relative_intensity", "intensities", "relative_intensity_estimated", "Intensity", "intensty",
+    "relIntensity", "led-level", "brightness", "LED_STRENGTH",
+])  # fmt: skip
+def test_a_key_that_looks_like_a_missing_one_is_refused(tmp_path: Path, key: str) -> None:
+    path = as_json(tmp_path, {"images": named(**{key: 0.5})})
+    with pytest.raises(InputError, match=rf'lights\.json: image 0 .* "{key}", .*"intensity"; re'):
+        load_light_list(path)
+    found = load_light_list(path, unknown_keys=True)
+    assert found.intensities == []
+    assert found.warnings == [f"lights.json: unknown keys are ignored: {key}"]
+    assert load_light_list(as_json(tmp_path, named(**{key: 0.5, "intensity": 2.0}))).intensities
+
+
+def test_intensities_beside_the_images_are_refused(tmp_path: Path) -> None:
+    path = as_json(tmp_path, {"images": named(), "intensities": [1, 1, 1, 2]})
+    with pytest.raises(InputError, match='the file has the unknown key "intensities"'):
+        load_light_list(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"lights": VECTORS}, 'the file .* "lights", which looks like "images"'),
+        ([{"name": "a.png", "direction": [0, 0, 1]}], 'image 0 .* "name", .* like "file"'),
+        ([{"file": "a.png", "vector": [0, 0, 1]}], 'image 0 .* "vector", .* "direction"'),
+        ([{"file": "a.png", "direcion": [0, 0, 1]}], 'image 0 .* "direcion", .* "direction"'),
+    ],
+)
+def test_a_key_in_the_place_of_a_needed_one_is_named(
+    tmp_path: Path, content: Any, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        load_light_list(as_json(tmp_path, content))
+
+
+def test_other_unknown_keys_are_named_in_a_warning(tmp_path: Path) -> None:
+    """As the lights of public data sets have them."""
+    entries = named(tilt_deg=3.0, source_direction=[0, 0, 1], height_mm=3)
+    content = {"name": "cat", "images": entries, "intensity_note": "equal", "mask": "m.png"}
+    found = load_light_list(as_json(tmp_path, content))
+    keys = "name, intensity_note, mask, tilt_deg, source_direction, height_mm"
+    assert found.warnings == [f"lights.json: unknown keys are ignored: {keys}"]
+    assert load_light_list(as_json(tmp_path, named())).warnings == []
+
+
+def test_a_missing_intensity_beside_others_is_named(tmp_path: Path) -> None:
+    entries = named()
+    entries[1]["intensity"] = 0.5
+    found = load_light_list(as_json(tmp_path, entries))
+    assert found.intensities == [1.0, 0.5, 1.0, 1.0]
+    assert found.warnings == ["lights.json: lights without an intensity count as of intensity 1"]
