@@ -1,4 +1,6 @@
-"""The error of a set that failed its checks."""
+"""The error of a set that failed its checks, and the causes that an import may accept."""
+
+from enum import StrEnum
 
 from classify.errors import Ps4rigError
 
@@ -7,3 +9,14 @@ class SetRejected(Ps4rigError):  # noqa: N818 - a verdict on a set, not an error
     """A set failed its checks and is not written; the message names every cause."""
 
     exit_status = 1
+
+
+class Cause(StrEnum):
+    """Causes for which photographs are refused, by the name that accepts them all the same."""
+
+    EQUAL_IMAGES = "equal-images"
+    LIGHT_ORDER = "light-order"
+    RESIDUAL = "residual"
+    SATURATION = "saturation"
+    DARK = "dark"
+    LIGHT_KEYS = "light-keys"

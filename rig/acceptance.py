@@ -15,6 +15,8 @@ WEAK_LED_SHARE = 0.5
 MIN_SIGNAL_SHARE = 0.002
 # Share of the pixels of a light image at full scale. The solver masks a few specular glints.
 MAX_SATURATED_SHARE = 0.01
+# Above this a photograph is spoilt; an icon in gold saturates 39 % of one that is not.
+MAX_SATURATED_SHARE_OF_PHOTOGRAPH = 0.5
 # Mean of the ambient image. Above the first value its shot noise in every light image is worth a
 # warning; above the second the LEDs have less than half of the range.
 HIGH_AMBIENT_SHARE = 0.1
@@ -36,5 +38,10 @@ MAX_LED_LEVEL_ERROR = 0.01
 LED_LEVEL_STANDARD_ERRORS = 4.0
 # Levels within this of the configured ones need no correction: half of what a capture accepts.
 EQUAL_LED_LEVELS = 0.02
+# Least share of the detail of a photograph that a mix of the others under the same lights must
+# explain; below the second a warning. Photographs of four real objects reach 0.45, with one of
+# another scene 0.03, upside down 0.11, moved by 2 to 5 % of the frame 0.26
+# (tests/capture/sets/test_photograph_rates.py).
+MIN_EXPLAINED_DETAIL, LITTLE_EXPLAINED_DETAIL = 0.3, 0.4
 # Share of rows in which all four light images are compared; another row may be torn.
 MIN_COMPARED_ROWS = 1.0

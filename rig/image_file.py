@@ -1,4 +1,4 @@
-"""Reading one PNG, JPEG or TIFF image: damage is an error, and memory is bounded.
+"""Reading one PNG, JPEG, TIFF or DNG image: damage is an error, and memory is bounded.
 
 OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints warnings. So a JPEG
 is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.
@@ -60,11 +60,19 @@ def read_image(path: Path) -> Image:
 
 
 def read_oriented_image(path: Path) -> tuple[Image, int]:
-    """Read an image as `read_image`, with the EXIF orientation, 1 to 8, that was undone."""
+    """Read an image as `read_image`, with the EXIF orientation, 1 to 8, that was undone.
+
+    A DNG is read as `rig.dng.read_dng` does.
+    """
+    if path.suffix.lower() == ".dng":
+        from .dng import read_dng
+
+        raw, orientation = read_dng(path)
+        return upright(raw, orientation), orientation
     readers = {".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff}
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise InputError(f"{path}: images come as PNG, JPEG or TIFF")
+        raise InputError(f"{path}: images come as PNG, JPEG, TIFF or DNG")
     content = read_regular_file(path, _MAX_BYTES)
     try:
         image, orientation = reader(content)

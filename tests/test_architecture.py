@@ -38,7 +38,7 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "exif", "set_file", "signals"},
+        {"acceptance", "errors", "camera", "dng", "exif", "set_file", "signals"},
         {"image_file"},
         {"scene"},
         {"config"},

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
+from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
     CameraRecord,
     ChecksRecord,
@@ -29,7 +30,6 @@ from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
 from .light_checks import (
-    LightImages,
     check_agreement,
     check_ambient,
     check_images,

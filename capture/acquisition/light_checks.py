@@ -4,18 +4,13 @@ The redundancy of four light images of a matt surface shows faults. Where it can
 compared with a retake in the opposite order, in which a passing fault has other effects.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.errors import SetRejected
-from classify import Lighting
+from capture.sets.image_checks import Images, LightImages
 from classify.errors import InputError
-from classify.images.noise import SensorNoise
 from classify.lights.agreement import LightAgreement, image_difference, light_agreement
 from classify.lights.order import light_order
 from rig.acceptance import (
@@ -33,42 +28,10 @@ from rig.acceptance import (
     WEAK_LED_SHARE,
 )
 
-Images = npt.NDArray[np.uint16]
-
 # Correlation of the ambient image with an LED's shading from which the LED is named as the one
 # that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level. It only changes
 # the wording of a message.
 _STAYS_ON_CORRELATION = 0.3
-
-
-@dataclass(frozen=True, eq=False)
-class LightImages:
-    """The images of one set, in the order of the lights.
-
-    Attributes
-    ----------
-    images
-        (N, H, W).
-    ambient, later_ambient
-        (H, W) with all LEDs off, before the lights and between them; the later one may be None.
-    lighting, names
-        The lights, and their names in messages.
-    full_scale, noise
-        Pixel value of saturation; noise model of the images, None if unknown.
-    """
-
-    images: Images
-    ambient: Images
-    later_ambient: Images | None
-    lighting: Lighting
-    names: Sequence[str]
-    full_scale: int
-    noise: SensorNoise | None
-
-    def signals(self) -> npt.NDArray[np.float64]:
-        """(N,) mean of each light image above the ambient one."""
-        signals: npt.NDArray[np.float64] = self.images.mean(axis=(1, 2)) - self.ambient.mean()
-        return signals
 
 
 def check_images(images: LightImages) -> None:
@@ -87,8 +50,8 @@ def check_images(images: LightImages) -> None:
         )
     signals = images.signals()
     brightest = float(signals.max())
-    for name, image, signal in zip(images.names, images.images, signals, strict=True):
-        saturated = float(np.count_nonzero(image >= full_scale)) / image.size
+    shares = images.saturated_shares()
+    for name, saturated, signal in zip(images.names, shares, signals, strict=True):
         if saturated > MAX_SATURATED_SHARE:
             causes.append(
                 f"{name}: {saturated:.1%} of the pixels are saturated (limit "
@@ -230,16 +193,12 @@ def check_order(images: LightImages) -> Literal["confirmed", "undecided"]:
 
 
 def _refuse_equal(images: LightImages) -> None:
-    # Noise differs from frame to frame: a row that is equal in two images is from one frame.
-    pairs = combinations(zip(images.names, images.images, strict=True), 2)
-    for (earlier, first), (later, second) in pairs:
-        same = (np.ptp(second, axis=1) > 1) & (first == second).all(axis=1)
-        if same.any():
-            raise SetRejected(
-                f"set rejected: the images under {earlier} and {later} are the same in "
-                f"{np.count_nonzero(same)} of {len(same)} rows: the camera repeats frames or "
-                "parts of them; check its cable, or use another camera"
-            )
+    for earlier, later, equal, _ in images.equal_rows():
+        raise SetRejected(
+            f"set rejected: the images under {earlier} and {later} are the same in "
+            f"{equal} of {images.images.shape[1]} rows: the camera repeats frames or "
+            "parts of them; check its cable, or use another camera"
+        )
 
 
 def _check_levels(found: LightAgreement, images: LightImages) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from capture.console import out, print_json, progress, reported
+from capture.console import complain, out, print_json, progress, reported
+from capture.errors import Cause
 from capture.outputs import check_output
 from classify.errors import InputError
 from classify.methods import METHODS, Method
@@ -20,6 +21,7 @@ from . import options
 if TYPE_CHECKING:
     from capture.batch.tasks import SolvedSet
     from capture.sets.captured_set import CapturedSet
+    from capture.sets.photographs import Crop
     from classify import Lighting
     from rig import Placement, Rig
 
@@ -152,22 +154,52 @@ def import_(
         typer.Option(help="Coding of brightness; needed for JPEG."),
     ] = None,
     ambient: Annotated[Path | None, typer.Option(help="Photograph with all lights off.")] = None,
+    bits: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=16,
+            help="Depth of the data in files of 16 bits.",
+            show_default="from the largest value",
+        ),
+    ] = None,
+    mask: Annotated[
+        Path | None, typer.Option(help="Image of the same frame, white where the part is.")
+    ] = None,
+    crop: Annotated[
+        str | None,
+        typer.Option(
+            help="Part of the photographs to keep: column and row of its top left pixel, width and "
+            "height.",
+            metavar="X,Y,W,H",
+        ),
+    ] = None,
+    accept: Annotated[
+        list[Cause] | None,
+        typer.Option(help="Import although this was found. Repeat the option for more causes."),
+    ] = None,
     label: LabelOption = None,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
-    """Make a captured set from photographs: PNG, JPEG or TIFF, 8 or 16 bit."""
+    """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit.
+
+    The photographs are checked as those of a capture. What no surface under these lights explains
+    is refused; --accept imports it all the same.
+    """
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
     from capture.sets.ome_tiff import SUFFIX
     from classify import Lighting
 
     *images, output = paths
-    inputs = [*images, *(() if ambient is None else (ambient,))]
+    inputs = [*images, *(path for path in (ambient, mask) if path is not None)]
+    warnings: Sequence[str] = ()
     if lights is not None:
         if slant is not None or tilts is not None:
             raise InputError("--lights gives the directions; leave out --slant and --tilts")
-        light_list = load_light_list(lights)
+        light_list = load_light_list(lights, unknown_keys=Cause.LIGHT_KEYS in (accept or ()))
+        warnings = light_list.warnings
         inputs += [lights, *light_list.image_paths()]
         images = images or light_list.image_paths()
         if not images:
@@ -179,12 +211,27 @@ def import_(
         tilts_deg = _degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
     check_output(output, suffix=SUFFIX, inputs=inputs, force=force)
-    captured = import_images(images, lighting, gamma=gamma, ambient=ambient, label=label)
+    captured = import_images(
+        images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
+        crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
+    )  # fmt: skip
     captured.save(output)
+    metadata = captured.metadata
+    for warning in metadata.warnings:
+        complain(f"warning: {output}: {warning}")
     if json:
-        print_json({"set": str(output), "lights": len(images)})
+        fields = {"bits": metadata.bit_depth, "warnings": [*metadata.warnings]}
+        print_json({"set": str(output), "lights": len(images), **fields})
     else:
         out.print(f"{output}: {len(images)} lights", soft_wrap=True)
+
+
+def _crop(text: str) -> Crop:
+    try:
+        x, y, width, height = map(int, text.split(","))
+    except ValueError:
+        raise InputError(f"--crop {text}: give four whole numbers X,Y,W,H in px") from None
+    return x, y, width, height
 
 
 def _degrees(option: str, text: str, example: str) -> list[float]:

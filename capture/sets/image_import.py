@@ -1,25 +1,24 @@
 """Import of photographs as a captured set."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from capture.errors import SetRejected
 from classify import Lighting
 from classify.errors import InputError
-from classify.images.colour import linear_from_srgb, luminance
 from classify.labels import checked_label
-from rig.image_file import read_image
+from classify.lights.algebra import require_solvable
 from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
+from .image_checks import LightImages
 from .metadata import ImageRecord, LightingRecord, SetMetadata
-
-Gamma = Literal["linear", "srgb"]
+from .photograph_checks import check_photographs
+from .photographs import Crop, Gamma, Photographs, read_mask, read_photographs
 
 
 def import_images(
@@ -29,12 +28,18 @@ def import_images(
     gamma: Gamma | None = None,
     ambient: Path | None = None,
     label: str | None = None,
+    bits: int | None = None,
+    mask: Path | None = None,
+    crop: Crop | None = None,
+    accept: Collection[str] = (),
+    warnings: Sequence[str] = (),
 ) -> CapturedSet:
-    """Make a captured set from photographs: PNG, JPEG or TIFF, 8 or 16 bit, grey or colour.
+    """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit, grey or colour.
 
-    Linear grey images keep their pixel values. All others are made linear, reduced to luminance and
-    stored with 16 bits. A pixel with any channel at full scale is stored at full scale, so that the
-    solver treats it as saturated. An alpha channel is ignored.
+    The photographs are turned upright as their EXIF data say. Linear grey images keep their pixel
+    values. All others are made linear, reduced to luminance and stored with 16 bits. A pixel with
+    any channel at full scale is stored at full scale, so that the solver treats it as saturated. An
+    alpha channel is ignored. `check_photographs` checks the images.
 
     Parameters
     ----------
@@ -45,48 +50,51 @@ def import_images(
         JPEG, which does not state it.
     ambient
         Photograph with all lights off.
+    bits
+        Depth of the data in the files; guessed from the largest value for files of 16 bits.
+    mask
+        Image of the same frame, light where the part is. No other pixel is valid.
+    crop
+        Column and row of the top left pixel, width and height of the part that is kept.
+    accept
+        Names of a `Cause` for which the set is not refused; what was found is a warning then.
+    warnings
+        Warnings about the lights, to be kept in the set before those of the checks.
 
     Raises
     ------
     InputError
-        If a file is missing, damaged or of another format, sizes or depths differ, or `gamma` is
-        missing for a JPEG.
+        If a file is missing, damaged or of another format, sizes, depths or orientations differ,
+        `gamma` is missing for a JPEG, or images under these lights cannot be solved.
+    SetRejected
+        If no surface explains the photographs; the message names every cause.
     """
     if label is not None:
         checked_label(label)
     if len(paths) != len(lighting):
         raise InputError(f"{len(paths)} images for {len(lighting)} lights; give one image each")
+    require_solvable(lighting)
     files = [*paths, *(() if ambient is None else (ambient,))]
-    photographs = [read_image(path) for path in files]
-    first = photographs[0]
-    for path, photograph in zip(files[1:], photographs[1:], strict=True):
-        if photograph.shape[:2] != first.shape[:2]:
-            raise InputError(
-                f"{path}: {_size(photograph)} px, but {files[0]} has {_size(first)} px; "
-                "all images must show the same frame"
-            )
-        if photograph.dtype != first.dtype:
-            raise InputError(
-                f"{path}: {photograph.dtype}, but {files[0]} is {first.dtype}; "
-                "all images must have the same depth"
-            )
-    if gamma is None and first.dtype == np.uint8:
-        for path in files:
-            if path.suffix.lower() in (".jpg", ".jpeg"):
-                raise InputError(
-                    f"{path}: a JPEG does not state its response; give --gamma srgb "
-                    "(an ordinary camera) or --gamma linear"
-                )
-    if gamma == "srgb" or any(photograph.ndim == 3 for photograph in photographs):
-        planes = [_linear_luminance(photograph, gamma == "srgb") for photograph in photographs]
-        full_scale = 65535
-    else:
-        planes = [photograph.astype(np.uint16) for photograph in photographs]
-        full_scale = int(np.iinfo(first.dtype).max)
-    images = np.stack(planes[: len(lighting)])
-    ambient_image = None if ambient is None else planes[-1]
+    photographs = read_photographs(files, gamma=gamma, bits=bits, crop=crop)
+    part = None if mask is None else read_mask(mask, photographs.frame, crop)
+    images = np.stack(photographs.planes[: len(lighting)])
+    ambient_image = None if ambient is None else photographs.planes[-1]
     # Bytes of a file name that are not UTF-8 are escaped.
     names = [path.name.encode("utf-8", "backslashreplace").decode() for path in files]
+    checked = LightImages(
+        images=images,
+        ambient=np.zeros_like(images[0]) if ambient_image is None else ambient_image,
+        later_ambient=None,
+        lighting=lighting,
+        names=names[: len(lighting)],
+        full_scale=photographs.full_scale,
+        noise=None,
+    )
+    findings, checks = check_photographs(checked, part)
+    refused = [each for each in findings if each.refutes and each.cause not in accept]
+    if refused:
+        causes = "; ".join(f"{each.text} (--accept {each.cause})" for each in refused)
+        raise SetRejected(f"set rejected: {causes}")
     records = [ImageRecord(light=k, source_file=name) for k, name in enumerate(names)]
     if ambient is not None:
         records[-1] = ImageRecord(light=None, source_file=names[-1])
@@ -94,30 +102,24 @@ def import_images(
         label=label,
         created_utc=datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
         simulated=False,
-        bit_depth=8 * first.dtype.itemsize,
-        full_scale=full_scale,
+        bit_depth=photographs.bit_depth,
+        full_scale=photographs.full_scale,
         lighting=LightingRecord.of(lighting),
         images=tuple(records),
-        gamma=gamma or "linear",
+        checks=checks,
+        gamma=photographs.gamma,
+        crop=crop,
+        mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
+        warnings=(*warnings, *_about_depth(photographs), *(each.text for each in findings)),
+        accepted=tuple(dict.fromkeys(each.cause for each in findings if each.refutes)),
         software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(images, ambient_image),
+        pixels_sha256=pixels_sha256(images, ambient_image, part),
     )
-    return CapturedSet(images, ambient_image, metadata)
+    return CapturedSet(images, ambient_image, metadata, part)
 
 
-def _linear_luminance(photograph: npt.NDArray[Any], srgb: bool) -> npt.NDArray[np.uint16]:
-    top = np.iinfo(photograph.dtype).max
-    levels = np.arange(top + 1, dtype=np.float32) / np.float32(top)
-    if srgb:
-        levels = linear_from_srgb(levels)
-    linear = levels[photograph]
-    saturated = photograph == top
-    if photograph.ndim == 3:
-        linear, saturated = luminance(linear), saturated.any(axis=2)
-    stored: npt.NDArray[np.uint16] = np.rint(linear * np.float32(65535.0)).astype(np.uint16)
-    stored[saturated] = 65535
-    return stored
-
-
-def _size(image: npt.NDArray[Any]) -> str:
-    return f"{image.shape[1]} x {image.shape[0]}"
+def _about_depth(photographs: Photographs) -> list[str]:
+    if photographs.largest is None or photographs.bit_depth == 16:
+        return []
+    text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
+    return [f"{text} {photographs.largest}; --bits N sets another depth"]

@@ -48,6 +48,25 @@ def drop_one_constants(
     return pinv, null
 
 
+def require_solvable(lighting: Lighting) -> None:
+    """Raise `InputError` with the reason if no method can solve images under these lights."""
+    L = lighting.directions
+    cosines = L @ L.T
+    # A light counts if none before it stands within 0.1 degrees.
+    apart = np.cos(np.radians(0.1))
+    distinct = sum(not (cosines[k, :k] > apart).any() for k in range(len(L)))
+    if distinct < 3:
+        raise InputError(
+            f"the {len(L)} lights stand in {distinct} direction{'s' * (distinct > 1)}; slopes need "
+            "at least three, not all in one plane"
+        )
+    if np.linalg.svd(L, compute_uv=False)[-1] < _MIN_VOLUME:
+        raise InputError(
+            f"the {len(L)} lights lie in one plane with the surface point, so that slopes across "
+            "it are unknown; give a light beside it"
+        )
+
+
 @lru_cache(maxsize=16)
 def least_squares_weights(lighting: Lighting, method: str) -> Array32:
     """(3, N) weights with b = weights i from all lights.

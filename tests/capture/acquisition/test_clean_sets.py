@@ -6,13 +6,13 @@ import pytest
 
 from capture import SetRejected, capture_set, import_images
 from capture.acquisition.light_checks import (
-    LightImages,
     check_agreement,
     check_ambient,
     check_order,
     check_retake,
     retake_reasons,
 )
+from capture.sets.image_checks import LightImages
 from capture.sets.light_list import load_light_list
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
 from rig.scene.material_folder import bundled_materials

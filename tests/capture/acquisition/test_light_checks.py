@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from capture import SetRejected
-from capture.acquisition.light_checks import LightImages, check_images
+from capture.acquisition.light_checks import check_images
+from capture.sets.image_checks import LightImages
 from classify import Lighting
 
 NAMES = ("LED 0", "LED 1", "LED 2", "LED 3")

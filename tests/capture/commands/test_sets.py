@@ -178,7 +178,8 @@ def test_names_that_look_like_markup_are_printed_unchanged(
 def test_photographs_become_a_set(ps4rig: Command, photographs: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "a.ome.tif"
     result = ps4rig("import", *photographs, "--slant", 40, "--label", "oak", "--json", out)
-    assert json.loads(result.stdout) == {"set": str(out), "lights": 4}
+    about = {"lights": 4, "bits": 8, "warnings": []}
+    assert json.loads(result.stdout) == {"set": str(out), **about}
     captured = CapturedSet.load(out)
     assert captured.lighting.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
     assert captured.lighting.slants_deg.tolist() == [40.0] * 4
@@ -198,7 +199,7 @@ def test_tilts_belong_to_the_photographs_in_their_order(
 def test_a_light_list_replaces_the_names_of_photographs(
     ps4rig: Command, photographs: list[Path], tmp_path: Path
 ) -> None:
-    rows = [f"{path.name} {0.1 * light} 0.2 1" for light, path in enumerate(photographs)]
+    rows = [f"{path.name} {0.1 * light} {light % 2} 1" for light, path in enumerate(photographs)]
     (tmp_path / "lights.lp").write_text("\r\n".join(["4", *rows]))
     out = tmp_path / "a.ome.tif"
     assert ps4rig("import", "--lights", tmp_path / "lights.lp", out).exit_code == 0
@@ -221,6 +222,13 @@ def test_a_light_list_replaces_the_names_of_photographs(
         (["--tilts", "0,90", "--lights", "x.lp"], "leave out --slant and --tilts"),
         (["--lights", "x.lp"], "x.lp: no such file"),
         (["--slant", "45", "--ambient", "none.png"], "none.png: no such file"),
+        (["--slant", "45", "--tilts", "0,0,0,0"], "the 4 lights stand in 1 direction; slopes need"),
+        (["--slant", "45", "--tilts", "0,180,0,180"], "the 4 lights stand in 2 directions"),
+        (["--slant", "45", "--crop", "1,2,3"], "--crop 1,2,3: give four whole numbers X,Y,W,H"),
+        (["--slant", "45", "--crop", "9,2,22,5"], "--crop 9,2,22,5: not within 30 x 20 px"),
+        (["--slant", "45", "--crop", "0,0,0,5"], "--crop 0,0,0,5: not within 30 x 20 px"),
+        (["--slant", "45", "--bits", "12"], "--bits 12: the files have 8 bits"),
+        (["--slant", "45", "--mask", "none.png"], "none.png: no such file"),
         (["--slant", "45", "--label", "\x07"], "use printable characters"),
         (["--slant", "45", "--label", "Unknown"], "stands for a surface that matches no class"),
     ],
@@ -294,7 +302,8 @@ def test_a_set_without_a_valid_pixel_is_status_1_and_writes_nothing(
     for path in photographs:
         cv2.imwrite(str(path), np.full((20, 30), level, np.uint8))
     out = tmp_path / "a.ome.tif"
-    assert ps4rig("import", *photographs, "--slant", 45, out).exit_code == 0
+    accepted = ("--accept", "saturation", "--accept", "dark")
+    assert ps4rig("import", *photographs, "--slant", 45, *accepted, out).exit_code == 0
     line = refused("solve", out, "--out", tmp_path / "maps", status=1)
     assert line.startswith(f"{out}: no pixel can be solved: ")
     assert cause in line

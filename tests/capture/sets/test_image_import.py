@@ -48,6 +48,11 @@ def four(tmp_path: Path) -> Photographs:
     return write
 
 
+def stored(paths: list[Path], **options: Any) -> CapturedSet:
+    """The set of photographs under a ring; they may show the same image."""
+    return import_images(paths, RING, accept=("equal-images", "saturation"), **options)
+
+
 def srgb(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """Undo the sRGB response (IEC 61966-2-1) of values in [0, 1]."""
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
@@ -62,7 +67,7 @@ def test_linear_grey_keeps_its_pixel_values(
     four: Photographs, suffix: str, dtype: type[np.uint8 | np.uint16], top: int
 ) -> None:
     image = pattern(dtype)
-    captured = import_images(four(image, suffix), RING, label="oak")
+    captured = stored(four(image, suffix), label="oak")
     np.testing.assert_array_equal(captured.images, np.stack([image] * 4))
     metadata = captured.metadata
     assert (metadata.full_scale, metadata.bit_depth) == (top, 8 if top == 255 else 16)
@@ -82,7 +87,7 @@ def test_colour_becomes_linear_luminance(
     four: Photographs, suffix: str, dtype: type[np.uint8 | np.uint16]
 ) -> None:
     image = pattern(dtype, channels=3)
-    captured = import_images(four(image, suffix), RING)
+    captured = stored(four(image, suffix))
     expected = image @ np.array([0.2126, 0.7152, 0.0722]) * (65535 / np.iinfo(dtype).max)
     np.testing.assert_allclose(captured.images[2], expected, atol=0.51)
     assert captured.metadata.full_scale == 65535
@@ -94,7 +99,7 @@ def test_srgb_is_undone(
     four: Photographs, channels: int, dtype: type[np.uint8 | np.uint16]
 ) -> None:
     image = pattern(dtype, channels)
-    captured = import_images(four(image), RING, gamma="srgb")
+    captured = stored(four(image), gamma="srgb")
     linear = srgb(image / np.iinfo(dtype).max)
     expected = linear @ np.array([0.2126, 0.7152, 0.0722]) if channels else linear
     np.testing.assert_allclose(captured.images[1], 65535 * expected, atol=0.6)
@@ -103,7 +108,7 @@ def test_srgb_is_undone(
 
 def test_each_8_bit_level_of_srgb_is_undone(four: Photographs) -> None:
     ramp = np.arange(256, dtype=np.uint8).reshape(8, 32)
-    captured = import_images(four(ramp), RING, gamma="srgb")
+    captured = stored(four(ramp), gamma="srgb")
     np.testing.assert_allclose(captured.images[0], 65535 * srgb(ramp / 255), atol=0.51)
     assert (captured.images[0, 0, 0], captured.images[0, -1, -1]) == (0, 65535)
 
@@ -111,7 +116,7 @@ def test_each_8_bit_level_of_srgb_is_undone(four: Photographs) -> None:
 def test_a_pixel_with_one_saturated_channel_is_saturated(four: Photographs) -> None:
     image = np.full((*SHAPE, 3), 100, np.uint8)
     image[4, 5] = (100, 100, 255)
-    captured = import_images(four(image), RING)
+    captured = stored(four(image))
     assert captured.images[0, 4, 5] == 65535
     surface = captured.solve()
     assert surface.saturated[4, 5]
@@ -122,7 +127,7 @@ def test_grey_and_colour_may_be_mixed(four: Photographs) -> None:
     grey = pattern(np.uint8)
     paths = four(grey)
     written(paths[2], np.dstack([grey] * 3))
-    captured = import_images(paths, RING)
+    captured = stored(paths)
     np.testing.assert_allclose(captured.images[2], captured.images[0], atol=1)
     np.testing.assert_array_equal(captured.images[0], grey.astype(np.uint16) * 257)
 
@@ -130,7 +135,7 @@ def test_grey_and_colour_may_be_mixed(four: Photographs) -> None:
 def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_path: Path) -> None:
     paths = four(np.full(SHAPE, 90, np.uint8))
     ambient = written(tmp_path / "ambient.png", np.full(SHAPE, 40, np.uint8))
-    captured = import_images(paths, RING, ambient=ambient)
+    captured = stored(paths, ambient=ambient)
     assert captured.ambient is not None
     assert (captured.ambient == 40).all()
     assert captured.metadata.images[-1].light is None
@@ -142,16 +147,16 @@ def test_an_ambient_image_comes_last_and_is_subtracted(four: Photographs, tmp_pa
 def test_a_jpeg_needs_gamma(four: Photographs) -> None:
     paths = four(np.full(SHAPE, 128, np.uint8), ".jpg")
     with pytest.raises(InputError, match=r"image0\.jpg: a JPEG .* response; give --gamma srgb"):
-        import_images(paths, RING)
-    assert (import_images(paths, RING, gamma="linear").images == 128).all()
+        stored(paths)
+    assert (stored(paths, gamma="linear").images == 128).all()
     expected = round(65535 * float(srgb(np.array(128 / 255))))
-    assert (import_images(paths, RING, gamma="srgb").images == expected).all()
+    assert (stored(paths, gamma="srgb").images == expected).all()
 
 
 def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
-    captured = import_images(paths, RING)
+    captured = stored(paths)
     captured.save(tmp_path / "a.ome.tif")
     read = CapturedSet.load(tmp_path / "a.ome.tif")
     assert read.metadata.images[3].source_file == "odd\\udcff.png"
@@ -206,7 +211,7 @@ def test_an_existing_set_is_replaced_by_force_only(
     four: Photographs, tmp_path: Path, ps4rig: Command, refused: Refused
 ) -> None:
     output = tmp_path / "a.ome.tif"
-    arguments = ("import", *four(pattern(np.uint8)), output, "--slant", 45)
+    arguments = ("import", *four(np.full(SHAPE, 90, np.uint8)), output, "--slant", 45)
     assert ps4rig(*arguments).exit_code == 0
     before = output.read_bytes()
     assert "exists already" in refused(*arguments, "--label", "oak")

@@ -1,0 +1,175 @@
+"""Checks of imported photographs: what they show of the faults for which captures are rejected.
+
+Photographs are not held to the limits of a capture: gloss, cast shadows and near lights are part of
+them. So only what no surface explains is refused, and the rest are warnings.
+"""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.errors import Cause
+from classify.errors import InputError
+from classify.lights.agreement import LightAgreement, light_agreement
+from classify.lights.algebra import drop_one_constants
+from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
+from rig.acceptance import (
+    DEAD_LED_SHARE,
+    LED_LEVEL_STANDARD_ERRORS,
+    LITTLE_EXPLAINED_DETAIL,
+    MAX_AMBIENT_SHARE,
+    MAX_LED_LEVEL_DIFFERENCE,
+    MAX_SATURATED_SHARE,
+    MAX_SATURATED_SHARE_OF_PHOTOGRAPH,
+    MIN_EXPLAINED_DETAIL,
+    MIN_SIGNAL_SHARE,
+)
+
+from .image_checks import LightImages
+from .metadata import ChecksRecord
+
+# Share of equal rows from which on two images are one; fewer may be rows that hold hardly a value.
+_SAME_IMAGE = 0.5
+# So many well exposed images make up for those that are mostly saturated.
+_ENOUGH = 4
+# Names in one message.
+_LISTED = 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found; `refutes` if no surface under these lights explains it."""
+
+    cause: Cause
+    text: str
+    refutes: bool
+
+
+def check_photographs(
+    images: LightImages, mask: npt.NDArray[np.bool_] | None
+) -> tuple[list[Finding], ChecksRecord]:
+    """Check photographs inside `mask` (H, W); the record holds the results as of a capture."""
+    shading = shading_of(images.images, images.ambient, images.full_scale, mask)
+    order = shading_order(shading, images.lighting)
+    agreement = _agreement(images)
+    findings = [
+        *_equal(images),
+        *_levels(images, mask),
+        *_detail(images, explained_detail(shading)),
+        *_order(images, order),
+        *_four_lights(images, agreement),
+    ]
+    record = ChecksRecord(
+        ambient_change=None,
+        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
+        light_levels=None if agreement is None else agreement.levels,
+        light_levels_error=(
+            None if agreement is None or agreement.levels is None else agreement.level_error
+        ),
+        retaken=False,
+        light_order="confirmed" if order.verdict == "confirmed" else "undecided",
+    )
+    return findings, record
+
+
+def _equal(images: LightImages) -> Iterator[Finding]:
+    for first, second, equal, comparable in images.equal_rows():
+        if equal > _SAME_IMAGE * comparable:
+            text = f"{first} and {second} are the same image in {equal} of {comparable} rows"
+            yield Finding(Cause.EQUAL_IMAGES, text, refutes=True)
+
+
+def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[Finding]:
+    inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
+    ambient = float(images.ambient[inside].mean())
+    if ambient > MAX_AMBIENT_SHARE * images.full_scale:
+        share = ambient / images.full_scale
+        yield Finding(Cause.SATURATION, f"ambient light fills {share:.0%} of the range", False)
+    saturated = {
+        name: float(np.mean(image[inside] >= images.full_scale))
+        for name, image in zip(images.names, images.images, strict=True)
+    }
+    over = {name: share for name, share in saturated.items() if share > MAX_SATURATED_SHARE}
+    spoilt = sum(share > MAX_SATURATED_SHARE_OF_PHOTOGRAPH for share in over.values())
+    if over:
+        text = (
+            f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
+            f"{images.full_scale}"
+        )
+        yield Finding(Cause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH)
+    signals = {
+        name: float(image[inside].mean()) - ambient
+        for name, image in zip(images.names, images.images, strict=True)
+    }
+    brightest = max(0.0, *signals.values())
+    dark = {name: each for name, each in signals.items() if each <= DEAD_LED_SHARE * brightest}
+    if dark:
+        least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
+        text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
+        yield Finding(Cause.DARK, text, min(dark.values()) <= MIN_SIGNAL_SHARE * brightest)
+
+
+def _listed(names: Collection[str]) -> str:
+    first = ", ".join([*names][:_LISTED])
+    return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
+
+
+def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[Finding]:
+    if len(images.images) < 4:  # three images may well be independent
+        return
+    for name, share in zip(images.names, explained.tolist(), strict=False):
+        if share < LITTLE_EXPLAINED_DETAIL:
+            text = (
+                f"{name}: the other photographs explain {share:.0%} of its detail: it shows "
+                "another scene, or the part or the camera moved"
+            )
+            yield Finding(Cause.RESIDUAL, text, share < MIN_EXPLAINED_DETAIL)
+
+
+def _order(images: LightImages, order: ShadingOrder) -> Iterator[Finding]:
+    if order.verdict != "refuted":
+        return
+    tilts_deg, names = images.lighting.tilts_deg, images.names
+    if order.order is None:
+        text = "the shading fits the lights with y pointing down; y points up in their directions"
+    elif len(names) <= 4:
+        best = ", ".join(f"{tilt:g}" for tilt in np.round(tilts_deg[list(order.order)], 1))
+        text = (
+            f"by their shading the photographs were taken under tilts {best}, or all of these "
+            "rotated by 180 degrees; give images and lights in the same order"
+        )
+    else:
+        moved = [k for k, light in enumerate(order.order) if k != light]
+        image, light = moved[0], order.order[moved[0]]
+        text = f"by its shading {names[image]} was taken under the light of {names[light]}"
+        text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
+    yield Finding(Cause.LIGHT_ORDER, text, refutes=True)
+
+
+def _agreement(images: LightImages) -> LightAgreement | None:
+    try:
+        return light_agreement(
+            images.images, images.lighting, images.ambient, images.full_scale, images.noise
+        )
+    except InputError:  # not four lights, or three of them in one plane
+        return None
+
+
+def _four_lights(images: LightImages, found: LightAgreement | None) -> Iterator[Finding]:
+    if len(images.images) == 4 and found is None:
+        try:
+            drop_one_constants(images.lighting, "ps4_robust")
+        except InputError as error:
+            yield Finding(Cause.RESIDUAL, f"{error}; solve with --method least_squares", False)
+    if found is None or found.levels is None:
+        return
+    limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
+    for name, level in zip(images.names, found.levels, strict=True):
+        if abs(level - 1.0) > limit:
+            given = (
+                "of the given intensity" if images.lighting.intensities_given else "of the others"
+            )
+            text = f"{name}: by the redundancy of the images its light gives {level:.0%} {given}"
+            yield Finding(Cause.RESIDUAL, text, False)

@@ -1,0 +1,177 @@
+"""Reading the photographs of one set: orientation, depth, crop, and values linear in light."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.images.colour import linear_from_srgb, luminance
+from rig.image_file import read_image, read_oriented_image
+
+Gamma = Literal["linear", "srgb"]
+Crop = tuple[int, int, int, int]
+BoolArray = npt.NDArray[np.bool_]
+
+DNG = ".dng"
+# Depths of sensors, of which one is guessed for files of 16 bits.
+_DEPTHS = (8, 10, 12, 14, 16)
+
+
+@dataclass(frozen=True, eq=False)
+class Photographs:
+    """Photographs of one frame, linear in light.
+
+    Attributes
+    ----------
+    planes
+        One (H, W) uint16 image per file.
+    bit_depth, full_scale
+        Depth of the data in the files; pixel value of saturation in `planes`.
+    largest
+        Largest value in the files, if the depth was guessed from it, else None.
+    gamma
+        The response that was undone.
+    frame
+        Rows and columns before the crop.
+    """
+
+    planes: list[npt.NDArray[np.uint16]]
+    bit_depth: int
+    full_scale: int
+    largest: int | None
+    gamma: Gamma
+    frame: tuple[int, int]
+
+
+def read_photographs(
+    paths: Sequence[Path], *, gamma: Gamma | None, bits: int | None, crop: Crop | None
+) -> Photographs:
+    """Read photographs that belong together; parameters and errors as of `import_images`."""
+    raw = sum(path.suffix.lower() == DNG for path in paths)
+    if raw not in (0, len(paths)):
+        raise InputError(f"{raw} of {len(paths)} photographs are DNG; give all or none as DNG")
+    if raw and (gamma == "srgb" or bits is not None):
+        raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
+    for path in paths:
+        if gamma is None and path.suffix.lower() in (".jpg", ".jpeg"):
+            raise InputError(
+                f"{path}: a JPEG does not state its response; give --gamma srgb "
+                "(an ordinary camera) or --gamma linear"
+            )
+    whole = _read_alike(paths)
+    images = [_cropped(image, crop) for image in whole]
+    bit_depth, top, largest = (16, 65535, None) if raw else _depth(images, bits)
+    if gamma == "srgb" or any(image.ndim == 3 for image in images):
+        planes = [_linear_luminance(image, top, gamma == "srgb") for image in images]
+        top = 65535
+    else:
+        planes = [image.astype(np.uint16) for image in images]
+    rows, columns = whole[0].shape[:2]
+    return Photographs(planes, bit_depth, top, largest, gamma or "linear", (rows, columns))
+
+
+def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArray:
+    """Read a mask of photographs of (rows, columns) `frame`: true where lighter than mid-grey.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has another size, or is true nowhere in the crop.
+    """
+    image = read_image(path)
+    if image.shape[:2] != frame:
+        raise InputError(
+            f"{path}: {_size(image)} px, but the photographs have {frame[1]} x {frame[0]} px; "
+            "a mask covers the same frame"
+        )
+    grey = image if image.ndim == 2 else image.max(axis=2)
+    mask: BoolArray = np.asarray(_cropped(grey, crop) > np.iinfo(image.dtype).max // 2)
+    if not mask.any():
+        raise InputError(f"{path}: the mask is black everywhere; white marks the part")
+    return mask
+
+
+def _read_alike(paths: Sequence[Path]) -> list[npt.NDArray[Any]]:
+    """Read images that must agree in size, depth and orientation."""
+    read = [read_oriented_image(path) for path in paths]
+    first, first_orientation = read[0]
+    for path, (image, orientation) in zip(paths[1:], read[1:], strict=True):
+        if orientation != first_orientation:
+            raise InputError(
+                f"{path}: EXIF orientation {orientation}, but {paths[0]} has {first_orientation}; "
+                "the camera must not turn between photographs. A camera that looks down may notice "
+                "turns by mistake: then remove the EXIF data of all images"
+            )
+        if image.shape[:2] != first.shape[:2]:
+            raise InputError(
+                f"{path}: {_size(image)} px, but {paths[0]} has {_size(first)} px; "
+                "all images must show the same frame"
+            )
+        if image.dtype != first.dtype:
+            raise InputError(
+                f"{path}: {image.dtype}, but {paths[0]} is {first.dtype}; "
+                "all images must have the same depth"
+            )
+    return [image for image, _ in read]
+
+
+def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:
+    if crop is None:
+        return image
+    x, y, width, height = crop
+    rows, columns = image.shape[:2]
+    if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
+        raise InputError(
+            f"--crop {x},{y},{width},{height}: not within {columns} x {rows} px; give column and "
+            "row of the top left pixel, width and height"
+        )
+    return np.ascontiguousarray(image[y : y + height, x : x + width])
+
+
+def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, int, int | None]:
+    """Depth of the data, the value of saturation, and the largest value if that was guessed from.
+
+    Data of fewer bits than the file may fill its lower bits or its upper ones.
+    """
+    file_bits = 8 * images[0].dtype.itemsize
+    largest = max(int(image.max()) for image in images)
+    used = int(np.bitwise_or.reduce([np.bitwise_or.reduce(image, axis=None) for image in images]))
+    guessed = bits is None and file_bits == 16
+    bits = bits or (_guessed_depth(largest, used) if guessed else file_bits)
+    if not 1 <= bits <= file_bits:
+        raise InputError(f"--bits {bits}: the files have {file_bits} bits")
+    shift = 0 if largest < 1 << bits else file_bits - bits
+    if used & ((1 << shift) - 1):
+        raise InputError(f"--bits {bits}: the value {largest} in the files has more bits")
+    return bits, ((1 << bits) - 1) << shift, largest if guessed else None
+
+
+def _guessed_depth(largest: int, used: int) -> int:
+    """Depth of data in 16 bits, of which `used` are not 0 in all pixels."""
+    unused = (used & -used).bit_length() - 1
+    # Data in the upper bits use all of those; a few values only may have lower bits 0 by chance.
+    if used == (1 << 16) - (1 << unused):
+        return next(depth for depth in _DEPTHS if depth + unused >= 16)
+    return next(depth for depth in _DEPTHS if largest < 1 << depth)
+
+
+def _linear_luminance(image: npt.NDArray[Any], top: int, srgb: bool) -> npt.NDArray[np.uint16]:
+    levels = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float32) / np.float32(top)
+    levels = np.minimum(levels, np.float32(1.0))
+    if srgb:
+        levels = linear_from_srgb(levels)
+    linear = levels[image]
+    colours = image.ndim == 3
+    brightest = image.max(axis=2) if colours else image
+    luminances = luminance(linear) if colours else linear
+    stored: npt.NDArray[np.uint16] = np.rint(luminances * np.float32(65535.0)).astype(np.uint16)
+    stored[brightest >= top] = 65535
+    return stored
+
+
+def _size(image: npt.NDArray[Any]) -> str:
+    return f"{image.shape[1]} x {image.shape[0]}"

@@ -1,0 +1,323 @@
+"""What the shading of photographs tells about their lights, and whether they show one scene.
+
+A capture is compared to a percent (`agreement`, `order`). Gloss, cast shadows, near lights and
+errors of measured directions exceed that in photographs, so only their detail is compared. Divided
+by its mean over the surroundings, image k of a matt surface has the contrast
+
+    u_k = a - (1 + a) (p tx_k + q ty_k),    (tx, ty) = (lx, ly) / lz,
+
+with the local contrast a of the albedo and slopes p, q relative to the surroundings. Fall-off and
+vignetting cancel, and so do the intensities of the lights. Less its mean over all lights, u has
+two dimensions, those of p and q; the rest is the residual. And p, q are the slopes of a surface:
+their curl is small against their divergence. Both hold for the true lights only.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from classify.lighting import Lighting
+from classify.shadow_rule import MAYBE_SHADOW
+
+FloatArray = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Order = tuple[int, ...]
+
+# Larger images are reduced so that their shorter side has at most twice this, to save time.
+_SIDE_PX = 512
+# Standard deviation of the surroundings, in shares of the shorter side. The rates of
+# tests/capture/sets/test_photograph_rates.py differ little from half to twice this.
+_SURROUNDINGS = 0.06
+# Contrasts are compared at full, half, quarter ... resolution, at least at this many pixels.
+_COARSEST_PX = 64
+_MIN_SAMPLES = 2000
+# Pixels darker than this share of the mean are mostly noise.
+_MAYBE_NOISE = 0.1
+# Contrasts beyond this many standard deviations are gloss and edges of shadows; they are bounded.
+_OUTLIER = 3.0
+# A light order is refuted if another one explains the images and the given one does not: if the
+# residual is this many times smaller with it than with the given order and than by chance,
+_CLEARLY_LESS = 2.0
+# or if the curl is this many times smaller, and smaller than by chance. With the true order, 63
+# picks of four lights from photographs of four objects reach 1.9 and 1.12.
+_CLEARLY_LESS_CURL, _LITTLE_CURL = 1.25, 0.8
+# The other order may be worse by this factor in what does not refute the given one.
+_AS_GOOD = 1.1
+# Two lights of five or more are exchanged if that makes the residual of their images this many
+# times smaller, to at most this share of their contrast. The icon reaches 1.26 and 0.77.
+_EXCHANGED, _EXPLAINED = 1.5, 0.6
+# Detail is what has this rms contrast at least (less is noise of the compression), and so many
+# times the variance of noise that is white.
+_LEAST_DETAIL, _ABOVE_NOISE = 0.02, 4.0
+# From the second difference along rows and columns (Immerkaer, 1996) to the noise of a pixel.
+_NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shading:
+    """Second moments of the contrasts of N images, at each scale from fine to coarse.
+
+    Attributes
+    ----------
+    contrasts
+        (N, N) of the contrasts, at every usable pixel.
+    noises
+        (N,) variance of the contrasts that is noise at most, if that is white.
+    shadings
+        (N, N) of the contrasts less their mean over the lights, at pixels lit by all.
+    steps
+        (2N, 2N) of the differences of the latter to the right, then upwards.
+    """
+
+    contrasts: tuple[Float64Array, ...]
+    noises: tuple[Float64Array, ...]
+    shadings: tuple[Float64Array, ...]
+    steps: tuple[Float64Array, ...]
+
+
+@dataclass(frozen=True)
+class ShadingOrder:
+    """Whether the shading fits the order of the lights.
+
+    Attributes
+    ----------
+    verdict
+        ``refuted`` if other lights explain the images and the given ones do not, ``confirmed`` if
+        the given ones do, else ``undecided``.
+    order
+        The better order, if refuted: image k shows light ``order[k]``.
+    mirrored
+        Whether the images fit the lights with y pointing down instead.
+    """
+
+    verdict: Literal["confirmed", "undecided", "refuted"]
+    order: Order | None = None
+    mirrored: bool = False
+
+
+def shading_of(
+    images: npt.NDArray[Any],
+    ambient: npt.NDArray[Any] | None = None,
+    full_scale: float = np.inf,
+    mask: BoolArray | None = None,
+) -> Shading:
+    """Compute the `Shading` of images (N, H, W) that are linear in light.
+
+    `ambient` (H, W) is subtracted. Pixels of `full_scale` in any image, and those outside `mask`,
+    do not count.
+    """
+    u, usable, lit = _contrasts(images, ambient, full_scale, mask)
+    contrasts, noises, shadings, steps = [], [], [], []
+    noise = np.array([_noise_variance(plane, usable) for plane in u])
+    while True:
+        if np.count_nonzero(usable) >= _MIN_SAMPLES:
+            contrasts.append(_moments(u[:, usable]))
+            noises.append(noise)
+        if np.count_nonzero(lit) >= _MIN_SAMPLES:
+            relief = u - u.mean(axis=0)
+            shadings.append(_moments(relief[:, lit]))
+            steps.append(_moments(_steps(relief, lit)))
+        if min(usable.shape) < 2 * _COARSEST_PX:
+            return Shading(tuple(contrasts), tuple(noises), tuple(shadings), tuple(steps))
+        noise = noise / 4.0  # of the mean of four pixels
+        u, usable, lit = _halved(u, usable, lit)
+
+
+def explained_detail(shading: Shading) -> Float64Array:
+    """(N,) share of the detail of each image that a mix of the other images explains.
+
+    The square of the multiple correlation, at the scale at which it is largest; 1 where an image
+    has no detail. An image of another scene, or of a part that has moved, is not explained.
+    """
+    explained = []
+    for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
+        own = np.diag(moments)
+        inverse = np.linalg.inv(moments + np.eye(len(own)) * (1e-6 * own.max() + 1e-12))
+        shares = 1.0 - 1.0 / np.maximum(own * np.diag(inverse), 1.0)
+        is_detail = own > np.maximum(_LEAST_DETAIL**2, _ABOVE_NOISE * noise)
+        explained.append(np.where(is_detail, shares, np.nan))
+    if not explained:
+        return np.ones(0)
+    return np.asarray(np.nan_to_num(np.fmax.reduce(explained), nan=1.0))
+
+
+def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
+    """Compare the given order of the lights with others, by residual and curl.
+
+    The others are all orders of up to four lights. Of more lights they are all exchanges of two,
+    the list shifted or reversed, and y pointing down. The scale counts at which one of them
+    explains the images best.
+    """
+    count = len(lighting)
+    if not shading.shadings or count < 3:
+        return ShadingOrder("undecided")
+    tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
+    chance = np.sqrt((count - 3.0) / (count - 1.0))
+    orders = [*_candidates(count)]
+    # (scales, orders, 2), the given order first
+    misfits = np.array([
+        [_misfit(*moments, _reordered(tangents, order)) for order in orders]
+        for moments in zip(shading.shadings, shading.steps, strict=True)
+    ])  # fmt: skip
+    residual, curl = misfits[misfits[:, :, 0].min(axis=1).argmin()].T
+    as_good = (residual <= _AS_GOOD * residual[0]) & (curl <= _AS_GOOD * curl[0])
+    explains = residual < chance / _CLEARLY_LESS
+    better = explains & (residual < residual[0] / _CLEARLY_LESS)
+    better |= (curl < _LITTLE_CURL) & (curl < curl[0] / _CLEARLY_LESS_CURL)
+    better &= as_good
+    if better.any():
+        best = orders[int(np.where(better, residual * curl, np.inf).argmin())]
+        return ShadingOrder("refuted", best, mirrored=best is None)
+    exchanged = _exchanged(shading, tangents)
+    if exchanged is not None:
+        return ShadingOrder("refuted", exchanged)
+    fits = (explains[0] or count == 3) and curl[0] < _LITTLE_CURL
+    return ShadingOrder("confirmed" if fits else "undecided")
+
+
+def _contrasts(
+    images: npt.NDArray[Any],
+    ambient: npt.NDArray[Any] | None,
+    full_scale: float,
+    mask: BoolArray | None,
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """(N, h, w) contrasts; (h, w) usable pixels, and those of them that are lit by all lights."""
+    rows, columns = images.shape[1:]
+    step = max(1, min(rows, columns) // _SIDE_PX)
+    size = (max(1, columns // step), max(1, rows // step))
+
+    def reduced(image: npt.NDArray[Any]) -> FloatArray:
+        plane = np.asarray(image, np.float32)
+        return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
+
+    left_out = images.max(axis=0) >= full_scale
+    if mask is not None:
+        left_out |= ~mask
+    values = np.stack([reduced(image) for image in images])
+    if ambient is not None:
+        values -= reduced(ambient)
+    values /= np.maximum(values.mean(axis=(1, 2), keepdims=True), np.float32(1e-6))
+    typical = np.median(values, axis=0)
+    usable = (typical > _MAYBE_NOISE * typical.mean()) & (reduced(left_out) == 0.0)
+    lit = usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
+    inside = usable.astype(np.float32)
+    sigma = _SURROUNDINGS * min(size)
+    # The border is black and has no weight, so that the mean is that of usable pixels.
+    weight = np.maximum(_blurred(inside, sigma), np.float32(1e-6))
+    for value in values:
+        around = _blurred(value * inside, sigma) / weight
+        value /= np.maximum(around, np.float32(1e-6))
+    return np.where(usable, values - 1.0, 0.0).astype(np.float32), usable, lit
+
+
+def _blurred(image: FloatArray, sigma: float) -> FloatArray:
+    blurred = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, np.float32)
+
+
+def _halved(
+    u: FloatArray, usable: BoolArray, lit: BoolArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    rows, columns = (side // 2 * 2 for side in usable.shape)
+
+    def sums(planes: npt.NDArray[Any]) -> FloatArray:
+        even = planes[..., :rows, :columns].astype(np.float32)
+        across = even[..., ::2] + even[..., 1::2]
+        return np.asarray(across[..., ::2, :] + across[..., 1::2, :], np.float32)
+
+    counts = sums(usable)
+    means = sums(u * usable) / np.maximum(counts, 1.0)
+    return means.astype(np.float32), counts >= 2.0, sums(lit) == 4.0
+
+
+def _steps(relief: FloatArray, lit: BoolArray) -> FloatArray:
+    """(2N, n) central differences at pixels whose neighbours are lit; rows grow downwards."""
+    inner = lit[1:-1, 1:-1] & lit[:-2, 1:-1] & lit[2:, 1:-1] & lit[1:-1, :-2] & lit[1:-1, 2:]
+    right = (relief[:, 1:-1, 2:] - relief[:, 1:-1, :-2])[:, inner]
+    upwards = (relief[:, :-2, 1:-1] - relief[:, 2:, 1:-1])[:, inner]
+    return np.concatenate([right, upwards])
+
+
+def _noise_variance(plane: FloatArray, usable: BoolArray) -> float:
+    differences = cv2.filter2D(plane, -1, _NOISE_KERNEL)[usable]
+    if differences.size == 0:
+        return 0.0
+    return float((1.4826 * np.median(np.abs(differences))) ** 2)
+
+
+def _moments(values: FloatArray) -> Float64Array:
+    """Second moments of (M, n) values about their means, gloss bounded."""
+    if values.shape[1] == 0:
+        return np.eye(len(values))
+    limit = _OUTLIER * 1.4826 * np.median(np.abs(values), axis=1, keepdims=True)
+    # A median of 0 says nothing about the width: more than half of the values are equal.
+    bounded = np.where(limit > 0.0, np.clip(values, -limit, limit), values)
+    bounded = (bounded - bounded.mean(axis=1, keepdims=True)).astype(np.float64)
+    return np.asarray(bounded @ bounded.T / values.shape[1], np.float64)
+
+
+def _misfit(
+    moments: Float64Array, steps: Float64Array, tangents: Float64Array
+) -> tuple[float, float]:
+    """Residual as a share of the shading, and curl over divergence."""
+    centred = tangents - tangents.mean(axis=0)
+    inverse = np.linalg.pinv(centred)
+    beyond = np.eye(len(tangents)) - centred @ inverse
+    to_p, to_q = -inverse
+    curl, divergence = np.concatenate([-to_q, to_p]), np.concatenate([to_p, to_q])
+    residual = np.trace(beyond @ moments @ beyond) / max(float(np.trace(moments)), 1e-12)
+    ratio = (curl @ steps @ curl) / max(float(divergence @ steps @ divergence), 1e-12)
+    return float(np.sqrt(max(residual, 1e-12))), float(np.sqrt(max(ratio, 1e-12)))
+
+
+def _candidates(count: int) -> Iterator[Order | None]:
+    """Orders to compare, the given one first; None stands for y pointing down."""
+    if count <= 4:
+        yield from itertools.permutations(range(count))
+        return
+    for shift in range(count):
+        yield tuple(np.roll(range(count), shift).tolist())
+    yield tuple(range(count))[::-1]
+    yield None
+
+
+def _reordered(tangents: Float64Array, order: Order | None) -> Float64Array:
+    return tangents * (1.0, -1.0) if order is None else tangents[list(order)]
+
+
+def _exchanged(shading: Shading, tangents: Float64Array) -> Order | None:
+    """The order with the two lights exchanged that are clearly in each other's place, if any."""
+    count = len(tangents)
+    if count < 5:
+        return None
+    inverse = np.linalg.pinv(tangents - tangents.mean(axis=0))
+    centred = tangents - tangents.mean(axis=0)
+    given = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
+    best: tuple[float, Order | None] = (_EXCHANGED, None)
+    for pair in itertools.combinations(range(count), 2):
+        order = list(range(count))
+        order[pair[0]], order[pair[1]] = pair[1], pair[0]
+        logs = []
+        for moments, before in zip(shading.shadings, given, strict=True):
+            after = _light_residuals(moments, centred[order], inverse[:, order])
+            sums = [values[list(pair)].sum() for values in (before, after, np.diag(moments))]
+            logs.append(0.5 * np.log(np.maximum(sums, 1e-12)))
+        before_log, after_log, own_log = np.mean(logs, axis=0)
+        if np.exp(after_log - own_log) < _EXPLAINED:
+            best = max(best, (float(np.exp(before_log - after_log)), tuple(order)))
+    return best[1]
+
+
+def _light_residuals(
+    moments: Float64Array, tangents: Float64Array, inverse: Float64Array
+) -> Float64Array:
+    """(N,) mean square residual of each image."""
+    mixed = inverse @ moments
+    fitted = ((tangents @ (mixed @ inverse.T)) * tangents).sum(axis=1)
+    return np.asarray(np.diag(moments) - 2.0 * (tangents * mixed.T).sum(axis=1) + fitted)
