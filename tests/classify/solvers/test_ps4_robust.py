@@ -2,12 +2,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, SurfaceEstimate, photometric_stereo
 from classify.images.stack import ImageStack
 from classify.solvers.problem import Problem
 from classify.solvers.robust import solve_ps4_robust
 from classify.threads import set_thread_count
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import Gloss, render_frame
 
 SIDE = 96
 RING = Lighting.ring(60.0)
@@ -32,6 +36,10 @@ def solved(
     values: np.ndarray, noise: SensorNoise | None = QUIET, lighting: Lighting = RING
 ) -> SurfaceEstimate:
     return photometric_stereo(values.astype(np.float32), lighting, "ps4_robust", noise=noise)
+
+
+def solved_plainly(values: np.ndarray, lighting: Lighting) -> SurfaceEstimate:
+    return photometric_stereo(values.astype(np.float32), lighting, "least_squares")
 
 
 def rms(error: np.ndarray) -> float:
@@ -150,6 +158,68 @@ def test_a_wrong_led_level_is_not_mistaken_for_shadow() -> None:
     assert not surface.specular.any()
     # The error is the same everywhere: a tilt, not a pattern.
     assert (surface.q - q).std() < 0.005
+
+
+def test_intensities_that_were_given_are_believed() -> None:
+    """Lights a few degrees off leave the residual of unequal levels, which there are none of."""
+    lighting = Lighting.ring(45.0)
+    p, q = waves(0.3, 128)
+    moved = Lighting(lighting.directions + np.random.default_rng(5).normal(0.0, 0.05, (4, 3)))
+    values = 3000.0 * shading(p, q, moved)
+    believed = solved(values, lighting=Lighting(lighting.directions, np.ones(4)))
+    estimated = solved(values, lighting=lighting)
+    assert believed.led_levels is None
+    np.testing.assert_array_equal(believed.lighting.intensities, 1.0)
+    np.testing.assert_array_equal(estimated.led_levels, estimated.lighting.intensities)
+    assert np.abs(estimated.led_levels - 1.0).max() > 0.02
+    plain = photometric_stereo(values.astype(np.float32), lighting, "least_squares")
+    assert rms(believed.p - p) < 1.02 * rms(plain.p - p)
+
+
+@settings(deadline=None, max_examples=10)
+@given(
+    seed=st.integers(0, 2**32 - 1), slant_deg=st.floats(20.0, 65.0), tilt_deg=st.floats(0.0, 90.0)
+)
+def test_slopes_are_continuous_in_the_images(seed: int, slant_deg: float, tilt_deg: float) -> None:
+    """Also where the light to blame changes. Each row leads from one pixel to another in steps."""
+    lighting = Lighting.ring(slant_deg, [tilt_deg + 90.0 * light for light in range(4)])
+    ends = np.random.default_rng(seed).uniform(0.25, 1.0, (2, 4, 40, 1))
+    part = np.linspace(0.0, 1.0, 4000)
+    surface = solved(3000.0 * ((1.0 - part) * ends[0] + part * ends[1]), lighting=lighting)
+    plain = solved_plainly(3000.0 * ((1.0 - part) * ends[0] + part * ends[1]), lighting)
+    assert (surface.dropped < 255).any()
+    assert surface.valid.all()
+    for slope, of_all in ((surface.p, plain.p), (surface.q, plain.q)):
+        assert np.abs(np.diff(slope)).max() < 12.0 * np.abs(np.diff(of_all)).max()
+
+
+@pytest.mark.parametrize("gloss", [Gloss(0.15, 15.0), Gloss(0.3, 30.0)])
+@pytest.mark.parametrize("material", ["Bark014", "Tiles036"])
+def test_glossy_materials_under_near_lights_show_no_seams(material: str, gloss: Gloss) -> None:
+    """No slope changes much more from pixel to pixel than the images do."""
+    lighting = Lighting.ring(35.0)
+    scene = render_frame(
+        load_material(bundled_materials()[material]), lighting, 192, ambient=0.0, gloss=gloss,
+        led_distance_px=500.0,
+    )  # fmt: skip
+    values = 3000.0 * scene.lights + np.random.default_rng(0).normal(0.0, 2.0, scene.lights.shape)
+    found = largest_step(values, solved(values, SensorNoise(1e9, 2.0), lighting))
+    assert found < 2.5 * largest_step(values, solved_plainly(values, lighting))
+
+
+def largest_step(values: np.ndarray, surface: SurfaceEstimate) -> float:
+    """Largest step of a slope between lit neighbours, per relative step of the images."""
+    lit = values.min(axis=0) > 0.2 * values.max(axis=0)
+    largest = 0.0
+    for axis in (0, 1):
+        change = np.abs(np.diff(values, axis=axis + 1)).max(axis=0)
+        brightness, near = values.mean(axis=0), np.diff(lit.astype(int), axis=axis) == 0
+        first = np.delete(brightness, -1, axis), np.delete(lit, -1, axis)
+        relative = np.maximum(change / first[0], 0.003)
+        for slope in (surface.p, surface.q):
+            steps = np.abs(np.diff(slope, axis=axis)) / relative
+            largest = max(largest, float(steps[near & first[1]].max()))
+    return largest
 
 
 def test_dark_material_is_not_shadow() -> None:
