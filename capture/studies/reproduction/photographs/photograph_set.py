@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from capture.sets.image_import import import_images
+from capture.sets.photographs import read_mask, read_photographs
 from classify import Lighting
 from classify.errors import InputError
 from classify.lighting import light_vectors
 from classify.regular_file import read_regular_file
-from rig.image_file import read_image
 
 LIGHTS_FILE = "lights.json"
 MASK_FILE = "mask.png"
@@ -29,6 +28,7 @@ _RING_SLANTS_DEG = tuple(range(25, 65, 5))
 _FARTHEST_DEG = 20.0  # of a light from its place on the ring
 _MOST_PICKS = 3
 _MOST_SHARED_LIGHTS = 2  # of two picks
+_DARK = 0.02  # of the brightest pixels, below which a median pixel is background without a mask
 _MARGIN_PX = 8  # around the object; edges of a mask are not exact
 
 Pick = tuple[int, ...]
@@ -162,20 +162,14 @@ def load_photographs(folder: Path) -> PhotographSet:
     notes = _read_notes(folder / LIGHTS_FILE)
     lighting = Lighting(np.array([light.direction for light in notes.images]))
     known = [light.intensity for light in notes.images if light.intensity is not None]
-    captured = import_images(
-        [folder / light.file for light in notes.images],
-        lighting,
-        gamma="linear",
-        ambient=folder / notes.ambient if notes.ambient else None,
-    )
-    images, ambient = captured.images, captured.ambient
+    names = [light.file for light in notes.images] + ([notes.ambient] if notes.ambient else [])
+    read = read_photographs([folder / name for name in names], gamma="linear", bits=None, crop=None)
+    images = np.stack(read.planes[: len(lighting)])
+    ambient = read.planes[-1] if notes.ambient else None
     if (folder / MASK_FILE).is_file():
-        mask = read_image(folder / MASK_FILE) > 0
+        mask = read_mask(folder / MASK_FILE, read.frame, None)
     else:
-        median = np.median(images, axis=0)
-        mask = median > 0.02 * np.quantile(images, 0.99)
-    if mask.shape != images.shape[1:] or not mask.any():
-        raise InputError(f"{folder / MASK_FILE}: must be grey, of the size of the photographs")
+        mask = np.median(images, axis=0) > _DARK * np.quantile(images, 0.99)
     rows, columns = np.nonzero(mask.any(axis=1))[0], np.nonzero(mask.any(axis=0))[0]
     part = tuple(
         slice(max(int(each[0]) - _MARGIN_PX, 0), int(each[-1]) + 1 + _MARGIN_PX)
@@ -186,7 +180,7 @@ def load_photographs(folder: Path) -> PhotographSet:
         folder.name,
         np.ascontiguousarray(images[:, *part]),
         None if ambient is None else np.ascontiguousarray(ambient[part]),
-        float(captured.metadata.full_scale),
+        float(read.full_scale),
         lighting.directions,
         np.array(known) if len(known) == len(lighting) else None,
         mask[part],
