@@ -33,8 +33,24 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=1, allow_nan=False))
 
 
-def progress(items: Iterable[T], total: int, description: str) -> Iterator[T]:
-    """Yield `items` and show a progress bar on stderr if that is a terminal."""
+class ItemProgress:
+    """Shows the share of the present item of a `progress` bar that is done."""
+
+    def __init__(self) -> None:
+        self.show: Callable[[float], None] | None = None
+
+    def __call__(self, share: float) -> None:
+        if self.show is not None:
+            self.show(share)
+
+
+def progress(
+    items: Iterable[T], total: int, description: str, present: ItemProgress | None = None
+) -> Iterator[T]:
+    """Yield `items` and show a progress bar on stderr if that is a terminal.
+
+    While an item is made, `present` moves the bar.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield from items
@@ -43,7 +59,13 @@ def progress(items: Iterable[T], total: int, description: str) -> Iterator[T]:
 
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        yield from bar.track(items, total=total, description=description)
+        task, done = bar.add_task(description, total=total), 0
+        if present is not None:
+            present.show = lambda share: bar.update(task, completed=done + share)
+        for item in items:
+            yield item
+            done += 1
+            bar.update(task, completed=done)
 
 
 def complain(message: str) -> None:

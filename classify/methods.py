@@ -7,6 +7,19 @@ Method = Literal[
 ]
 METHODS: tuple[Method, ...] = get_args(Method)
 
+_LEAST_LIGHTS: dict[Method, int] = {"least_squares": 3, "drbohlav": 4, "rushmeier": 5}
+
+
+def default_method(lights: int) -> Method:
+    """Solver of a set of that many lights if none is chosen."""
+    return "least_squares" if lights > 4 else "ps4_robust"
+
+
+def suits(method: Method, lights: int) -> bool:
+    """Whether a solver solves sets of that many lights; those not in the table need four."""
+    return lights >= _LEAST_LIGHTS[method] if method in _LEAST_LIGHTS else lights == 4
+
+
 CLASSIFIER_NAMES = (
     "joint",
     "spectra_2d",

@@ -89,10 +89,16 @@ class Batch:
 
             self._pool = DaskPool(scheduler)
 
-    def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    def map(
+        self,
+        function: Callable[[Item], Result],
+        items: Iterable[Item],
+        here: Callable[[Item], Result] | None = None,
+    ) -> Iterator[Result]:
         """Yield ``function(item)`` for each item, in order.
 
-        Items are read when a worker needs one, so `items` may be endless.
+        Items are read when a worker needs one, so `items` may be endless. In this process `here` is
+        called instead of the function; it may show progress and is not pickled.
 
         Raises
         ------
@@ -109,7 +115,7 @@ class Batch:
                 yield from _in_order(self._pool, function, chain([item], remaining))
                 return
             started_s = time.monotonic()
-            result = function(item)
+            result = (here or function)(item)
             self._spent_s += time.monotonic() - started_s
             yield result
 

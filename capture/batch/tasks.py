@@ -4,7 +4,8 @@ Each function reads the set from its file and returns a small result without pix
 absolute, because a worker of a cluster has another working folder.
 """
 
-from collections.abc import Iterable, Iterator
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,7 +27,7 @@ from classify.images.stack import ImageStack
 from classify.labels import checked_label
 from classify.library.training import observe
 from classify.lights.fall_off import fall_off
-from classify.methods import DEFAULT_CLASSIFIER
+from classify.methods import DEFAULT_CLASSIFIER, default_method, suits
 from classify.texture.spectra import segment_for
 
 # Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
@@ -35,36 +36,37 @@ PLANAR = True
 
 @dataclass(frozen=True)
 class SetHeader:
-    """Metadata of a training set; `segment_px` is the largest segment that its images allow."""
+    """Metadata of a training set, the largest segment that its images allow, and its solver."""
 
     label: str
     orientation_deg: float | None
     simulated: bool
     segment_px: int
+    method: Method
     lighting: Lighting
     pixels_sha256: str
     protected: bool
 
 
-def read_header(path: Path) -> SetHeader:
-    """Read the header of a labelled set without its pixels.
+def read_header(path: Path, method: Method | None = None) -> SetHeader:
+    """Read the header of a labelled set, to be solved by `method`, without its pixels.
 
     Raises
     ------
     InputError
-        If the set cannot be read, has no label, has fewer than four lights, or is too small for a
-        texture.
+        If the set cannot be read, has no label, has too few lights, or is too small for a texture.
     """
     metadata, shape = ome_tiff.read_header(path)
     with _named(path):
         label = _usable_label(metadata.label)
-        _check_lights(metadata)
+        method = _solver(metadata, method)
         segment_px = segment_for(shape)
     return SetHeader(
         label,
         metadata.orientation_deg,
         metadata.simulated,
         segment_px,
+        method,
         metadata.lighting.to_lighting(),
         metadata.pixels_sha256,
         metadata.is_protected,
@@ -82,7 +84,9 @@ def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
         complain(f"warning: {paths[0]}{more}: {UNPROTECTED}")
 
 
-def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER) -> Observation:
+def observe_set(
+    path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER, method: Method | None = None
+) -> Observation:
     """Solve a set as a planar part and compute its observation for training.
 
     Raises
@@ -92,14 +96,15 @@ def observe_set(path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIE
     """
     captured = CapturedSet.load(path)
     with _named(path):
-        return observe(captured.solve(planar=PLANAR), segment_px, classifier)
+        return observe(captured.solve(method, planar=PLANAR), segment_px, classifier)
 
 
 @dataclass(frozen=True)
 class ClassifiedSet:
-    """The match of a set, solved as `planar` or not, with fields of its metadata."""
+    """The match of a set, how it was solved, and fields of its metadata."""
 
     match: Match
+    method: Method
     planar: bool
     label: str | None
     orientation_deg: float | None
@@ -107,14 +112,18 @@ class ClassifiedSet:
     protected: bool
 
 
-def classify_set(path: Path, library: Path, label_required: bool = False) -> ClassifiedSet:
-    """Solve a set as those of a library were, and classify its surface with it.
+def classify_set(
+    path: Path, library: Path, label_required: bool = False, method: Method | None = None
+) -> ClassifiedSet:
+    """Solve a set as those of a library were, or by `method`, and classify its surface with it.
+
+    A solver of the library that does not suit the number of lights is replaced by the default.
 
     Raises
     ------
     InputError
         If the set or the library cannot be read, the library does not fit the set, or the set has
-        fewer than four lights or lacks a required label.
+        too few lights or lacks a required label.
     """
     captured = CapturedSet.load(path)
     metadata = captured.metadata
@@ -123,10 +132,17 @@ def classify_set(path: Path, library: Path, label_required: bool = False) -> Cla
     with _named(path):
         if label_required:
             _usable_label(metadata.label)
-        _check_lights(metadata)
-        match = trained.classify(captured.solve(planar=trained.planar))
+        if method is None and trained.method and suits(trained.method, len(captured.images)):
+            method = trained.method
+        method = _solver(metadata, method)
+        surface = captured.solve(method, planar=trained.planar)
+        with warnings.catch_warnings():
+            # The commands say it once for all sets.
+            warnings.simplefilter("ignore")
+            match = trained.classify(surface)
     return ClassifiedSet(
         match,
+        method,
         trained.planar,
         metadata.label,
         metadata.orientation_deg,
@@ -173,7 +189,12 @@ class SolvedSet:
 
 
 def solve_set(
-    task: SolveTask, method: Method | None, light: Lighting = RELIT_LIGHT, *, planar: bool = False
+    task: SolveTask,
+    method: Method | None,
+    light: Lighting = RELIT_LIGHT,
+    *,
+    planar: bool = False,
+    on_progress: Callable[[float], None] | None = None,
 ) -> SolvedSet:
     """Write the maps of a set, `relit.tif` under `light`; see `CapturedSet.solve` for `planar`.
 
@@ -186,7 +207,7 @@ def solve_set(
     """
     captured = CapturedSet.load(task.path)
     with _named(task.path):
-        surface = captured.solve(method, planar=planar)
+        surface = captured.solve(method, planar=planar, on_progress=on_progress)
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():
@@ -220,10 +241,14 @@ def _usable_label(label: str | None) -> str:
     return checked_label(label)
 
 
-def _check_lights(metadata: SetMetadata) -> None:
+def _solver(metadata: SetMetadata, method: Method | None) -> Method:
+    """`method` or the default for the number of lights, if it suits that number."""
     count = len(metadata.lighting.directions)
-    if count < 4:
-        raise InputError(f"has {count} lights; textures are compared in sets of 4 or more lights")
+    chosen = method or default_method(count)
+    if not suits(chosen, count):
+        advice = "give --method least_squares" if count >= 3 else "3 are needed"
+        raise InputError(f"has {count} lights, which {chosen} cannot solve; {advice}")
+    return chosen
 
 
 @lru_cache(maxsize=1)

@@ -6,35 +6,43 @@ from functools import partial
 from pathlib import Path
 
 from capture.console import progress
-from classify import TextureLibrary
+from classify import Method, TextureLibrary
 from classify.errors import InputError, LibraryError
 from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import PLANAR, observe_set, read_header, warn_unprotected
+from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_unprotected
 
 
 def train_library(
-    paths: Sequence[Path], folder: Path, batch: Batch, classifier: str = DEFAULT_CLASSIFIER
+    paths: Sequence[Path],
+    folder: Path,
+    batch: Batch,
+    classifier: str = DEFAULT_CLASSIFIER,
+    method: Method | None = None,
 ) -> tuple[TextureLibrary, dict[str, int]]:
     """Train a library from labelled sets; return it and the number of sets of each class.
 
-    The library stores the paths of the sets relative to `folder`, where it will be saved.
+    All sets are solved by `method`, by default the default solver for their number of lights. The
+    library stores the paths of the sets relative to `folder`, where it will be saved.
 
     Raises
     ------
     InputError
-        If a set cannot be read or solved, has no label, or its path is not valid UTF-8.
+        If a set cannot be read or solved, has no label, its path is not valid UTF-8, or the sets
+        have different default solvers.
     """
     absolute = [path.absolute() for path in paths]
     for path in absolute:
         if str(path).encode(errors="replace").decode() != str(path):
             raise InputError(f"{path}: not valid UTF-8, and the library stores the path; rename it")
-    headers = list(progress(batch.map(read_header, absolute), len(paths), "read labels"))
+    read = batch.map(partial(read_header, method=method), absolute)
+    headers = list(progress(read, len(paths), "read labels"))
     warn_unprotected((path, header.protected) for path, header in zip(paths, headers, strict=True))
+    method = _one_solver(paths, headers)
     segment_px = min(header.segment_px for header in headers)
-    task = partial(observe_set, segment_px=segment_px, classifier=classifier)
+    task = partial(observe_set, segment_px=segment_px, classifier=classifier, method=method)
     observations = list(progress(batch.map(task, absolute), len(paths), "train"))
     library = TextureLibrary.from_observations(
         [
@@ -44,6 +52,7 @@ def train_library(
         segment_px,
         classifier,
         lighting=common_lighting([header.lighting for header in headers]),
+        method=method,
         planar=PLANAR,
         simulated=any(header.simulated for header in headers),
         sources=[
@@ -55,27 +64,46 @@ def train_library(
     return library, {label: labels.count(label) for label in library.classes}
 
 
+def _one_solver(paths: Sequence[Path], headers: Sequence[SetHeader]) -> Method:
+    """The solver of all sets; InputError if it differs, because textures differ with it."""
+    example = {header.method: path for path, header in zip(paths, headers, strict=True)}
+    if len(example) > 1:
+        each = ", ".join(f"{path} by {method}" for method, path in example.items())
+        raise InputError(
+            f"the training sets would be solved by different solvers ({each}); give --method "
+            "least_squares, which suits all, or leave some out"
+        )
+    return headers[0].method
+
+
 def retrain_library(
-    library: TextureLibrary, path: Path, batch: Batch, classifier: str
+    library: TextureLibrary,
+    path: Path,
+    batch: Batch,
+    classifier: str,
+    method: Method | None = None,
 ) -> TextureLibrary:
     """Train another classifier from the sets that the library at `path` was trained from.
+
+    The solver is that of the library unless `method` is given.
 
     Raises
     ------
     LibraryError
         If the library does not name its training sets, or one of them is missing or has changed.
     """
+    method = method or library.method
     remedy = f"train a library with --classifier {classifier}"
     if not library.sources:
         raise LibraryError(f"{path}: does not name its training sets; {remedy}")
     places = [path.absolute().parent / name for name, _ in library.sources]
     for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
         try:
-            found = read_header(place).pixels_sha256
+            found = read_header(place, method).pixels_sha256
         except InputError as error:
             raise LibraryError(
                 f"{path}: one of its training sets cannot be read ({error}); {remedy}"
             ) from error
         if found != pixels_sha256:
             raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
-    return train_library(places, path.parent, batch, classifier)[0]
+    return train_library(places, path.parent, batch, classifier, method)[0]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from capture.console import complain, out, print_json, progress, reported
+from capture.console import ItemProgress, complain, out, print_json, progress, reported
 from capture.errors import Cause
 from capture.outputs import check_output
 from classify.errors import InputError
@@ -294,8 +294,10 @@ def solve(
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
     rows, protected = [], []
     with Batch(workers, scheduler) as batch:
-        solving = batch.map(partial(solve_set, method=method, light=light, planar=planar), tasks)
-        solved = progress(solving, len(tasks), "solve")
+        task = partial(solve_set, method=method, light=light, planar=planar)
+        share = ItemProgress()
+        solving = batch.map(task, tasks, here=partial(task, on_progress=share))
+        solved = progress(solving, len(tasks), "solve", share)
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             protected.append((path, surface.protected))
             if json:

@@ -12,23 +12,39 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.console import new_table, out, print_json, print_table, progress, reported
+from capture.console import complain, new_table, out, print_json, print_table, progress, reported
 from capture.outputs import check_output
 from classify.errors import InputError
-from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER
+from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, Method
 
 from . import options
 
 if TYPE_CHECKING:
     from capture.batch.runner import Batch
     from capture.batch.tasks import ClassifiedSet
-    from classify import Evaluation
+    from classify import Evaluation, TextureLibrary
 
 LibraryOption = Annotated[
     Path, typer.Option("--library", help="Texture library, NAME.ps4lib.", metavar="LIB")
 ]
 ClassifierOption = Annotated[
     str, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
+]
+TrainingSolver = Annotated[
+    Method | None,
+    typer.Option(
+        help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
+        show_default="ps4_robust, or least_squares for more than four lights",
+        metavar="METHOD",
+    ),
+]
+LibrarySolver = Annotated[
+    Method | None,
+    typer.Option(
+        help=f"Solver of the sets, one of {', '.join(METHODS)}.",
+        show_default="the solver of the library",
+        metavar="METHOD",
+    ),
 ]
 
 
@@ -37,6 +53,7 @@ def train(
     sets: options.Sets,
     library: LibraryOption,
     classifier: ClassifierOption = DEFAULT_CLASSIFIER,
+    method: TrainingSolver = None,
     force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
@@ -51,14 +68,19 @@ def train(
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
     _check_classifier(classifier)
     with Batch(workers, scheduler) as batch:
-        trained, classes = train_library(paths, library.parent, batch, classifier)
+        trained, classes = train_library(paths, library.parent, batch, classifier, method)
     trained.save(library)
     if json:
-        about = {"classes": classes, "planar": trained.planar, "simulated": trained.simulated}
+        about = {
+            "classes": classes,
+            "method": trained.method,
+            "planar": trained.planar,
+            "simulated": trained.simulated,
+        }
         print_json({"library": str(library), **about})
     else:
         note = " (simulated)" if trained.simulated else ""
-        parts = f"{len(paths)} sets, solved as planar parts"
+        parts = f"{len(paths)} sets, solved by {trained.method} as planar parts"
         out.print(f"{library}: {len(classes)} classes from {parts}{note}", soft_wrap=True)
 
 
@@ -66,6 +88,7 @@ def train(
 def classify(
     sets: options.Sets,
     library: LibraryOption,
+    method: LibrarySolver = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     json: options.Json = False,
@@ -76,12 +99,9 @@ def classify(
 
     paths = find_sets(sets)
     with Batch(workers, scheduler) as batch:
-        answers = _classified(paths, library, batch)
+        answers, trained = _classified(paths, library, batch, method)
     if json:
-        fields = (
-            asdict(each.match) | {"planar": each.planar, "simulated": each.simulated}
-            for each in answers
-        )
+        fields = (asdict(each.match) | _solved(each, trained) for each in answers)
         print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
         return
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
@@ -107,6 +127,7 @@ def evaluate_(
             metavar="NAME",
         ),
     ] = None,
+    method: LibrarySolver = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     json: options.Json = False,
@@ -121,13 +142,14 @@ def evaluate_(
     folder = None if scheduler is None else library.absolute().parent
     with (
         Batch(workers, scheduler) as batch,
-        _library_for(library, classifier, batch, folder) as chosen,
+        _library_for(library, classifier, method, batch, folder) as chosen,
     ):
-        answers = _classified(paths, chosen, batch, label_required=True)
+        answers, trained = _classified(paths, chosen, batch, method, label_required=True)
     trials = [Trial(answer.label or "", answer.orientation_deg, answer.match) for answer in answers]
     result = evaluate(trials)
     if json:
-        print_json(_as_json(result))
+        used = sorted({answer.method for answer in answers})
+        print_json(_as_json(result) | {"methods": used, "library_method": trained.method})
         return
     columns = ("class", "sets", "right", "accuracy", "median error", "95 % error", "wrong answers")
     table = new_table(*columns, prose="wrong answers")
@@ -150,17 +172,53 @@ def evaluate_(
 
 
 def _classified(
-    paths: list[Path], library: Path, batch: Batch, label_required: bool = False
-) -> list[ClassifiedSet]:
+    paths: list[Path],
+    library: Path,
+    batch: Batch,
+    method: Method | None,
+    label_required: bool = False,
+) -> tuple[list[ClassifiedSet], TextureLibrary]:
     from capture.batch.tasks import classify_set, warn_unprotected
     from classify import TextureLibrary
 
-    TextureLibrary.load(library)  # so that a wrong library is found before the first set
-    task = partial(classify_set, library=library.absolute(), label_required=label_required)
+    trained = TextureLibrary.load(library)  # so that a wrong one is found before the first set
+    task = partial(
+        classify_set, library=library.absolute(), label_required=label_required, method=method
+    )
     answers = batch.map(task, [path.absolute() for path in paths])
     answered = list(progress(answers, len(paths), "classify"))
     warn_unprotected((path, answer.protected) for path, answer in zip(paths, answered, strict=True))
-    return answered
+    _warn_other_solver(paths, answered, library, trained)
+    return answered, trained
+
+
+def _warn_other_solver(
+    paths: list[Path], answers: list[ClassifiedSet], library: Path, trained: TextureLibrary
+) -> None:
+    if trained.method is None:
+        solvers = " and ".join(sorted({answer.method for answer in answers}))
+        complain(
+            f"warning: {library}: does not record the solver of its training sets; the sets were "
+            f"solved by {solvers}"
+        )
+        return
+    pairs = zip(paths, answers, strict=True)
+    others = [(path, answer.method) for path, answer in pairs if answer.method != trained.method]
+    if others:
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        complain(
+            f"warning: {others[0][0]}{more}: solved by {others[0][1]}, but {library} was trained "
+            f"with {trained.method}; textures differ between solvers"
+        )
+
+
+def _solved(answer: ClassifiedSet, trained: TextureLibrary) -> dict[str, Any]:
+    return {
+        "method": answer.method,
+        "library_method": trained.method,
+        "planar": answer.planar,
+        "simulated": answer.simulated,
+    }
 
 
 def _check_classifier(name: str) -> None:
@@ -170,19 +228,27 @@ def _check_classifier(name: str) -> None:
 
 @contextmanager
 def _library_for(
-    library: Path, classifier: str | None, batch: Batch, folder: Path | None
+    library: Path,
+    classifier: str | None,
+    method: Method | None,
+    batch: Batch,
+    folder: Path | None,
 ) -> Iterator[Path]:
-    """Yield the library, or a temporary one in `folder` with `classifier` and the same sets."""
+    """Yield the library, or a temporary one in `folder` from the same sets.
+
+    It is trained with `classifier`, and with `method` or the solver of the library.
+    """
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
     if classifier is not None:
         _check_classifier(classifier)
     trained = TextureLibrary.load(library)
-    if classifier in (None, trained.classifier):
+    same = classifier == trained.classifier and method in (None, trained.method)
+    if classifier is None or same:
         yield library
         return
-    retrained = retrain_library(trained, library, batch, classifier)
+    retrained = retrain_library(trained, library, batch, classifier, method)
     with tempfile.TemporaryDirectory(prefix="ps4rig-", dir=folder) as temporary:
         path = Path(temporary) / library.name
         retrained.save(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,7 +74,13 @@ class CapturedSet:
         """The lights of the images."""
         return self.metadata.lighting.to_lighting()
 
-    def solve(self, method: Method | None = None, *, planar: bool = False) -> SurfaceEstimate:
+    def solve(
+        self,
+        method: Method | None = None,
+        *,
+        planar: bool = False,
+        on_progress: Callable[[float], None] | None = None,
+    ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
@@ -82,7 +89,7 @@ class CapturedSet:
         return photometric_stereo(
             self.images, self.lighting, method, ambient=self.ambient,
             full_scale=self.metadata.full_scale, noise=self.noise, planar=planar,
-            mask=self.mask,
+            mask=self.mask, on_progress=on_progress,
         )  # fmt: skip
 
     @property

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from classify.classifiers import Parameters, classifier_named
 from classify.errors import LibraryError
 from classify.lighting import Lighting
+from classify.methods import Method
 from classify.surface.estimate import FloatMap
 
 
@@ -35,6 +36,9 @@ class LibraryContents:
         Distance beyond which each class rejects; empty where the classifier rejects nothing.
     lighting
         The lights of the training sets, where all had the same.
+    method
+        Solver of the training sets; None if they do not come from a solver, or the library is of a
+        version that did not record it.
     planar
         Whether the training sets were solved as planar parts.
     simulated
@@ -54,6 +58,7 @@ class LibraryContents:
     segment_px: int
     limits: Mapping[str, float] = field(default_factory=dict)
     lighting: Lighting | None = None
+    method: Method | None = None
     planar: bool = False
     simulated: bool = False
     sources: tuple[tuple[str, str], ...] = ()

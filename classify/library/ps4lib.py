@@ -29,14 +29,16 @@ from pydantic import (
 from classify.durable_file import durable_file, require_folder
 from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
-from classify.methods import CLASSIFIER_NAMES
+from classify.methods import CLASSIFIER_NAMES, Method
 from classify.regular_file import open_regular_file
 from classify.texture.spectra import MAX_SEGMENT_PX, MIN_SEGMENT_PX
 
 from .contents import LibraryContents
 
 SUFFIX = ".ps4lib"
-VERSION: Final = 3
+VERSION: Final = 4
+# Version 3 has no `method`; the arrays are the same.
+_READABLE = (3, 4)
 MAP_FROM_BYTES = 64 * 2**20
 """Arrays of this size or more stay in the file; smaller ones are read and their checksum tested."""
 
@@ -88,9 +90,10 @@ class _Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4lib"] = "ps4lib"
-    version: Literal[3] = VERSION
+    version: Literal[3, 4] = VERSION
     classifier: str
     segment_px: int = Field(ge=MIN_SEGMENT_PX, le=MAX_SEGMENT_PX)
+    method: Method | None = None
     planar: bool = False
     simulated: bool = False
     classes: Annotated[tuple[Label, ...], FailFast()] = Field(min_length=1)
@@ -191,6 +194,7 @@ def write(path: Path, library: LibraryContents) -> None:
     header = _Header(
         classifier=library.classifier,
         segment_px=library.segment_px,
+        method=library.method,
         planar=library.planar,
         simulated=library.simulated,
         classes=library.classes,
@@ -259,6 +263,7 @@ def _read(archive: _Archive, kind: type[Library]) -> Library:
         segment_px=header.segment_px,
         limits=header.limits,
         lighting=lighting,
+        method=header.method,
         planar=header.planar,
         simulated=header.simulated,
         sources=header.sources,
@@ -275,7 +280,7 @@ def _checked_header(content: bytes) -> _Header:
         if not isinstance(raw, dict):
             raise LibraryError("the header is not a JSON object; train it again")
         version = raw["version"]
-        if isinstance(version, int) and version != VERSION:
+        if isinstance(version, int) and version not in _READABLE:
             which = "use a newer ps4rig or train" if version > VERSION else "train"
             raise LibraryError(
                 f"library version {version}, this program reads {VERSION}; {which} it again"

@@ -10,7 +10,7 @@ import numpy as np
 from classify.classifiers import Comparison, classifier_named
 from classify.errors import InputError, LibraryError
 from classify.lighting import Lighting
-from classify.methods import DEFAULT_CLASSIFIER
+from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.blur import blurred_surface
 from classify.texture.spectra import segment_for
@@ -47,7 +47,7 @@ class TextureLibrary(LibraryContents):
         Raises
         ------
         LibraryError, InputError
-            Without samples, where only some are solved as planar parts, for a label that cannot
+            Without samples, where they are not solved alike, for a label that cannot
             name a class, an orientation that is not finite, or a surface too small for a texture.
         """
         rows = [
@@ -55,10 +55,11 @@ class TextureLibrary(LibraryContents):
         ]
         if not rows:
             raise LibraryError("nothing to train on; give at least one set")
-        if len({surface.planar for _, surface, _ in rows}) > 1:
-            raise LibraryError(
-                "some training sets are solved as planar parts and others are not; solve all alike"
-            )
+        solved = {(surface.method, surface.planar): label for label, surface, _ in rows}
+        if len(solved) > 1:
+            each = (f"{_solver(*how)} ({label})" for how, label in solved.items())
+            raise LibraryError(f"training sets are solved {', '.join(each)}; solve all alike")
+        method = rows[0][1].method
         segment_px = min(segment_for(surface.shape) for _, surface, _ in rows)
         return cls.from_observations(
             [
@@ -68,6 +69,7 @@ class TextureLibrary(LibraryContents):
             segment_px,
             classifier,
             lighting=common_lighting([surface.lighting for _, surface, _ in rows]),
+            method=method if method in METHODS else None,
             planar=rows[0][1].planar,
         )
 
@@ -79,6 +81,7 @@ class TextureLibrary(LibraryContents):
         classifier: str = DEFAULT_CLASSIFIER,
         *,
         lighting: Lighting | None = None,
+        method: Method | None = None,
         planar: bool = False,
         simulated: bool = False,
         sources: Sequence[tuple[str, str]] = (),
@@ -88,6 +91,7 @@ class TextureLibrary(LibraryContents):
             classifier=classifier,
             segment_px=segment_px,
             lighting=lighting,
+            method=method,
             planar=planar,
             simulated=simulated,
             sources=tuple(sources),
@@ -115,9 +119,6 @@ class TextureLibrary(LibraryContents):
     def observe(self, surface: SurfaceEstimate) -> FloatMap:
         """Compute the signature of a surface, for `match`.
 
-        Warns where the surface was solved as a planar part and the training sets were not, or the
-        other way round.
-
         Raises
         ------
         InputError
@@ -125,13 +126,6 @@ class TextureLibrary(LibraryContents):
             classifier compares images and the lights were others.
         """
         classifier = classifier_named(self.classifier)
-        if surface.planar != self.planar and surface.images is not None:
-            warnings.warn(
-                f"this surface was solved with planar={surface.planar}, the training sets of the "
-                f"library with planar={self.planar}; solve it alike, because the fall-off of near "
-                "lights changes a texture",
-                stacklevel=2,
-            )
         if classifier.from_images:
             _check_same_lights(surface.lighting, self.lighting, self.classifier)
         observation = classifier.observe(surface, self.segment_px)
@@ -163,8 +157,17 @@ class TextureLibrary(LibraryContents):
     def classify(self, surface: SurfaceEstimate) -> Match:
         """Find the nearest class, or unknown, and the orientation; raises as `observe`.
 
-        A surface that is sharper than its nearest training set is blurred and compared again.
+        A surface that is sharper than its nearest training set is blurred and compared again. Warns
+        where a solver solved the surface otherwise than the training sets.
         """
+        trained = (self.method or surface.method, self.planar)
+        if surface.images is not None and (surface.method, surface.planar) != trained:
+            warnings.warn(
+                f"this surface was solved {_solver(surface.method, surface.planar)}, the training "
+                f"sets of the library {_solver(*trained)}; solve it alike, because textures differ "
+                "between solvers",
+                stacklevel=2,
+            )
         match = self.match(self.observe(surface))
         if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX:
             return match
@@ -186,6 +189,10 @@ class TextureLibrary(LibraryContents):
 
         bounds = classifier.bounds(invariants, self.invariants, self.parameters)
         return Sieve(self.class_indices).nearest(bounds, compare)
+
+
+def _solver(method: str, planar: bool) -> str:
+    return f"by {method}{' as planar parts' * planar}"
 
 
 def _check_same_lights(

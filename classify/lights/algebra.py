@@ -93,7 +93,10 @@ def three_of_ring(lighting: Lighting, method: str) -> tuple[Array32, int]:
         If these are not four lights at the tilts of the ring, or the three in one plane.
     """
     if len(lighting) != 4:
-        raise InputError(f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}")
+        raise InputError(
+            f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}; "
+            "use least_squares"
+        )
     unused = lighting.light_nearest_tilt(_PS3_UNUSED_TILT_DEG[method])
     used = np.arange(4) != unused
     weights = np.zeros((3, 4), dtype=np.float32)

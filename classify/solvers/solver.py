@@ -12,7 +12,7 @@ from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import fall_off
-from classify.methods import METHODS, Method
+from classify.methods import METHODS, Method, default_method
 from classify.surface.estimate import SurfaceEstimate
 
 from .dark import judge_dark_pixels
@@ -105,7 +105,7 @@ def photometric_stereo(
     >>> round(float(surface.p[0, 0]), 3), round(float(surface.q[0, 0]), 3)
     (0.2, -0.1)
     """
-    chosen = method or ("least_squares" if len(lighting) > 4 else "ps4_robust")
+    chosen = method or default_method(len(lighting))
     if chosen not in _SOLVERS:
         raise InputError(f"unknown method {chosen!r}; choose one of {', '.join(METHODS)}")
     stack = ImageStack.checked(images, len(lighting), ambient)

@@ -68,6 +68,11 @@ def solve(images: SimulatedSet, method: Method, *, planar: bool = False) -> Surf
     return surface
 
 
+def solves_as_planar(method: Method) -> bool:
+    """Whether sets are solved as planar parts, as `ps4rig train` and `classify` do by default."""
+    return method == BEST_SOLVER
+
+
 class CachedPatch:
     """One patch under any conditions; each scene, solution and observation is computed once.
 
@@ -95,8 +100,7 @@ class CachedPatch:
         """Surface as a solver estimates it."""
         key = (conditions, method)
         if key not in self._surfaces:
-            # `ps4rig train` and `classify` solve textures as planar parts.
-            planar = method == BEST_SOLVER
+            planar = solves_as_planar(method)
             self._surfaces[key] = solve(self.images(conditions), method, planar=planar)
         return self._surfaces[key]
 

@@ -11,7 +11,7 @@ from classify.classifiers import classifier_named
 from classify.library.training import TrainingRow
 
 from . import plan
-from .patches import CachedPatch
+from .patches import CachedPatch, solves_as_planar
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def library_path(
 def train(task: TrainingTask) -> None:
     """Write the libraries of some training runs."""
     experiment, first = task.experiment, task.runs[0]
-    rows: dict[tuple[Path, int, str], list[TrainingRow]] = {}
+    rows: dict[tuple[Path, int, Method, str], list[TrainingRow]] = {}
     for texture in dict.fromkeys(t for run in task.runs for t in run.textures):
         for rotate_deg in first.orientations_deg:
             position = plan.PatchPosition(texture, 0, False, rotate_deg)
@@ -83,13 +83,19 @@ def train(task: TrainingTask) -> None:
                     observation = patch.observation(
                         run.conditions, solver, classifier, run.segment_px, train=True
                     )
-                    rows.setdefault((path, run.segment_px, classifier), []).append(
+                    rows.setdefault((path, run.segment_px, solver, classifier), []).append(
                         TrainingRow(texture.name, observation, rotate_deg)
                     )
     lighting = Lighting.ring(first.conditions.slant_deg)
-    for (path, segment_px, classifier), trained in rows.items():
+    for (path, segment_px, solver, classifier), trained in rows.items():
         TextureLibrary.from_observations(
-            trained, segment_px, classifier, lighting=lighting, simulated=True
+            trained,
+            segment_px,
+            classifier,
+            lighting=lighting,
+            method=solver,
+            planar=solves_as_planar(solver),
+            simulated=True,
         ).save(path)
 
 

@@ -4,13 +4,15 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from capture import CapturedSet
-from classify import TextureLibrary
+from classify import Lighting, TextureLibrary
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -20,8 +22,8 @@ def test_train_counts_the_sets_of_each_class(ps4rig: Command, sets: Path, tmp_pa
     library = tmp_path / "t.ps4lib"
     result = ps4rig("train", sets, "--library", library, "--json")
     assert json.loads(result.stdout) == {
-        "library": str(library), "classes": {"rock": 2, "sand": 2}, "planar": True,
-        "simulated": True,
+        "library": str(library), "classes": {"rock": 2, "sand": 2},
+        "method": "ps4_robust", "planar": True, "simulated": True,
     }  # fmt: skip
     assert TextureLibrary.load(library).simulated
     assert TextureLibrary.load(library).planar
@@ -50,7 +52,7 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     assert list(rock) == [
         "set", "label", "nearest", "orientation_deg", "distance", "runner_up",
         "runner_up_distance", "margin", "limit", "sharpness", "reason", "heading_deg", "blur_px",
-        "planar", "simulated",
+        "method", "library_method", "planar", "simulated",
     ]  # fmt: skip
     assert 0.0 <= rock["distance"] <= rock["limit"]
     assert 0.0 <= rock["sharpness"] < sand["sharpness"] <= 1.0
@@ -58,6 +60,7 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     assert (rock["set"], rock["label"], rock["runner_up"]) == (str(paths[0]), "rock", "sand")
     assert (sand["label"], sand["nearest"], sand["simulated"]) == ("sand", "sand", True)
     assert sand["planar"] is True
+    assert (sand["method"], sand["library_method"]) == ("ps4_robust", "ps4_robust")
     assert sand["orientation_deg"] == pytest.approx(50.0, abs=5.0)
     assert 0.0 <= sand["distance"] < sand["runner_up_distance"]
     assert sand["margin"] == pytest.approx(1 - sand["distance"] / sand["runner_up_distance"])
@@ -82,7 +85,7 @@ def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     answer = json.loads(ps4rig("evaluate", sets, "--library", library, "--json").stdout)
     assert list(answer) == [
         "sets", "accuracy", "per_class", "confusion", "orientation_error_deg", "unknown",
-        "headings", "reversed",
+        "headings", "reversed", "methods", "library_method",
     ]  # fmt: skip
     assert (answer["sets"], answer["accuracy"], answer["unknown"]) == (4, 1.0, 0)
     assert answer["confusion"] == {"rock": {"rock": 2}, "sand": {"sand": 2}}
@@ -114,15 +117,76 @@ def test_a_set_without_a_usable_label_is_named(
     assert not (tmp_path / "t.ps4lib").exists()
 
 
-def test_three_lights_are_too_few_for_textures(
-    refused: Refused, made_set: Command, sets: Path, library: Path, tmp_path: Path
+def test_sets_of_three_lights_are_trained_and_classified_by_least_squares(
+    ps4rig: Command, refused: Refused, made_set: Command, sets: Path, tmp_path: Path
 ) -> None:
-    images = CapturedSet.load(sets / "rock-001.ome.tif").images[:3]
-    path = tmp_path / "a.ome.tif"
-    made_set(images).save(path)
-    message = f"{path}: has 3 lights; textures are compared in sets of 4 or more lights"
-    assert refused("classify", path, "--library", library) == message
-    assert refused("train", path, "--library", tmp_path / "t.ps4lib") == message
+    paths = []
+    for name in ("rock", "sand"):
+        paths.append(tmp_path / f"{name}.ome.tif")
+        images = CapturedSet.load(sets / f"{name}-001.ome.tif").images[:3]
+        three = Lighting.ring(45.0, [0, 90, 180])
+        made_set(images, lighting=three, label=name).save(paths[-1])
+    train = ("train", *paths, "--library", tmp_path / "t.ps4lib")
+    advice = "has 3 lights, which ps4_robust cannot solve; give --method least_squares"
+    assert refused(*train) == f"{paths[0]}: {advice}"
+    ps4rig(*train, "--method", "least_squares")
+    result = ps4rig("classify", *paths, "--library", tmp_path / "t.ps4lib", "--json")
+    assert result.stderr == ""
+    assert [row["label"] for row in json.loads(result.stdout)] == ["rock", "sand"]
+
+
+def test_another_solver_than_that_of_the_library_is_named(
+    ps4rig: Command, sets: Path, library: Path
+) -> None:
+    arguments = (sets / "rock-001.ome.tif", "--library", library, "--method", "ps4", "--json")
+    warning = "rock-001.ome.tif: solved by ps4, but "
+    classified = ps4rig("classify", *arguments)
+    assert warning in classified.stderr
+    assert "was trained with ps4_robust" in classified.stderr
+    (row,) = json.loads(classified.stdout)
+    assert (row["method"], row["library_method"]) == ("ps4", "ps4_robust")
+    evaluated = ps4rig("evaluate", *arguments)
+    assert warning in evaluated.stderr
+    answer = json.loads(evaluated.stdout)
+    assert (answer["methods"], answer["library_method"]) == (["ps4"], "ps4_robust")
+
+
+def test_the_solver_of_the_library_is_kept(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
+    """In classify and evaluate, and where evaluate trains another classifier."""
+    library = tmp_path / "t.ps4lib"
+    ps4rig("train", sets, "--library", library, "--method", "least_squares")
+    assert TextureLibrary.load(library).method == "least_squares"
+    common = ("evaluate", sets, "--library", library, "--json")
+    for more in ((), ("--classifier", "polar"), ("--classifier", "polar", "--method", "ps4")):
+        result = ps4rig(*common, *more)
+        answer = json.loads(result.stdout)
+        solver = "ps4" if "--method" in more else "least_squares"
+        assert (answer["methods"], answer["library_method"]) == ([solver], solver)
+        assert result.stderr == ""
+
+
+def test_training_sets_of_different_solvers_are_refused_by_name(
+    refused: Refused, made_set: Command, sets: Path, tmp_path: Path
+) -> None:
+    four, eight = sets / "rock-001.ome.tif", tmp_path / "eight.ome.tif"
+    images = CapturedSet.load(sets / "sand-001.ome.tif").images
+    made_set(np.concatenate([images, images]), label="sand").save(eight)
+    line = refused("train", four, eight, "--library", tmp_path / "t.ps4lib")
+    assert f"({four} by ps4_robust, {eight} by least_squares)" in line
+    assert "give --method least_squares" in line
+
+
+def test_a_library_without_a_recorded_solver_says_so(
+    ps4rig: Command, sets: Path, library: Path, tmp_path: Path
+) -> None:
+    earlier = tmp_path / "earlier.ps4lib"
+    loaded = TextureLibrary.load(library)
+    replace(loaded, method=None).save(earlier)
+    result = ps4rig("classify", sets / "rock-001.ome.tif", "--library", earlier, "--json")
+    assert "earlier.ps4lib: does not record the solver of its training sets" in result.stderr
+    assert "solved by ps4_robust" in result.stderr
+    (row,) = json.loads(result.stdout)
+    assert (row["label"], row["library_method"]) == ("rock", None)
 
 
 def test_a_training_set_whose_name_is_not_utf_8_is_refused(
