@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
 # A fold is what cross-validation leaves out at a time.
-_SAMPLES, _BLOCKS, _FOLDS = 64, 16, 4
+_SAMPLES, _BLOCKS, _FOLDS = 128, 16, 4
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
 # The higher degree is taken where its error of prediction is below this share of the lower one's,

@@ -292,6 +292,27 @@ def test_led_levels_that_were_found_are_printed_and_given_ones_believed(
         assert f"{line}, found in the images" in page
 
 
+def test_solve_says_what_it_took_for_fall_off(ps4rig: Command, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    across = np.exp(np.linspace(-0.3, 0.3, 96))
+    photographs = [tmp_path / f"{light}.png" for light in range(4)]
+    for path, strength in zip(photographs, (across, 1.0, across[::-1], 1.0), strict=True):
+        values = rng.uniform(90.0, 110.0, (96, 96)) * strength
+        cv2.imwrite(str(path), np.rint(values).astype(np.uint8))
+    out, maps = tmp_path / "a.ome.tif", tmp_path / "maps"
+    assert ps4rig("import", *photographs, "--slant", 45, out).exit_code == 0
+    distant = ps4rig("solve", out, "--out", maps).stdout.splitlines()
+    assert re.fullmatch(
+        r"if the part is flat, light falls off by 4\d% across it: use --planar", distant[-1]
+    )
+    planar = ps4rig("solve", out, "--out", maps, "--planar").stdout.splitlines()
+    assert re.match(r"solved as a planar part: light falls off by 4\d% across it", planar[-1])
+    answer = json.loads(ps4rig("solve", out, "--out", maps, "--planar", "--json").stdout)
+    assert (answer["planar"], answer["fall_off"]) == (True, pytest.approx(0.45, abs=0.03))
+    assert json.loads((maps / "roughness.json").read_text())["planar"] is True
+    assert abs(tifffile.imread(maps / "p.tif")).mean() < 0.1
+
+
 @pytest.mark.parametrize(
     ("level", "cause"), [(0, "100% are dark under a light"), (255, "100% are saturated")]
 )

@@ -1,5 +1,6 @@
 """The page of maps: complete, self-contained, and text of a set is escaped."""
 
+import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -42,8 +43,8 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
-def page_of(captured: CapturedSet, method: str = "ps4") -> Page:
-    maps = SurfaceMaps.of(captured.solve(method))
+def page_of(captured: CapturedSet, method: str = "ps4", *, planar: bool = False) -> Page:
+    maps = SurfaceMaps.of(captured.solve(method, planar=planar))
     page = Page(map_page(captured, maps, map_views(captured, maps)))
     assert page.open == []
     return page
@@ -52,6 +53,18 @@ def page_of(captured: CapturedSet, method: str = "ps4") -> Page:
 @pytest.fixture(scope="module")
 def page(sets: Path) -> Page:
     return page_of(CapturedSet.load(sets / "rock-001.ome.tif"))
+
+
+def test_the_page_says_that_a_part_was_solved_as_planar(
+    page: Page, sets: Path, made_set: Callable[..., CapturedSet]
+) -> None:
+    planar = page_of(CapturedSet.load(sets / "rock-001.ome.tif"), planar=True).text
+    assert re.search(r"fall-off of \d+% divided out, with any tilt or bow", planar)
+    assert "planar" not in page.text
+    assert (
+        "too little of it is lit"
+        in page_of(made_set(np.zeros((4, 9, 9), np.uint16)), planar=True).text
+    )
 
 
 def test_the_page_shows_every_map_with_its_name(page: Page) -> None:

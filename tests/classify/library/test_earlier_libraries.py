@@ -32,6 +32,7 @@ def test_a_library_of_an_earlier_version_gives_the_same_matches(
     assert library.classifier == classifier
     assert library.classes == ("grün", "fine")
     assert library.simulated
+    assert not library.planar
     assert library.sources == (("one.ome.tif", "ab" * 32),)
     for kind, expected in zip(("sand", "malv"), EXPECTED[classifier], strict=True):
         match = library.classify(photographed(stationary(kind, 60.0, seed=3, side=80)))

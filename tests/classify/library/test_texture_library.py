@@ -1,6 +1,8 @@
 """Training and matching, on random textures of known orientation."""
 
+import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -207,6 +209,27 @@ def test_a_library_has_the_lighting_that_its_sets_share(photographed, stationary
     assert TextureLibrary.train([("a", at_45), ("b", surface)]).lighting is None
     assert common_lighting([None, Lighting.ring()]) is None
     assert common_lighting([Lighting.ring()]) == Lighting.ring()
+
+
+def test_a_library_knows_whether_its_sets_were_solved_as_planar_parts(
+    photographed, stationary, tmp_path: Path
+) -> None:
+    images = photographed(stationary("sand", side=64)).images
+    distant, planar = (
+        photometric_stereo(images, Lighting.ring(), planar=planar) for planar in (False, True)
+    )
+    for surface in (distant, planar):
+        TextureLibrary.train([("sand", surface)]).save(tmp_path / "a.ps4lib")
+        library = TextureLibrary.load(tmp_path / "a.ps4lib")
+        assert library.planar == surface.planar
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert library.classify(surface).label == "sand"
+        other = planar if surface is distant else distant
+        with pytest.warns(UserWarning, match=f"solved with planar={other.planar}, the training"):
+            library.classify(other)
+    with pytest.raises(LibraryError, match="some training sets are solved as planar parts"):
+        TextureLibrary.train([("sand", distant), ("sand", planar)])
 
 
 @pytest.mark.slow
