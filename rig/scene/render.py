@@ -83,7 +83,7 @@ def render_scene(
     ambient: float = AMBIENT,
     margin_px: int = 0,
     *,
-    led_distance_px: float = DISTANT,
+    led_distance_px: npt.ArrayLike = DISTANT,
     gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
@@ -100,9 +100,9 @@ def render_scene(
     margin_px
         Width of a border of the patch that casts shadows but is outside the images.
     led_distance_px
-        Distance of the lights, which are points, from the centre of the frame. Every pixel then
-        has its own light directions, and light falls off with the square of the distance. Cast
-        shadows have the direction of the light at the centre.
+        Distance of the lights, which are points, from the centre of the frame: one for all, or
+        (N,). Every pixel then has its own light directions, and light falls off with the square of
+        the distance. Cast shadows have the direction of the light at the centre.
     gloss
         None for a matt surface.
 
@@ -122,8 +122,9 @@ def render_scene(
     reflectance = _reflectance(p, q, albedo)
     images = np.empty((len(lighting), *p.shape), np.float32)
     shadowed = np.empty(images.shape, np.bool_)
+    distances_px = np.broadcast_to(np.asarray(led_distance_px, np.float64), len(lighting))
     for index, direction in enumerate(lighting.directions):
-        towards, fall_off = _point_light(direction, led_distance_px, height)
+        towards, fall_off = _point_light(direction, float(distances_px[index]), height)
         image = _cosine(p, q, towards)
         np.less_equal(image, 0.0, out=shadowed[index])
         shadowed[index] |= cast_shadow(patch.height, direction)[rows, cols]
@@ -144,7 +145,7 @@ def render_frame(
     ambient: float = AMBIENT,
     *,
     magnification: float = 1.0,
-    led_distance_px: float = DISTANT,
+    led_distance_px: npt.ArrayLike = DISTANT,
     gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
@@ -165,6 +166,11 @@ def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
 
     The share, 0 to below 1, is that by which a level white surface is darker at the far end of the
     frame's middle line, along the light's azimuth, than at the near end.
+
+    Raises
+    ------
+    InputError
+        If no distance at this slant gives such a fall-off.
     """
     # Irradiance of a level surface is proportional to 1 / r^3 at the same height of the light.
     ratio = math.pow(1.0 - fall_off, -2.0 / 3.0)  # of the squared distances: (1 + u) / (1 - u)
@@ -173,6 +179,8 @@ def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
     half_px, sine = 0.5 * size_px, math.sin(math.radians(slant_deg))
     if u == 0.0:
         return DISTANT
+    if not 0.0 < u <= sine:
+        raise InputError(f"no light at slant {slant_deg:g} falls off by {fall_off:g} over a frame")
     return half_px * (sine + math.sqrt(sine * sine - u * u)) / u
 
 

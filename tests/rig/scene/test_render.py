@@ -103,13 +103,18 @@ def test_a_point_light_has_its_own_direction_and_distance_at_every_pixel(
     slopes: tuple[float, float], distance_px: float, pixel: tuple[int, int]
 ) -> None:
     p, q = slopes
-    scene = render_scene(plane(p, q), Lighting.ring(slant_deg=35.0), led_distance_px=distance_px)
+    distances_px = distance_px * np.array([1.0, 1.5, 2.0, np.inf])
+    ring = Lighting.ring(slant_deg=35.0)
+    scene = render_scene(plane(p, q), ring, led_distance_px=distances_px)
     x, y = pixel[1] - 19.5, 19.5 - pixel[0]
     normal = np.array([-p, -q, 1.0]) / np.sqrt(1 + p * p + q * q)
-    for light, direction in enumerate(Lighting.ring(slant_deg=35.0).directions):
-        towards = distance_px * direction - np.array([x, y, p * x + q * y])
-        distance = np.linalg.norm(towards)
-        expected = 0.6 * (normal @ towards / distance) * (distance_px / distance) ** 2
+    for light, direction in enumerate(ring.directions):
+        towards, strength = direction, 1.0
+        if light < 3:
+            ray = distances_px[light] * direction - np.array([x, y, p * x + q * y])
+            towards = ray / np.linalg.norm(ray)
+            strength = (distances_px[light] / np.linalg.norm(ray)) ** 2
+        expected = 0.6 * (normal @ towards) * strength
         if not scene.shadowed[light][pixel]:
             assert scene.lights[light][pixel] == pytest.approx(expected, rel=1e-4)
 
@@ -176,5 +181,7 @@ def test_bad_arguments_are_named() -> None:
         render_scene(plane(0, 0), Lighting.ring(), margin_px=20)
     with pytest.raises(InputError, match="ambient"):
         render_scene(plane(0, 0), Lighting.ring(), ambient=-0.1)
+    with pytest.raises(InputError, match="no light at slant 5"):
+        led_distance_for(0.5, slant_deg=5.0, size_px=100)
     with pytest.raises(InputError, match="above"):
         render_scene(plane(2.0, 0), Lighting.ring(), led_distance_px=20.0)
