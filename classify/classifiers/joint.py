@@ -24,6 +24,7 @@ from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
     SERIES,
+    Distances,
     JointObservation,
     JointTraining,
     blur_curve,
@@ -36,15 +37,14 @@ from .joint_features import (
     spectral_unit,
     statistics_rows,
 )
-from .joint_learning import LIMIT_MARGIN, learn, parameter_shapes, scatter_factor
+from .joint_learning import learn, parameter_shapes
+from .joint_limits import Indices, class_limits, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
 # Squared distance from the set's own signature from which a reference under rotated lights is kept,
 # in units of the distance between quarters: a nearer one changes no match.
 _LEAST_NEW = 0.1
-# Sets of one class that are left out one by one; more would take minutes and change little.
-_MAX_LEFT_OUT = 200
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
 _HEADING = slice(-1 - HEADING_FLOATS, -1)
@@ -119,24 +119,18 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
 def _limits(
     labels: Sequence[str], sets: Sequence[int], references: FloatMap, parameters: Parameters
 ) -> dict[str, float]:
-    """Limit of each class: its scatter times the learned limit, and beyond its own sets."""
-    members: dict[str, list[int]] = {}
-    for index, label in enumerate(labels):
-        members.setdefault(label, []).append(index)
-    limits = {}
-    for label, indices in members.items():
-        own = references[indices]
-        own_sets = np.array(sets)[indices]
-        limit = float(parameters["limit"]) * float(own[:, -1].mean())
-        for left_out in np.unique(own_sets)[:_MAX_LEFT_OUT]:
-            others = own[own_sets != left_out]
-            if len(others):
-                test = own[int(np.argmax(own_sets == left_out))].copy()
-                test[-1] = 1.0
-                nearest = float(_compare(test, others, parameters).distances.min())
-                limit = max(limit, LIMIT_MARGIN * nearest)
-        limits[label] = limit
-    return limits
+    tests = references.copy()
+    tests[:, -1] = 1.0
+    invariants = _invariants(tests, parameters)
+
+    def lower_bounds(index: int, others: Indices) -> Distances:
+        return bounds(invariants[index], invariants[others], parameters)
+
+    def nearest(index: int, others: Indices) -> float:
+        return float(_compare(tests[index], references[others], parameters).distances.min())
+
+    single = float(parameters["limit"]) * references[:, -1]
+    return class_limits(labels, sets, single, lower_bounds, nearest)
 
 
 def _series_of(signatures: FloatMap) -> Complex:

@@ -1,16 +1,18 @@
-"""What the joint classifier learns: floors, whitening, units and limits.
+"""What the joint classifier learns from all training sets: floors, whitening and units.
 
 The four quarters of every training set show how much one surface differs from itself: how far its
-spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the mean
-distance between two quarters of a set.
+spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
+typical distance between two quarters of a set.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.texture.heading import MOMENTS, heading_variances
+from classify.texture.spectra import ANGLES
 from classify.texture.statistics import PARTS, levels_for, statistics_length
 
 from .classifier import Parameters, Shape
@@ -21,10 +23,10 @@ from .joint_features import (
     Distances,
     JointTraining,
     blur_curve,
-    combined,
     quarter_distances,
     statistics_rows,
 )
+from .joint_limits import unit_limit
 
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
@@ -32,26 +34,18 @@ from .joint_features import (
 _FLOOR_ERRORS = 3.0
 _FLOOR_QUANTILE = 0.75
 _LEAST_FLOOR = 1e-6
-# Correlations between statistics come from few quarters: half of each is used (shrinkage).
-_SHRINKAGE = 0.5
-_LEAST_SCATTER = 0.01
+# Four quarters give a variance to a factor of two. It is averaged with the typical variance of all
+# statistics, which counts as this many degrees of freedom, so that one class gives much the same
+# metric as 22.
+_TYPICAL_DEGREES = 48.0
+_LEAST_VARIANCE = 1e-4
+# Mean squared difference of spectra between quarters of typical surfaces. It counts as
+# `_TYPICAL_SETS` sets in the unit of distances: one set with a figure in a corner would double it.
+_TYPICAL_SPECTRAL = 0.05 * ANGLES
+_TYPICAL_SETS = 10
 # Quarters of any surface with noise differ by 1 or more; smooth plates without noise differ by the
 # rounding of single precision, which must not become the unit (test_a_smooth_plate_is_a_class...).
 _LEAST_DISTANCE = 0.1
-# The limit of a class grows with this power of its scatter: the scatter of four quarters is known
-# to a factor of two only.
-_SCATTER_POWER = 0.5
-# A limit is this quantile of the distances between quarters, in units of their class's scatter,
-# times a margin. The quantile of few distances is uncertain: `_TYPICAL_LIMIT` counts as
-# `_TYPICAL_PAIRS` distances, for libraries of few sets.
-_LIMIT_QUANTILE = 0.99
-LIMIT_MARGIN = 1.25
-_TYPICAL_LIMIT = 2.4
-_TYPICAL_PAIRS = 60
-# Quarters of training sets below this side underestimate how far two patches of a coarse texture
-# differ. The limit grows with the fourth root of the missing factor in the side, which at 128 px
-# refuses fewer known surfaces and accepts half of the unknown scanned materials.
-_SUFFICIENT_PX = 256
 
 
 def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Parameters:
@@ -79,13 +73,12 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "heading_variances": np.mean(variances, axis=0),
         "whitening": whitening,
         "pixels": np.array(np.median([float(frame.pixels) for frame in frames])),
-        "spectral_scatter": np.array(max(float(spectral.mean()), _LEAST_DISTANCE)),
+        "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
         "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
     }
     curves = np.stack([blur_curve(each.frame, each.blurred, learned) for each in trainings])
     learned[BLUR_BASIS] = blur_basis(curves, SERIES)
-    distances = combined(spectral, local, learned)
-    return {**learned, "limit": np.array(_unit_limit(distances, float(learned["pixels"])))}
+    return {**learned, "limit": np.array(unit_limit(float(learned["pixels"])))}
 
 
 def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
@@ -102,31 +95,30 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     }
 
 
-def scatter_factor(distances: Distances) -> float:
-    """Factor of the limit of a class, from distances between the quarters of one of its sets."""
-    scatter = max(float(distances.mean()), _LEAST_SCATTER)
-    return float(scatter**_SCATTER_POWER)
+def _spectral_unit(distances: Distances) -> float:
+    """Geometric mean distance between quarters of spectra, over sets and typical surfaces."""
+    logs = np.log(np.maximum(distances, _LEAST_DISTANCE))
+    total = float(logs.sum()) + _TYPICAL_SETS * math.log(_TYPICAL_SPECTRAL)
+    return math.exp(total / (len(logs) + _TYPICAL_SETS))
 
 
 def _whitening(quarters: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """(d, d) W such that |W (x - y)|^2 is the squared Mahalanobis distance within a set.
 
-    `quarters` is (sets, 4, d).
+    `quarters` is (sets, 4, d). The fewer sets, the nearer are variances to their geometric mean
+    and correlations to 0.
     """
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
-    covariance = deviations.T @ deviations / (len(quarters) * (PARTS - 1))
-    scatter = np.sqrt(np.diag(covariance)) + _LEAST_SCATTER
-    correlation = (1.0 - _SHRINKAGE) * covariance / np.outer(scatter, scatter)
+    degrees = len(quarters) * (PARTS - 1)
+    covariance = deviations.T @ deviations / degrees
+    np.fill_diagonal(covariance, np.diag(covariance) + _LEAST_VARIANCE)
+    variances = np.diag(covariance)
+    typical = np.exp(np.log(variances).mean())
+    scatter = np.sqrt(
+        (degrees * variances + _TYPICAL_DEGREES * typical) / (degrees + _TYPICAL_DEGREES)
+    )
+    correlation = covariance / np.sqrt(np.outer(variances, variances))
+    correlation *= degrees / (degrees + len(variances))
     np.fill_diagonal(correlation, 1.0)
     whitening: npt.NDArray[np.float64] = np.linalg.inv(np.linalg.cholesky(correlation)) / scatter
     return whitening
-
-
-def _unit_limit(distances: Distances, pixels: float) -> float:
-    """Limit of a class of scatter 1, from (sets, 6) distances between quarters."""
-    scatter = np.maximum(distances.mean(axis=1, keepdims=True), _LEAST_SCATTER)
-    relative = distances / scatter**_SCATTER_POWER
-    quantile = float(np.quantile(relative, _LIMIT_QUANTILE))
-    trust = relative.size / (relative.size + _TYPICAL_PAIRS)
-    limit = LIMIT_MARGIN * (trust * quantile + (1.0 - trust) * _TYPICAL_LIMIT)
-    return float(limit * max(_SUFFICIENT_PX**2 / pixels, 1.0) ** 0.125)

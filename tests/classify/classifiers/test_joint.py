@@ -114,21 +114,62 @@ def test_a_class_of_larger_scatter_has_a_larger_limit(stationary) -> None:
     # Every set is within the limit of its class even if it is left out.
     for row, label in enumerate(library.labels):
         others = [i for i, other in enumerate(library.labels) if other == label and i != row]
-        found = JOINT.compare(
-            library.signatures[row], library.signatures[others], library.parameters
-        )
+        test = library.signatures[row].copy()
+        test[-1] = 1.0
+        found = JOINT.compare(test, library.signatures[others], library.parameters)
         assert found.distances.min() <= library.limits[label]
 
 
-@pytest.mark.parametrize(("side_px", "factor"), [(64, 2.0**0.5), (128, 2.0**0.25), (512, 1.0)])
-def test_limits_of_small_training_sets_are_larger(stationary, side_px: int, factor: float) -> None:
-    """Their quarters underestimate how far two patches of a coarse texture differ."""
-    seen = [JOINT.observe_training(stationary(kind, seed=1), 64) for kind in KINDS]
-    limits = []
-    for pixels in (256**2, side_px**2):
-        sized = [replace(each, frame=replace(each.frame, pixels=pixels)) for each in seen]
-        limits.append(float(JOINT.learn(sized, KINDS)["limit"]))
-    assert limits[1] == pytest.approx(factor * limits[0])
+def test_more_sets_of_a_class_tighten_its_limit(stationary) -> None:
+    """Sets of one patch tell less than sets of several, and tighten it less."""
+    one, three, equal = (
+        TextureLibrary.train([("malv", stationary("malv", seed=seed)) for seed in seeds])
+        for seeds in ((1,), (1, 2, 3), (1, 1, 1))
+    )
+    assert 0.3 * one.limits["malv"] < three.limits["malv"] < 0.8 * one.limits["malv"]
+    assert equal.limits["malv"] > 0.4 * one.limits["malv"]
+    for seed in range(4, 12):
+        assert three.classify(stationary("malv", 20.0 * seed, seed)).label == "malv"
+
+
+def test_a_limit_never_exceeds_the_distance_to_the_nearest_other_class(stationary) -> None:
+    """Sand of 0.079 and 0.080 cycles per pixel are two classes: so is a third one beyond them."""
+    surfaces = [("malv", stationary("malv", seed=1)), ("again", stationary("malv", seed=2))]
+    alone = TextureLibrary.train(surfaces[:1])
+    library = TextureLibrary.train(surfaces)
+    first, second = library.signatures
+    apart = [
+        float(JOINT.compare(test, other[None], library.parameters).distances[0] * test[-1])
+        for test, other in ((first, second), (second, first))
+    ]
+    assert list(library.limits.values()) == pytest.approx(apart)
+    assert library.limits["malv"] < 0.8 * alone.limits["malv"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_limits_hold_in_libraries_of_few_classes(stationary, tests, count: int) -> None:
+    """The metric of few sets is not that of their own quarters alone."""
+    for first in range(0, len(KINDS), 2):
+        known = [KINDS[(first + i) % len(KINDS)] for i in range(count)]
+        library = TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in known)
+        for kind, _, surface in tests[::2]:
+            assert library.classify(surface).label == (kind if kind in known else None)
+
+
+def test_a_class_with_a_figure_in_a_corner_does_not_accept_other_textures(stationary) -> None:
+    """Its quarters differ more than textures do."""
+    figure = stationary("malv", seed=1)
+    corner = np.s_[:64, :64]
+    for name in ("p", "q", "albedo"):
+        getattr(figure, name)[corner] = getattr(stationary("sand", seed=1), name)[corner]
+    kinds = ("fine sand", "brushed", "rough", "dyed")
+    library = TextureLibrary.train(
+        [("figure", figure), *((kind, stationary(kind, seed=1)) for kind in kinds)]
+    )
+    # Three quarters of it are malv.
+    for kind in set(KINDS) - {"malv"}:
+        match = library.classify(stationary(kind, 23.0, seed=2))
+        assert match.label == (kind if kind in kinds else None)
 
 
 def test_the_unit_of_distances_is_the_distance_between_quarters(library, signatures) -> None:

@@ -1,0 +1,106 @@
+"""Limits of the joint classifier: the distance beyond which a class rejects.
+
+The distance of another patch of a class is taken as log-normal. Its median is expected from the
+scatter of the quarters of a training frame, and measured where a class has several sets.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.surface.estimate import FloatMap
+
+from .joint_features import Distances
+
+# The limit of a class grows with this power of its scatter: the distance between two patches does
+# with power 0.7 to 1, the distance to other classes does not.
+_SCATTER_POWER = 0.4
+_LEAST_SCATTER = 0.01
+# The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
+# more than textures do (test_a_class_with_a_figure_in_a_corner...).
+_LARGEST_FACTOR = 1.5
+# Median distance of another patch to a class of scatter 1, and standard deviations of its
+# logarithm: of classes whose quarters scatter alike, and of patches of one class. A limit is the
+# 99th percentile.
+_MEDIAN = 0.85
+_CLASS_SPREAD = 0.35
+_PATCH_SPREAD = 0.27
+_DEVIATIONS = 2.33
+# Smaller frames tell textures apart less: the limit falls with the eighth root of the side.
+_SUFFICIENT_PX = 256
+# Sets of one class, and references of lowest bound, that are compared: more would take minutes and
+# change little.
+_MAX_SETS = 200
+_MAX_REFERENCES = 256
+
+Indices = npt.NDArray[np.intp]
+
+
+def scatter_factor(distances: Distances) -> float:
+    """Factor of the limit of a class, from distances between the quarters of one of its sets."""
+    scatter = max(float(distances.mean()), _LEAST_SCATTER)
+    return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
+
+
+def unit_limit(pixels: float) -> float:
+    """Limit of a class of scatter 1 with one set, for frames of that many pixels."""
+    limit = _MEDIAN * math.exp(_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD))
+    return float(limit * min(pixels / _SUFFICIENT_PX**2, 1.0) ** 0.0625)
+
+
+def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
+    """Limit of a class of several sets, from the distance of each of them to the others.
+
+    `limit` is the limit of one set. The more sets, the less the median distance of the class is in
+    doubt. Sets of one patch are nearer to each other than other patches: a distance is not counted
+    as less than one standard deviation below the expected median.
+    """
+    if not distances:
+        return limit
+    spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
+    expected = math.log(limit) - _DEVIATIONS * spread
+    found = np.log(np.maximum(distances, math.exp(expected - spread)))
+    doubt = 1.0 / (1.0 + len(found) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
+    median = doubt * expected + (1.0 - doubt) * float(found.mean())
+    remaining = math.hypot(_CLASS_SPREAD * math.sqrt(doubt), _PATCH_SPREAD)
+    return math.exp(median + _DEVIATIONS * remaining)
+
+
+def class_limits(
+    labels: Sequence[str],
+    sets: Sequence[int],
+    single: FloatMap,
+    lower_bounds: Callable[[int, Indices], Distances],
+    nearest: Callable[[int, Indices], float],
+) -> dict[str, float]:
+    """Limit of each class: no more than its distance to the nearest other class.
+
+    Parameters
+    ----------
+    labels, sets, single
+        Of each reference: its class, the number of its set, the limit of that set alone.
+    lower_bounds, nearest
+        Bounds on the distances of a reference to others, and the distance to the nearest of them.
+    """
+    numbers, classes = np.array(sets), np.array(labels)
+    firsts = np.unique(numbers, return_index=True)[1]
+
+    def least(index: int, others: npt.NDArray[np.bool_]) -> float:
+        indices = np.flatnonzero(others)
+        if len(indices) > _MAX_REFERENCES:
+            lowest = np.argpartition(lower_bounds(index, indices), _MAX_REFERENCES)
+            indices = indices[lowest[:_MAX_REFERENCES]]
+        return nearest(index, indices) if len(indices) else math.inf
+
+    limits = {}
+    for label in dict.fromkeys(labels):
+        same = classes == label
+        own = firsts[same[firsts]][:_MAX_SETS]
+        within = [least(i, same & (numbers != numbers[i])) for i in own] if len(own) > 1 else []
+        between = min(least(i, ~same) for i in own)
+        typical = limit_of_sets(float(single[own].mean()), within)
+        # Sets of a class belong to it even where they are nearer to another class.
+        limits[label] = max([min(typical, between), *within])
+    return limits
