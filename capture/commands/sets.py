@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -39,7 +40,14 @@ def capture(
     rig: options.Rig = "rig.toml",
     label: LabelOption = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
-    count: Annotated[int, typer.Option(min=1, max=9999, help="Number of sets.")] = 1,
+    count: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=9999,
+            help="Number of sets, in numbered files after those that exist.",
+        ),
+    ] = 1,
     surface: options.Surface = None,
     rotate: Annotated[
         list[float] | None,
@@ -65,7 +73,7 @@ def capture(
     config = config_of(rig)
     replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
     orientations_deg: list[float] | list[None] = rotate or [None]
-    paths = _numbered(output, len(orientations_deg) * count)
+    paths = _numbered(output, len(orientations_deg) * count, replace=force)
     for path in paths:
         check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
     simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
@@ -115,16 +123,24 @@ def _captured(
             yield capture_set(rig, label, average=average)
 
 
-def _numbered(output: Path, count: int) -> list[Path]:
-    """Return `output`, or for several sets as many names with numbers from 1."""
+def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
+    """Return `output`, or for several sets as many names with numbers.
+
+    The numbers go on after the highest of the files that exist; with `replace` they begin at 1.
+    """
     from capture.sets.ome_tiff import SUFFIX
 
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SUFFIX)
-    digits = max(3, len(str(count)))
-    numbers = (f"{number:0{digits}d}" for number in range(1, count + 1))
-    return [output.with_name(f"{stem}-{number}{SUFFIX}") for number in numbers]
+    last = 0
+    if output.parent.is_dir() and not replace:
+        numbered = re.compile(f"{re.escape(stem)}-([0-9]+){re.escape(SUFFIX)}")
+        found = (numbered.fullmatch(path.name) for path in output.parent.iterdir())
+        last = max((int(match[1]) for match in found if match), default=0)
+    numbers = range(last + 1, last + count + 1)
+    digits = max(3, len(str(numbers[-1])))
+    return [output.with_name(f"{stem}-{number:0{digits}d}{SUFFIX}") for number in numbers]
 
 
 @reported

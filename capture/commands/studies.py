@@ -16,11 +16,12 @@ def demo(
     output: Annotated[
         Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
     ] = Path("demo-report"),
+    force: options.Force = False,
 ) -> None:
     """Capture, train and classify on the simulated rig, and write a report."""
     from capture.studies.demo.run import run_demo
 
-    run_demo(output)
+    run_demo(output, force=force)
 
 
 @reported

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
 from capture.console import new_table, out, print_table, progress
+from capture.outputs import check_output
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import SUFFIX
 from classify import TextureLibrary, Trial, evaluate, surface_spectra
@@ -21,17 +22,36 @@ _TEST_SEED = 1000
 _TESTS = ((37.0, (256.0, 120.0)), (112.0, (-100.0, 256.0)))
 
 
-def run_demo(output: Path) -> None:
+def run_demo(output: Path, *, force: bool = False) -> None:
     """Capture, train and classify on the simulated rig, and write the report into a folder.
 
     Raises
     ------
     InputError
-        If the folder cannot be made or written to.
+        If the folder cannot be made or written to, or holds a set or library of the demo and
+        `force` is not given.
     """
-    sets_folder = output / "sets"
+    sets_folder, library_file = output / "sets", output / "textures.ps4lib"
     for folder in (output, sets_folder):
         make_folder(folder)
+    surfaces = list(enumerate(surface_names()))
+    training = _placed(
+        sets_folder, "train", [Placement(surface=name, seed=seed) for seed, name in surfaces]
+    )
+    testing = _placed(
+        sets_folder,
+        "test",
+        [
+            Placement(
+                surface=name, rotate_deg=rotate_deg, shift_px=shift_px, seed=_TEST_SEED + seed
+            )
+            for seed, name in surfaces
+            for rotate_deg, shift_px in _TESTS
+        ],
+    )
+    check_output(library_file, suffix=".ps4lib", force=force)
+    for path in (*training, *testing):
+        check_output(path, suffix=SUFFIX, force=force)
     config = RigConfig().with_changes(camera={"width_px": FRAME_PX, "height_px": FRAME_PX})
     out.print("Simulated rig: no light, camera or part of this demo is real.")
     with open_rig(config) as rig:
@@ -41,21 +61,12 @@ def run_demo(output: Path) -> None:
             f"{identity.firmware_version}, on {rig.lights.port}; camera {rig.camera.info.name}, "
             f"{FRAME_PX} x {FRAME_PX} px, {rig.camera.info.bit_depth} bit."
         )
-        surfaces = list(enumerate(surface_names()))
-        training = [Placement(surface=name, seed=seed) for seed, name in surfaces]
-        testing = [
-            Placement(
-                surface=name, rotate_deg=rotate_deg, shift_px=shift_px, seed=_TEST_SEED + seed
-            )
-            for seed, name in surfaces
-            for rotate_deg, shift_px in _TESTS
-        ]
-        trained = _captured(rig, training, sets_folder, "train")
-        tests = _captured(rig, testing, sets_folder, "test")
+        trained = _captured(rig, training, "train")
+        tests = _captured(rig, testing, "test")
     solved = {captured.label or "": captured.solve(planar=True) for captured in trained}
     samples = ((label, surface, 0.0) for label, surface in solved.items())
     library = replace(TextureLibrary.train(samples), simulated=True)
-    library.save(output / "textures.ps4lib")
+    library.save(library_file)
     spectra = {
         label: surface_spectra(surface, library.segment_px) for label, surface in solved.items()
     }
@@ -85,15 +96,22 @@ def run_demo(output: Path) -> None:
     )
 
 
-def _captured(rig: Rig, placements: list[Placement], folder: Path, stem: str) -> list[CapturedSet]:
+def _placed(folder: Path, stem: str, placements: list[Placement]) -> dict[Path, Placement]:
+    """Name a file for the set of each placement."""
+    return {
+        folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}": placement
+        for number, placement in enumerate(placements)
+    }
+
+
+def _captured(rig: Rig, placements: dict[Path, Placement], description: str) -> list[CapturedSet]:
     """Capture a set of each placement, save it, and read it back from its file."""
 
     def sets() -> Iterator[CapturedSet]:
-        for number, placement in enumerate(placements):
+        for path, placement in placements.items():
             if rig.simulation is not None:
                 rig.simulation.place(placement)
-            path = folder / f"{stem}-{number:02d}-{placement.surface}{SUFFIX}"
             capture_set(rig, label=placement.surface).save(path)
             yield CapturedSet.load(path)
 
-    return list(progress(sets(), len(placements), stem))
+    return list(progress(sets(), len(placements), description))

@@ -77,15 +77,21 @@ def test_orientations_and_counts_write_numbered_files(ps4rig: Command, tmp_path:
     assert abs(first - second).mean() < 0.3 * abs(first - rotated).mean()
 
 
-def test_an_existing_file_among_the_numbered_ones_fails_before_the_first_set(
-    ps4rig: Command, refused: Refused, tmp_path: Path
+def test_numbers_go_on_after_existing_files_and_begin_at_1_with_force(
+    ps4rig: Command, tmp_path: Path
 ) -> None:
-    (tmp_path / "a-002.ome.tif").touch()
+    existing = tmp_path / "a-998.ome.tif"
+    existing.touch()
+    for other in ("ab-999.ome.tif", "a-9999.png", "a-x.ome.tif", "a.ome.tif"):
+        (tmp_path / other).touch()
+    before = {path.name for path in tmp_path.iterdir()}
     arguments = ("capture", "--rig", "sim", "--size", 64, "--count", 2, tmp_path / "a.ome.tif")
-    assert "a-002.ome.tif: exists already" in refused(*arguments)
-    assert len(list(tmp_path.iterdir())) == 1
+    assert ps4rig(*arguments).exit_code == 0
+    after = {path.name for path in tmp_path.iterdir()}
+    assert after - before == {"a-0999.ome.tif", "a-1000.ome.tif"}
+    assert existing.stat().st_size == 0
     assert ps4rig(*arguments, "--force").exit_code == 0
-    assert len(list(tmp_path.iterdir())) == 2
+    assert {path.name for path in tmp_path.iterdir()} - after == {"a-001.ome.tif", "a-002.ome.tif"}
 
 
 def test_the_default_rig_is_rig_toml_and_not_the_simulated_rig(

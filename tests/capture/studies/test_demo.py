@@ -42,6 +42,17 @@ def test_the_demo_captures_trains_classifies_and_reports(
     assert {path.name for path in output.iterdir()} == {"sets", "textures.ps4lib", "report.html"}
 
 
+@pytest.mark.parametrize("name", ["textures.ps4lib", "sets/train-00-{}.ome.tif"])
+def test_the_demo_replaces_no_set_and_no_library(
+    refused: Callable[..., str], tmp_path: Path, name: str
+) -> None:
+    existing = tmp_path / name.format(surface_names()[0])
+    existing.parent.mkdir(exist_ok=True)
+    existing.write_text("mine")
+    assert f"{existing}: exists already" in refused("demo", "--out", tmp_path)
+    assert existing.read_text() == "mine"
+
+
 def test_a_file_instead_of_the_output_folder_is_named(
     refused: Callable[..., str], tmp_path: Path
 ) -> None:
