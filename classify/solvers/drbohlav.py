@@ -127,7 +127,8 @@ def _replace(
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
     residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
     darkest light that is too dark or the brightest that is too bright: the one without which the
-    surface is flatter (see `robust._gate`).
+    surface is flatter (see `robust._gate`). Lights of which no majority agrees are not in shadow or
+    highlights but not known well enough: then all that are not dark are used.
 
     With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence takes
     e^2 / (1 - h) off the sum of squared residuals and the factor 1 - h off the determinant of
@@ -154,13 +155,14 @@ def _replace(
         brightest = max(brightest, values[k])
     dark_level = DARK * np.sqrt(dark_variance)
     tolerance = TOLERANCE * brightest
-    is_dark = np.empty(count, np.bool_)
+    is_dark, bright = np.empty(count, np.bool_), 0
     # The sums of the normal equations, from which a light is taken off when it goes.
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     x, y, z = 0.0, 0.0, 0.0
     for k in range(count):
         level = max(min(dark_level * gains[k], SHADOW_FRACTION * brightest), LEAK * second)
         is_dark[k] = values[k] <= level
+        bright += used[k] & (values[k] > level)
         if used[k]:
             lx, ly, lz = float(directions[0, k]), float(directions[1, k]), float(directions[2, k])
             value = float(values[k])
@@ -181,6 +183,12 @@ def _replace(
             any_dark |= used[k] & is_dark[k]
         if squares <= gates[remaining] * variance + tolerance * tolerance:
             break
+        if 2 * (remaining - 1) <= bright:
+            # No majority agrees.
+            for k in range(count):
+                used[k] = (images[k, r, c] < saturation) & (not is_dark[k])
+            _, bx, by, bz = solve_lights(images, dark, lights, gains, directions, used, r, c)
+            return NO_DROPPED_LIGHT, False, bx, by, bz
         eligible = used & is_dark if any_dark else used
         if remaining == 4:
             chosen = _one_of_four(
