@@ -143,7 +143,7 @@ def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapV
         MapView(
             "shadow.png", "lights in shadow",
             "Number of lights that give at most half of the predicted brightness: cast and "
-            "attached shadow.",
+            "attached shadow. 0 where no slope is known, as on a black backdrop.",
             pictures.reduced(pictures.shadow_map(surface)),
             legend=_legend(surface.shadow_count, pictures.shadow_colours(), shadow_names),
         ),
@@ -158,7 +158,7 @@ def _quality(maps: SurfaceMaps, tilts_deg: npt.NDArray[np.float64]) -> list[MapV
         ),
         _mask(
             "specular.png", "gloss", surface.specular,
-            "Brighter under one light than a matt surface can be.",
+            "Brighter by half under one light than a matt surface would be.",
         ),
         _mask("valid.png", "valid", surface.valid, "The slope is determined."),
     ]  # fmt: skip

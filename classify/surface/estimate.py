@@ -40,8 +40,9 @@ class SurfaceEstimate:
     valid
         bool, false where no slope can be determined: fewer than three of the lights used are out
         of shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
-        solution faces away from the camera, or the standard error of the slope from the noise of
-        these images exceeds 0.5.
+        solution faces away from the camera, the standard error of the slope from the noise of
+        these images exceeds 0.5, or a light is missing at a pixel that is black beside the rest of
+        the frame, as a backdrop is.
     method
         Name of the solver.
     images, ambient, full_scale
@@ -127,8 +128,9 @@ class SurfaceEstimate:
     def shadow_count(self) -> npt.NDArray[np.uint8]:
         """(H, W) uint8 number of lights that give at most half of what this solution predicts.
 
-        It counts cast and attached shadow. Divided by the number of lights it is the shadow image
-        integrated over all lights of figure 9.7 of Wu's thesis.
+        It counts cast and attached shadow; it is 0 where no slope is known, as on a black backdrop.
+        Divided by the number of lights it is the shadow image integrated over all lights of figure
+        9.7 of Wu's thesis.
         """
         return self._shadows_and_highlights[0]
 
@@ -152,9 +154,9 @@ class SurfaceEstimate:
     def specular(self) -> npt.NDArray[np.bool_]:
         """(H, W) bool, true where a highlight is suspected.
 
-        A light gives clearly more than a Lambertian surface would. ps4_robust and drbohlav find it
-        where the lights do not agree, the other methods where a light exceeds the prediction of
-        their solution by half. ps4, which relies on the three brightest lights, finds none.
+        A light exceeds the prediction of the solution by half, and by more than wrong intensities
+        and fall-off explain (`highlight_limits`). For ps4_robust and drbohlav it is also a light
+        that they left out. ps4, which relies on the three brightest lights, finds none.
         """
         return self._shadows_and_highlights[1]
 
