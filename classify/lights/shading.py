@@ -13,6 +13,7 @@ their curl is small against their divergence. Both hold for the true lights only
 """
 
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -271,9 +272,12 @@ def _misfit(
     beyond = np.eye(len(tangents)) - centred @ inverse
     to_p, to_q = -inverse
     curl, divergence = np.concatenate([-to_q, to_p]), np.concatenate([to_p, to_q])
-    residual = np.trace(beyond @ moments @ beyond) / max(float(np.trace(moments)), 1e-12)
-    ratio = (curl @ steps @ curl) / max(float(divergence @ steps @ divergence), 1e-12)
-    return float(np.sqrt(max(residual, 1e-12))), float(np.sqrt(max(ratio, 1e-12)))
+    shaded = float(np.trace(moments))
+    if shaded < 1e-12:  # images without any contrast fit all lights alike
+        return 1.0, 1.0
+    residual = float(np.trace(beyond @ moments @ beyond)) / shaded
+    ratio = float(curl @ steps @ curl) / max(float(divergence @ steps @ divergence), 1e-12)
+    return math.sqrt(max(residual, 1e-12)), math.sqrt(max(ratio, 1e-12))
 
 
 def _candidates(count: int) -> Iterator[Order | None]:
