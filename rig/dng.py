@@ -33,12 +33,12 @@ def read_dng(path: Path) -> tuple[npt.NDArray[np.uint16], int]:
         raise InputError(f"{path}: no such file")
     try:
         with rawpy.imread(str(path)) as raw:
+            flip = int(raw.sizes.flip)  # read first: `user_flip` replaces it
             linear: npt.NDArray[Any] = raw.postprocess(
                 gamma=(1, 1), no_auto_bright=True, adjust_maximum_thr=0.0, output_bps=16,
                 user_wb=[1.0] * 4, output_color=rawpy.ColorSpace.raw, user_flip=0,
                 demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
             )  # fmt: skip
-            flip = int(raw.sizes.flip)
     except rawpy.LibRawError as error:
         raise InputError(f"{path}: not a readable DNG ({error})") from error
     return np.ascontiguousarray(linear, np.uint16), _ORIENTATIONS.get(flip, 1)

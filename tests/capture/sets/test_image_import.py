@@ -1,6 +1,7 @@
 """Import of photographs: stored values, refused files, and the command."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -160,6 +161,149 @@ def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: P
     captured.save(tmp_path / "a.ome.tif")
     read = CapturedSet.load(tmp_path / "a.ome.tif")
     assert read.metadata.images[3].source_file == "odd\\udcff.png"
+
+
+# depth
+
+
+@pytest.mark.parametrize(
+    ("dtype", "largest", "shift", "bits", "full_scale"),
+    [
+        (np.uint8, 200, 0, 8, 255),
+        (np.uint16, 250, 0, 8, 255),
+        (np.uint16, 900, 0, 10, 1023),
+        (np.uint16, 4095, 0, 12, 4095),
+        (np.uint16, 4096, 0, 14, 16_383),
+        (np.uint16, 40_000, 0, 16, 65_535),
+        (np.uint16, 4095, 4, 12, 65_520),
+        (np.uint16, 16_383, 2, 14, 65_532),
+    ],
+)
+def test_the_depth_is_guessed_from_the_largest_value(
+    four: Photographs, dtype: Any, largest: int, shift: int, bits: int, full_scale: int
+) -> None:
+    image = np.random.default_rng(2).integers(0, largest, SHAPE).astype(dtype)
+    image.flat[0] = largest
+    captured = stored(four(image << shift, ".tif"))
+    metadata = captured.metadata
+    assert (metadata.bit_depth, metadata.full_scale) == (bits, full_scale)
+    np.testing.assert_array_equal(captured.images[1], image.astype(np.uint16) << shift)
+    said = [each for each in metadata.warnings if "are taken for" in each]
+    assert len(said) == (dtype == np.uint16 and bits < 16)
+    assert all(f"{bits} bits, because the largest value is {largest << shift};" in e for e in said)
+
+
+def test_saturation_is_that_of_the_given_depth(four: Photographs) -> None:
+    """A pixel of 12-bit data in a file of 16 bits was never saturated."""
+    image = np.full(SHAPE, 900, np.uint16)
+    image[3, 5] = 4095
+    for options in ({}, {"bits": 12}):
+        assert stored(four(image, ".tif"), **options).solve().saturated[3, 5]
+    deep = stored(four(image, ".tif"), bits=16)
+    assert deep.metadata.full_scale == 65_535
+    assert not any("are taken for" in warning for warning in deep.metadata.warnings)
+    assert not deep.solve().saturated.any()
+    colour = stored(four(np.dstack([image] * 3), ".tif"), bits=12)
+    assert (colour.metadata.bit_depth, colour.metadata.full_scale) == (12, 65_535)
+    assert colour.images[0, 3, 5] == 65_535
+    assert abs(int(colour.images[0, 0, 0]) - 900 / 4095 * 65_535) <= 1
+    shifted = stored(four(image << 4, ".tif"), bits=12)
+    assert shifted.metadata.full_scale == 65_520
+    assert shifted.solve().saturated[3, 5]
+
+
+# mask, crop and orientation
+
+
+def test_a_crop_cuts_all_images_and_the_mask_alike(four: Photographs, tmp_path: Path) -> None:
+    image = pattern(np.uint8)
+    ambient = written(tmp_path / "ambient.png", image // 4)
+    grey = np.zeros(SHAPE, np.uint8)
+    grey[4:9, 3:11] = 200
+    grey[8, 10] = 127
+    mask = written(tmp_path / "mask.png", grey)
+    captured = stored(four(image), ambient=ambient, mask=mask, crop=(2, 3, 10, 6))
+    np.testing.assert_array_equal(captured.images[3], image[3:9, 2:12])
+    np.testing.assert_array_equal(captured.ambient, image[3:9, 2:12] // 4)
+    np.testing.assert_array_equal(captured.mask, grey[3:9, 2:12] > 127)
+    captured.save(tmp_path / "a.ome.tif")
+    read = CapturedSet.load(tmp_path / "a.ome.tif")
+    assert (read.metadata.crop, read.metadata.mask_file) == ((2, 3, 10, 6), "mask.png")
+    assert read.mask is not None
+    assert not read.solve().valid[~read.mask].any()
+
+
+def test_a_mask_must_cover_the_frame_and_show_the_part(four: Photographs, tmp_path: Path) -> None:
+    paths = four(pattern(np.uint8))
+    small = written(tmp_path / "small.png", np.full((5, 6), 255, np.uint8))
+    refuse(paths, r"small\.png: 6 x 5 px, but the photographs have 17 x 12 px", mask=small)
+    black = written(tmp_path / "black.png", np.full(SHAPE, 100, np.uint8))
+    refuse(paths, r"black\.png: the mask is black everywhere", mask=black)
+    corner = np.zeros(SHAPE, np.uint8)
+    corner[0, 0] = 255
+    elsewhere = written(tmp_path / "corner.png", corner)
+    refuse(paths, "the mask is black everywhere", mask=elsewhere, crop=(5, 5, 4, 4))
+
+
+def test_photographs_are_turned_upright_and_must_agree(four: Photographs, tmp_path: Path) -> None:
+    image = pattern(np.uint8)
+    paths = four(image, ".tif")
+    for path in paths:
+        tifffile.imwrite(path, image, photometric="minisblack", extratags=[(274, 3, 1, 6, True)])
+    upright = np.rot90(image, -1)
+    np.testing.assert_array_equal(stored(paths).images[0], upright)
+    mask = written(tmp_path / "mask.png", np.full(upright.shape, 255, np.uint8))
+    assert stored(paths, mask=mask).mask is not None
+    written(paths[2], image)
+    refuse(paths, r"image2\.tif: EXIF orientation 1, but .*image0\.tif has 6; the camera must not")
+
+
+# DNG
+
+
+def dng(path: Path, values: npt.NDArray[np.uint16], orientation: int = 1) -> Path:
+    """A Bayer image (red first) with black level 64 and white level 4095."""
+    matrix = (1, 1, 0, 1, 0, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1, 1, 1)
+    tags = [
+        (274, 3, 1, orientation, True), (33421, 3, 2, (2, 2), True),
+        (33422, 1, 4, (0, 1, 1, 2), True), (50706, 1, 4, (1, 4, 0, 0), True),
+        (50708, 2, 0, "ps4rig", True), (50714, 3, 1, 64, True), (50717, 4, 1, 4095, True),
+        (50721, 10, 9, matrix, True), (50778, 3, 1, 21, True),
+    ]  # fmt: skip
+    cfa = 32803
+    tifffile.imwrite(path, values, photometric=cfa, extratags=tags, metadata=None)
+    return path
+
+
+def test_a_dng_is_linear_from_its_black_to_its_white_level(tmp_path: Path) -> None:
+    pytest.importorskip("rawpy")
+    levels = (64, 564, 1064, 2064)
+    raw = np.repeat(np.repeat(np.array(levels, np.uint16), 16)[None], 32, axis=0)
+    raw[20:24, 20:24] = 4095
+    paths = [dng(tmp_path / f"{light}.dng", raw) for light in range(4)]
+    captured = stored(paths)
+    assert (captured.metadata.full_scale, captured.metadata.gamma) == (65_535, "linear")
+    for number, level in enumerate(levels):
+        found = captured.images[1, 4, 16 * number + 8]
+        assert found == pytest.approx((level - 64) / (4095 - 64) * 65_535, abs=2.0)
+    assert captured.solve().saturated[21, 21]
+    assert captured.solve().saturated.sum() < 64
+    turned = [dng(tmp_path / f"{light}.dng", raw, orientation=6) for light in range(4)]
+    np.testing.assert_array_equal(stored(turned).images[0], np.rot90(captured.images[0], -1))
+    for options in ({"gamma": "srgb"}, {"bits": 12}):
+        refuse(paths, "a DNG is linear and states its depth", **options)
+    (tmp_path / "0.dng").write_bytes(b"II*\0 no raw data")
+    refuse(paths, r"0\.dng: not a readable DNG")
+    paths[0] = written(tmp_path / "0.tif", pattern(np.uint16))
+    refuse(paths, "3 of 4 photographs are DNG; give all or none as DNG")
+
+
+def test_a_dng_without_rawpy_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rawpy", None)
+    paths = [dng(tmp_path / f"{light}.dng", pattern(np.uint16)) for light in range(4)]
+    refuse(paths, r"0\.dng: a DNG is read by rawpy, .* pip install 'ps4rig\[dng\]'")
 
 
 # errors

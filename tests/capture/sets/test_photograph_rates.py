@@ -1,0 +1,133 @@
+"""Rates at which wrong photographs are refused, and true ones.
+
+``PS4RIG_PHOTOGRAPHS=DIR pytest -s -m slow tests/capture/sets/test_photograph_rates.py`` prints the
+table for every folder of DIR with photographs and their `lights.json`; an intensity may have the
+name ``relative_intensity_estimated`` there. Without DIR it is the butterfly of `tests/data` only.
+"""
+
+import json
+import os
+from collections import Counter
+from collections.abc import Iterator
+from itertools import permutations, product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.errors import Cause
+from capture.sets.image_checks import LightImages
+from capture.sets.photograph_checks import check_photographs
+from classify import Lighting
+from classify.images.colour import linear_from_srgb
+from classify.lights.shading import shading_of, shading_order
+
+DATA = Path(__file__).parents[2] / "data"
+FOLDER = Path(os.environ.get("PS4RIG_PHOTOGRAPHS", DATA))
+SETS = sorted(path.parent for path in FOLDER.glob("*/lights.json"))
+# A light may stand so far from the ring, which has any slant and any tilt of its first light.
+OFF_RING_DEG = 20.0
+EXCHANGED = {
+    "two across": ((2, 1, 0, 3), (0, 3, 2, 1)),
+    "two neighbours": ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (3, 1, 2, 0)),
+    "turned by 180": ((2, 3, 0, 1),),
+}
+EXCHANGED["another order"] = tuple(
+    order
+    for order in permutations(range(4))
+    if order not in ((0, 1, 2, 3), *(each for orders in EXCHANGED.values() for each in orders))
+)
+
+
+def photographs(folder: Path) -> LightImages:
+    """All photographs of a folder; a JPEG is taken for sRGB."""
+    entries = json.loads((folder / "lights.json").read_text())["images"]
+    read = [cv2.imread(str(folder / entry["file"]), cv2.IMREAD_GRAYSCALE) for entry in entries]
+    images, full_scale = np.stack(read).astype(np.uint16), 255
+    if entries[0]["file"].endswith(".jpg"):
+        linear = linear_from_srgb(images.astype(np.float32) / 255.0)
+        images, full_scale = np.rint(65_535.0 * linear).astype(np.uint16), 65_535
+    dark = cv2.imread(str(folder / "ambient.png"), cv2.IMREAD_GRAYSCALE)
+    key = "relative_intensity_estimated"
+    lighting = Lighting(
+        np.array([entry["direction"] for entry in entries]),
+        np.array([entry.get(key, 1.0) for entry in entries]),
+    )
+    ambient = np.zeros_like(images[0]) if dark is None else dark.astype(np.uint16)
+    names = [entry["file"] for entry in entries]
+    return LightImages(images, ambient, None, lighting, names, full_scale, None)
+
+
+def rings(lighting: Lighting) -> Iterator[list[int]]:
+    """Four lights near each ring, each four once."""
+    found = set()
+    for tilt, slant in product(range(0, 90, 15), range(10, 65, 5)):
+        ring = Lighting.ring(slant, [tilt + 90.0 * k for k in range(4)])
+        cosines = np.clip(ring.directions @ lighting.directions.T, -1.0, 1.0)
+        picked = cosines.argmax(axis=1)
+        off_deg = np.degrees(np.arccos(cosines.max(axis=1))).max()
+        if len(set(picked)) == 4 and off_deg <= OFF_RING_DEG and frozenset(picked) not in found:
+            found.add(frozenset(picked))
+            yield picked.tolist()
+
+
+def part(images: LightImages, of_images: list[int], of_lights: list[int]) -> LightImages:
+    lights = images.lighting
+    lighting = Lighting(lights.directions[of_lights], lights.intensities[of_lights])
+    names = [f"{place}: {images.names[k]}" for place, k in enumerate(of_images)]
+    return LightImages(
+        images.images[of_images], images.ambient, None, lighting, names, images.full_scale, None
+    )
+
+
+def refused(images: LightImages) -> set[Cause]:
+    return {each.cause for each in check_photographs(images, None)[0] if each.refutes}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", SETS, ids=lambda path: path.name)
+def test_no_true_photographs_are_refused_and_most_wrong_ones_are(folder: Path) -> None:
+    images = photographs(folder)
+    everything = list(range(len(images.names)))
+    assert refused(images) == set()
+    counts: Counter[str] = Counter()
+    tried: Counter[str] = Counter()
+    for number, picked in enumerate(rings(images.lighting)):
+        assert refused(part(images, picked, picked)) == set()
+        true = part(images, picked, picked)
+        shading = shading_of(true.images, true.ambient, true.full_scale)
+        for name, orders in EXCHANGED.items():
+            for order in orders:
+                tried[name] += 1
+                lighting = part(images, picked, [picked[k] for k in order]).lighting
+                counts[name] += shading_order(shading, lighting).verdict == "refuted"
+        place = number % 4
+        twice = list(picked)
+        twice[place] = picked[place - 1]
+        tried["one twice"] += 1
+        counts["one twice"] += Cause.EQUAL_IMAGES in refused(part(images, twice, picked))
+        for name, change in (
+            ("upside down", lambda image: image[::-1, ::-1]),
+            ("moved by 10 px", lambda image: np.roll(image, (10, 10), (0, 1))),
+        ):
+            wrong = part(images, picked, picked)
+            wrong.images[place] = change(wrong.images[place])
+            tried[name] += 1
+            counts[name] += Cause.RESIDUAL in refused(wrong)
+    shading = shading_of(images.images, images.ambient, images.full_scale)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        order = list(everything)
+        first, second = rng.choice(everything, 2, replace=False)
+        order[first], order[second] = order[second], order[first]
+        tried["two of all"] += 1
+        lighting = part(images, everything, order).lighting
+        counts["two of all"] += shading_order(shading, lighting).verdict == "refuted"
+    print(
+        f"\n{folder.name}: {tried['one twice']} picks, none refused with its lights; refused with"
+    )
+    for name, of in tried.items():
+        print(f"  {name:16}{counts[name] / of:8.1%} of {of}")
+    assert counts["one twice"] == tried["one twice"]
+    assert counts["upside down"] == tried["upside down"]
