@@ -54,17 +54,16 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     """Limit of a class of several sets, from the distance of each of them to the others.
 
     `limit` is the limit of one set. The more sets, the less the median distance of the class is in
-    doubt. Sets of one patch are nearer to each other than other patches: a distance is not counted
-    as less than one standard deviation below the expected median.
+    doubt. Sets of one patch tell nothing about other patches: a distance more than two standard
+    deviations below the expected median is left out, and none counts as less than one below it.
     """
-    if not distances:
-        return limit
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _DEVIATIONS * spread
-    found = np.log(np.maximum(distances, math.exp(expected - spread)))
-    doubt = 1.0 / (1.0 + len(found) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
-    median = doubt * expected + (1.0 - doubt) * float(found.mean())
-    remaining = math.hypot(_CLASS_SPREAD * math.sqrt(doubt), _PATCH_SPREAD)
+    logs = [math.log(each) for each in distances if each > math.exp(expected - 2.0 * spread)]
+    trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
+    above = [max(each - expected, -spread) for each in logs]
+    median = expected + trust * sum(above) / max(len(above), 1)
+    remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
     return math.exp(median + _DEVIATIONS * remaining)
 
 

@@ -121,13 +121,27 @@ def match_patch(task: PatchTask) -> list[Outcome]:
 
 
 def without_class(library: TextureLibrary, label: str) -> TextureLibrary:
-    """Remove the references of a class. Parameters learned from all classes together stay."""
+    """Remove a class from the references and limits; parameters learned from all classes stay.
+
+    References of one class and orientation are taken as one set.
+    """
     kept = [index for index, other in enumerate(library.labels) if other != label]
+    labels = tuple(library.labels[index] for index in kept)
+    orientations_deg, signatures = library.orientations_deg[kept], library.signatures[kept]
+    numbers: dict[tuple[str, float], int] = {}
+    sets = [
+        numbers.setdefault(key, len(numbers))
+        for key in zip(labels, orientations_deg.tolist(), strict=True)
+    ]
+    limits = classifier_named(library.classifier).limits(
+        labels, sets, signatures, library.parameters
+    )
     return replace(
         library,
-        labels=tuple(library.labels[index] for index in kept),
-        orientations_deg=library.orientations_deg[kept],
-        signatures=library.signatures[kept],
+        labels=labels,
+        orientations_deg=orientations_deg,
+        signatures=signatures,
+        limits=limits,
     )
 
 
@@ -135,7 +149,8 @@ def _outcome(
     task: PatchTask, patch: CachedPatch, test: plan.TestRun, solver: Method, classifier: str
 ) -> Outcome:
     experiment, label = task.experiment.name, task.texture.name
-    library = _load(library_path(task.folder, experiment, test.training, solver, classifier))
+    path = library_path(task.folder, experiment, test.training, solver, classifier)
+    library = _load(path)
     observation = patch.observation(
         test.conditions, solver, classifier, library.segment_px, train=False
     )
@@ -146,7 +161,7 @@ def _outcome(
         and solver == plan.BEST_SOLVER
         and classifier in (plan.OURS, plan.THESIS)
     ):
-        unknown = without_class(library, label).match(signature)
+        unknown = _load_without_class(path, label).match(signature)
     return Outcome(
         System(experiment, test.name, solver, classifier, task.protocol),
         Trial(label, patch.position.rotate_deg, library.match(signature)),
@@ -157,3 +172,8 @@ def _outcome(
 @lru_cache(maxsize=512)
 def _load(path: Path) -> TextureLibrary:
     return TextureLibrary.load(path)
+
+
+@lru_cache(maxsize=64)
+def _load_without_class(path: Path, label: str) -> TextureLibrary:
+    return without_class(_load(path), label)

@@ -183,7 +183,11 @@ def test_a_library_without_a_class_matches_another_one() -> None:
     }
     library = TextureLibrary.train(list(patches.items()))
     assert library.classify(patches["sand"]).nearest == "sand"
-    assert without_class(library, "sand").classify(patches["sand"]).nearest in ("rock", "malv")
+    without = without_class(library, "sand")
+    assert without.classify(patches["sand"]).nearest in ("rock", "malv")
+    # A limit never exceeds the distance to the nearest other class, which is no longer sand.
+    assert without.limits.keys() == {"rock", "malv"}
+    assert all(without.limits[label] >= library.limits[label] for label in without.limits)
 
 
 def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:

@@ -121,19 +121,19 @@ def test_a_class_of_larger_scatter_has_a_larger_limit(stationary) -> None:
 
 
 def test_more_sets_of_a_class_tighten_its_limit(stationary) -> None:
-    """Sets of one patch tell less than sets of several, and tighten it less."""
+    """Sets of one patch tell nothing about others, and do not."""
     one, three, equal = (
         TextureLibrary.train([("malv", stationary("malv", seed=seed)) for seed in seeds])
         for seeds in ((1,), (1, 2, 3), (1, 1, 1))
     )
     assert 0.3 * one.limits["malv"] < three.limits["malv"] < 0.8 * one.limits["malv"]
-    assert equal.limits["malv"] > 0.4 * one.limits["malv"]
+    assert equal.limits["malv"] == pytest.approx(one.limits["malv"], rel=0.1)
     for seed in range(4, 12):
         assert three.classify(stationary("malv", 20.0 * seed, seed)).label == "malv"
 
 
 def test_a_limit_never_exceeds_the_distance_to_the_nearest_other_class(stationary) -> None:
-    """Sand of 0.079 and 0.080 cycles per pixel are two classes: so is a third one beyond them."""
+    """Two sets of one texture are taught as two classes."""
     surfaces = [("malv", stationary("malv", seed=1)), ("again", stationary("malv", seed=2))]
     alone = TextureLibrary.train(surfaces[:1])
     library = TextureLibrary.train(surfaces)
