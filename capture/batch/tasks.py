@@ -212,8 +212,8 @@ def solve_set(
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():
         raise SetRejected(
-            f"{task.path}: no pixel can be solved: {saturated:.0%} are saturated, {shadowed:.0%} "
-            "are dark under a light; check exposure and lights"
+            f"{task.path}: no pixel can be solved: {saturated:.0%} are saturated, "
+            f"{1.0 - saturated:.0%} too dark; check exposure and lights"
         )
     found = surface.fall_off
     if not planar:

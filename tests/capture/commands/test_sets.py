@@ -320,7 +320,7 @@ def test_solve_says_what_it_took_for_fall_off(ps4rig: Command, tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("level", "cause"), [(0, "100% are dark under a light"), (255, "100% are saturated")]
+    ("level", "cause"), [(0, "0% are saturated, 100% too dark"), (255, "100% are saturated")]
 )
 def test_a_set_without_a_valid_pixel_is_status_1_and_writes_nothing(
     ps4rig: Command, refused: Refused, tmp_path: Path, level: int, cause: str

@@ -66,6 +66,21 @@ def test_classify_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     assert sand["margin"] == pytest.approx(1 - sand["distance"] / sand["runner_up_distance"])
 
 
+def test_sets_are_solved_as_those_of_their_library_were(
+    ps4rig: Command, sets: Path, library: Path, tmp_path: Path
+) -> None:
+    path, old = sets / "sand-002.ome.tif", tmp_path / "old.ps4lib"
+    replace(TextureLibrary.load(library), planar=False).save(old)
+    answers = {}
+    for each in (library, old):
+        (answer,) = json.loads(ps4rig("classify", path, "--library", each, "--json").stdout)
+        surface = CapturedSet.load(path).solve(planar=answer["planar"])
+        assert answer["distance"] == TextureLibrary.load(each).classify(surface).distance
+        answers[each] = answer
+    assert (answers[library]["planar"], answers[old]["planar"]) == (True, False)
+    assert answers[library]["distance"] != answers[old]["distance"]
+
+
 @pytest.mark.parametrize("columns", [20, 80])
 def test_no_word_of_a_table_is_broken(
     ps4rig: Command, sets: Path, library: Path, monkeypatch: pytest.MonkeyPatch, columns: int

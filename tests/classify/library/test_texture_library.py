@@ -226,9 +226,11 @@ def test_a_library_knows_whether_its_sets_were_solved_as_planar_parts(
             warnings.simplefilter("error")
             assert library.classify(surface).label == "sand"
         other = planar if surface is distant else distant
-        with pytest.warns(UserWarning, match=f"solved with planar={other.planar}, the training"):
+        with pytest.warns(
+            UserWarning, match=rf"ps4_robust{' as planar parts' * other.planar}, the"
+        ):
             library.classify(other)
-    with pytest.raises(LibraryError, match="some training sets are solved as planar parts"):
+    with pytest.raises(LibraryError, match=r"by ps4_robust \(sand\), by ps4_robust as planar"):
         TextureLibrary.train([("sand", distant), ("sand", planar)])
 
 
