@@ -63,9 +63,15 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
 
 
 def _starts(length: int, side: int) -> list[int]:
-    """First pixels of segments that cover `length` evenly and overlap by half or more."""
+    """First pixels of segments that cover `length` evenly and overlap by half or more.
+
+    They are symmetric about the middle. An odd rest has no middle segment, but one more.
+    """
+    rest = length - side
     count = -(-2 * length // side) - 1
-    return [round(i * (length - side) / max(count - 1, 1)) for i in range(count)]
+    count += count % 2 * (rest % 2)
+    first_half = [round(i * rest / max(count - 1, 1)) for i in range((count + 1) // 2)]
+    return sorted({*first_half, *(rest - start for start in first_half)})
 
 
 @lru_cache(maxsize=8)

@@ -68,6 +68,7 @@ def test_a_view_of_a_plane_gives_the_powers_of_its_copy() -> None:
 def test_segments_cover_the_length_and_overlap_by_half(length: int, side: int) -> None:
     length = max(length, side)
     starts = _starts(length, side)
+    assert [length - side - start for start in starts[::-1]] == starts
     assert starts[0] == 0
     assert starts[-1] == length - side
     assert (np.diff(starts) > 0).all()
