@@ -37,6 +37,7 @@ def test_a_library_of_an_earlier_version_gives_the_same_matches(
     for kind, expected in zip(("sand", "malv"), EXPECTED[classifier], strict=True):
         match = library.classify(photographed(stationary(kind, 60.0, seed=3, side=80)))
         assert (match.label, match.nearest) == expected[:2]
+        assert match.blur_px is None
         for found, number in zip(
             (match.orientation_deg, match.distance, match.limit), expected[2:], strict=True
         ):

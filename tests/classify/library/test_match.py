@@ -17,14 +17,18 @@ def matched(
     found_deg: list[float] | None = None,
     references_deg: list[float] | None = None,
     sharpness: list[float] | None = None,
+    blurs_px: list[float] | None = None,
+    blurred_px: float = 0.0,
     **limits: float,
 ) -> Match:
     found = Comparison(
         np.array(distances),
         None if found_deg is None else np.array(found_deg),
         None if sharpness is None else np.array(sharpness),
+        blurs_px=None if blurs_px is None else np.array(blurs_px),
     )
-    return match_of(found, labels, np.array(references_deg or [0.0] * len(labels)), limits)
+    references = np.array(references_deg or [0.0] * len(labels))
+    return match_of(found, labels, references, limits, blurred_px=blurred_px)
 
 
 def test_the_nearest_reference_gives_the_class_and_the_next_class_is_the_runner_up() -> None:
@@ -113,3 +117,27 @@ def test_a_match_contains_plain_numbers() -> None:
     for value in (match.distance, match.runner_up_distance, match.margin, match.limit,
                   match.orientation_deg, match.sharpness):  # fmt: skip
         assert type(value) is float
+
+
+@pytest.mark.parametrize(
+    ("blur_px", "said"),
+    [(0.0, ""), (0.2, ""), (-0.9, ", 0.9 px sharper"), (1.4, ", 1.4 px blurrier")],
+)
+def test_the_blur_against_the_nearest_reference_is_said(blur_px: float, said: str) -> None:
+    match = matched([0.5, 0.4, 0.1, 0.9], blurs_px=[1.1, 1.2, blur_px, 1.3], a=1.0)
+    assert match.label == "a"
+    assert match.blur_px == pytest.approx(blur_px)
+    assert match.reason == f"distance 0.10 to a, limit 1.00{said}; next is b at 0.40"
+
+
+def test_the_blur_of_a_surface_that_was_blurred_first_is_that_of_the_surface() -> None:
+    """Variances add up: 0.6^2 - 1^2 = -0.8^2."""
+    assert matched([0.1], ("a",), blurs_px=[0.6], blurred_px=1.0).blur_px == pytest.approx(-0.8)
+    assert matched([0.1], ("a",), blurs_px=[-0.6], blurred_px=0.8).blur_px == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(("blur_px", "said"), [(2.0, "2.0 px blurrier"), (-1.3, "1.3 px sharper")])
+def test_a_blur_at_its_bound_makes_a_surface_unknown(blur_px: float, said: str) -> None:
+    match = matched([0.5, 0.4, 0.1, 0.9], blurs_px=[0.0, 0.0, blur_px, 0.0], a=1.0)
+    assert match.label is None
+    assert match.reason == f"out of focus: {said} than a or more, too much to compare"

@@ -1,0 +1,130 @@
+"""The default classifier out of focus: recognition, the blur that it finds, and its bounds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import TextureLibrary
+from classify.classifiers import CLASSIFIERS
+from classify.classifiers.joint_bounds import BLUR_BASIS
+from classify.classifiers.joint_features import blur_curve, statistics_rows
+from classify.texture.blur import KNOTS_PX2, blurred_fields, blurred_surface
+from classify.texture.fields import texture_fields
+from classify.texture.statistics import levels_for, local_statistics
+from tests.angles import off_deg
+
+JOINT = CLASSIFIERS["joint"]
+KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
+# Sand has waves of one length and little else: its blur is a factor like that of its slopes.
+FINE = ("brushed", "malv", "rough", "dyed")
+
+
+@pytest.fixture(scope="module")
+def library(stationary) -> TextureLibrary:
+    return TextureLibrary.train((kind, stationary(kind, seed=1)) for kind in KINDS)
+
+
+@pytest.fixture(scope="module")
+def tests(stationary):
+    return {kind: stationary(kind, 58.0, seed=3) for kind in KINDS}
+
+
+@pytest.mark.parametrize("sigma_px", [0.6, 1.0, 1.5])
+def test_a_surface_out_of_focus_is_recognised_and_its_blur_found(
+    library, tests, sigma_px: float
+) -> None:
+    for kind, surface in tests.items():
+        match = library.classify(blurred_surface(surface, sigma_px))
+        assert match.label == kind, match.reason
+        sharp = library.classify(surface)
+        if kind in FINE:
+            assert match.blur_px == pytest.approx(sigma_px, abs=0.3)
+            assert f"{match.blur_px:.1f} px blurrier" in match.reason
+            assert abs(sharp.blur_px) < 0.5
+        if kind in ("sand", "fine sand", "brushed"):
+            assert off_deg(match.orientation_deg, sharp.orientation_deg) < 1.0
+
+
+def test_without_an_estimate_of_blur_they_were_unknown(library, tests) -> None:
+    """In a library of an earlier version, which holds no changes by blur."""
+    parameters = {k: v for k, v in library.parameters.items() if k != BLUR_BASIS}
+    start = library.signatures.shape[1] - 1 - 72 - 3 * library.parameters[BLUR_BASIS].shape[1]
+    signatures = np.delete(library.signatures, np.s_[start:-73], axis=1)
+    earlier = replace(library, parameters=parameters, signatures=signatures)
+    found = [earlier.classify(blurred_surface(surface, 1.0)) for surface in tests.values()]
+    assert {match.blur_px for match in found} == {None}
+    assert sum(match.label is None for match in found) >= 3
+
+
+@pytest.mark.parametrize("sigma_px", [0.8, 1.1])
+def test_a_surface_sharper_than_its_training_set_is_recognised(
+    stationary, tests, sigma_px: float
+) -> None:
+    library = TextureLibrary.train(
+        (kind, blurred_surface(stationary(kind, seed=1), sigma_px)) for kind in KINDS
+    )
+    for kind, surface in tests.items():
+        match = library.classify(surface)
+        assert match.label == kind, match.reason
+        if kind in FINE:
+            assert match.blur_px == pytest.approx(-sigma_px, abs=0.3)
+            assert f"{-match.blur_px:.1f} px sharper" in match.reason
+
+
+def test_a_surface_far_out_of_focus_is_unknown_and_the_reason_says_so(library, tests) -> None:
+    for kind in FINE:
+        match = library.classify(blurred_surface(tests[kind], 3.5))
+        assert match.label is None
+        assert "out of focus" in match.reason
+
+
+def test_statistics_between_the_knots_are_linear(library, tests) -> None:
+    """Half way between two knots they err by less than 0.02 in units of distance."""
+    levels = levels_for(64)
+    for kind in FINE:
+        fields = texture_fields(tests[kind])
+        observation = JOINT.observe(tests[kind], 64)
+
+        def measured(variance_px2: float, fields=fields):
+            return local_statistics(blurred_fields(fields, variance_px2), levels)
+
+        knots = [measured(variance_px2) for variance_px2 in KNOTS_PX2]
+        curve = blur_curve(observation, knots, library.parameters)
+        whitening = library.parameters["whitening"]
+        unit = 1.0 / 3.0 / float(library.parameters["local_scatter"])
+        sharp = statistics_rows(observation.statistics, library.parameters)[0]
+        changes = np.concatenate([np.zeros((1, curve.shape[1])), curve])[:, -len(sharp) :]
+        for low, high, start, end in zip(
+            (0.0, *KNOTS_PX2), KNOTS_PX2, changes, changes[1:], strict=False
+        ):
+            middle = statistics_rows(measured(0.5 * (low + high)), library.parameters)[0]
+            change = np.sqrt(unit) * (whitening @ (middle - sharp))
+            assert np.square(change - 0.5 * (start + end)).sum() < 0.02
+
+
+def test_the_nearest_of_many_is_found_out_of_focus(library, tests) -> None:
+    """The bounds of a large library follow the changes by blur: few references are compared."""
+    rng = np.random.default_rng(0)
+    count = 600
+    members = np.arange(count) % len(KINDS)
+    signatures = library.signatures[members]
+    # Classes between the textures: near each other, and far from most.
+    shares = 0.3 * rng.random((count, 1), dtype=np.float32)
+    signatures[:, :-1] += shares * (
+        library.signatures[(members + 3) % len(KINDS), :-1] - signatures[:, :-1]
+    )
+    everything = replace(
+        library,
+        labels=tuple(f"class {index}" for index in range(count)),
+        orientations_deg=np.zeros(count),
+        signatures=signatures,
+        limits={},
+    )
+    large = replace(everything, compare_all_up_to=100)
+    for kind in FINE:
+        signature = large.observe(blurred_surface(tests[kind], 1.0))
+        expected, found = everything.match(signature), large.match(signature)
+        assert (found.nearest, found.runner_up) == (expected.nearest, expected.runner_up)
+        assert found.distance == pytest.approx(expected.distance, rel=1e-5)
+        assert len(large.candidates(signature)[0]) < 300
