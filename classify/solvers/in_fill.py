@@ -5,21 +5,16 @@ They are chosen so that they change as little from pixel to pixel as elsewhere o
 and that the gradient field is one of a surface: dp/dy = dq/dx.
 """
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
 from classify.images.sampling import sample_pixels
 from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
 from .dark import judge_dark_pixels
 from .problem import Maps, Problem
-from .relaxation import NO_LINE, NOT_REACHED, SKIPPED, Unsolved, grow, neighbour_weights, relax
-
-Array = npt.NDArray[Any]
+from .relaxation import NO_LINE, NOT_REACHED, Unsolved, grow, link, neighbour_weights, relax
 
 # Marks of unsolved pixels: the slope drowns in noise, or a light is saturated. The four lowest bits
 # are the lights in shadow or saturated.
@@ -30,59 +25,71 @@ _LIGHTS = np.uint8(15)
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.transpose(_PAIRS)
+# By the bits of the lights that are dark: the pair of the two others, and the first dark one.
+_PAIR_OF_DARK = np.full(16, NO_LINE)
+for _index, (_j, _k) in enumerate(_PAIRS):
+    _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
+_FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
 # Of the axes, for cross products.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
-def in_fill(
-    problem: Problem,
-    maps: Maps,
-    unlit: npt.NDArray[np.uint8],
-    row_counts: npt.NDArray[np.int64],
-    strip_px: int,
-) -> None:
+def in_fill(problem: Problem, maps: Maps, unlit: npt.NDArray[np.uint8], strip_px: int) -> None:
     """Complete the maps in place where `unlit` is not 0.
 
     Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
     and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
-    with one light or none), nor at dark pixels that are not valid: there p = q = 0. `row_counts`
-    (H,) is the number of pixels to be completed in each row, and `strip_px` that of all pixels in
-    a strip of rows.
+    with one light or none), nor at dark pixels that are not valid: there p = q = 0. `strip_px` is
+    the number of pixels in a strip of rows.
     """
-    dark = judge_dark_pixels(problem, maps)
-    unlit.ravel()[dark] = LOST
-    row_counts += np.bincount(dark // problem.shape[1], minlength=len(row_counts))
-    starts = np.concatenate(([0], np.cumsum(row_counts)))
-    total = int(starts[-1])
-    if total == 0:
+    unlit.ravel()[judge_dark_pixels(problem, maps)] = LOST
+    pixels = _pixels_to_fill(unlit, strip_px)
+    if not pixels.size:
         return
     solutions, along = _lines_of_two_lights(problem.lighting)
-    unsolved = Unsolved(
-        starts, np.empty(total, np.int32), np.empty((total, 4), np.float32),
-        np.empty(total, np.uint8), along, np.zeros(problem.shape, np.uint8),
-    )  # fmt: skip
-
-    def list_pixels(first: int, last: int) -> None:
-        if starts[first] < starts[last]:
-            _list_pixels(
-                *problem.stack.float_rows(first, last), problem.gains, problem.dark_level,
-                solutions,
-                unlit[first:last], starts[first : last + 1], unsolved.columns, unsolved.lines,
-                unsolved.pairs, unsolved.depth[first:last], maps.p[first:last], maps.q[first:last],
-            )  # fmt: skip
-
-    run_on_rows(list_pixels, problem.shape, strip_px)
+    values = problem.stack.values_at(pixels) * problem.gains[:, None]
+    bits = unlit.ravel()[pixels]
+    # Two lights of a dark pixel are not used (see `dark`).
+    bits[values.sum(axis=0) < 4.0 * problem.dark_level] |= _LIGHTS
+    pairs = _PAIR_OF_DARK[bits & _LIGHTS]
+    lines = np.zeros((len(pixels), 4), np.float32)
+    for pair, two in enumerate(_PAIRS):
+        chosen = np.flatnonzero(pairs == pair)
+        lines[chosen, :3] = values[:, chosen].take(two, 0).T @ solutions[pair].T
+    unsolved = Unsolved.of(pixels, lines, pairs, along)
     planes = maps.p, maps.q, maps.albedo
     rows, columns = problem.shape
     corners = sample_pixels((rows - 1, columns - 1), _SAMPLES)
     squares = np.stack(np.divmod(corners, max(columns - 1, 1)), axis=1)
-    albedo_weight, curl_weight = neighbour_weights(*planes, unsolved.depth, squares)
-    # The pixels of a strip that are unsolved are few: larger strips.
-    grow(unsolved, albedo_weight, *planes, 4 * strip_px)
-    relax(unsolved, albedo_weight, curl_weight, *planes, 4 * strip_px)
-    _mark_pixels(
-        unlit, starts, unsolved.columns, unsolved.depth, maps.valid, maps.left_out, maps.repaired
-    )
+    albedo_weight, curl_weight = neighbour_weights(*planes, unlit, squares)
+    # A pixel takes many times as long here as in the first pass: shorter parts.
+    part = max(1, strip_px // 16)
+    link(unsolved, unlit, curl_weight, *planes, part)
+    grow(unsolved, albedo_weight, part)
+    relax(unsolved, albedo_weight, curl_weight, part)
+    reached = unsolved.depth != NOT_REACHED
+    for plane, found in zip((maps.p, maps.q), unsolved.values.T, strict=False):
+        plane.ravel()[pixels] = found
+    pixels, bits = pixels[reached], bits[reached]
+    maps.albedo.ravel()[pixels] = unsolved.values[reached, 2]
+    maps.repaired.ravel()[pixels] = True
+    maps.valid.ravel()[pixels] = (_PAIR_OF_DARK[bits & _LIGHTS] < NO_LINE) & (bits & SATURATED == 0)
+    if maps.left_out is not None:
+        maps.left_out.ravel()[pixels] = _FIRST_DARK[bits & _LIGHTS]
+
+
+def _pixels_to_fill(unlit: npt.NDArray[np.uint8], strip_px: int) -> npt.NDArray[np.intp]:
+    """Flat indices of the pixels that may be filled in."""
+    columns = unlit.shape[1]
+    found: dict[int, npt.NDArray[np.intp]] = {}
+
+    def find(first: int, last: int) -> None:
+        part = unlit[first:last].ravel()
+        marked = np.flatnonzero(part != 0)
+        found[first] = first * columns + marked[part[marked] != LOST]
+
+    run_on_rows(find, unlit.shape, strip_px)
+    return np.concatenate([found[first] for first in sorted(found)])
 
 
 def _lines_of_two_lights(
@@ -101,69 +108,3 @@ def _lines_of_two_lights(
     sines = np.sqrt((d * d).sum(axis=1, keepdims=True))
     along[:-1] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
     return solutions.astype(np.float32), along
-
-
-@kernel
-def _list_pixels(
-    images: Array, ambient: Array, gains: Array, dark_level: np.float32, solutions: Array,
-    unlit: Array, starts: Array, columns: Array, lines: Array, pairs: Array, depth: Array,
-    p: Array, q: Array,
-) -> None:  # fmt: skip
-    """List the marked pixels row by row, with the pair of lights and the b0 of each.
-
-    Two lights of a dark pixel are not used (see `dark`): it is marked as without light.
-    """
-    for r in range(unlit.shape[0]):
-        n = starts[r]
-        if starts[r + 1] == n:
-            continue
-        dark = ambient[min(r, len(ambient) - 1)]
-        for c in range(unlit.shape[1]):
-            if unlit[r, c] == 0:
-                continue
-            total = np.float32(0.0)
-            for k in range(4):
-                total += (images[k, r, c] - dark[c]) * gains[k]
-            if unlit[r, c] != LOST and total < np.float32(4.0) * dark_level:
-                unlit[r, c] |= _LIGHTS
-            columns[n] = c
-            pairs[n] = SKIPPED if unlit[r, c] == LOST else NO_LINE
-            depth[r, c] = NOT_REACHED
-            p[r, c] = 0.0
-            q[r, c] = 0.0
-            lit = _LIGHTS ^ (unlit[r, c] & _LIGHTS)
-            pair = 0
-            for j in range(3):
-                for k in range(j + 1, 4):
-                    if lit == (1 << j) | (1 << k):
-                        pairs[n] = pair
-                        first = (images[j, r, c] - dark[c]) * gains[j]
-                        second = (images[k, r, c] - dark[c]) * gains[k]
-                        for x in range(3):
-                            lines[n, x] = (
-                                solutions[pair, x, 0] * first + solutions[pair, x, 1] * second
-                            )
-                    pair += 1
-            n += 1
-
-
-@kernel
-def _mark_pixels(
-    unlit: Array, starts: Array, columns: Array, depth: Array,
-    valid: Array, left_out: Array, repaired: Array,
-) -> None:  # fmt: skip
-    """Complete the other maps of the pixels that were filled in."""
-    for r in range(valid.shape[0]):
-        for n in range(starts[r], starts[r + 1]):
-            c = columns[n]
-            bits = unlit[r, c]
-            if bits == LOST or depth[r, c] == NOT_REACHED:
-                continue
-            unlit_lights, first = 0, 3
-            for k in range(4):
-                if bits & (1 << k):
-                    unlit_lights += 1
-                    first = min(first, k)
-            left_out[r, c] = first
-            repaired[r, c] = True
-            valid[r, c] = unlit_lights == 2 and bits & SATURATED == 0

@@ -1,12 +1,13 @@
 """The kernels of `in_fill`: unknown slopes as smooth and as free of curl as those around them.
 
-Each kernel runs over a list of pixels ordered by rows. The number of threads changes no bit of the
+Each kernel runs over a list of pixels. The number of threads changes no bit of the
 result.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,13 @@ Array = npt.NDArray[Any]
 NOT_REACHED = np.uint8(255)
 # In place of the index of a pair of lights: fewer than two lights, or a pixel to be left alone.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
+
+# In place of the index of a neighbour: one that is solved, or that has no slope.
+_SOLVED, _NOTHING = -1, -2
+# Neighbours are in rows: nw, n, ne, w, e, sw, s, se. Those that share a side with the pixel, and
+# the weight of each in first values.
+_BESIDE = np.array([0, 1, 0, 1, 1, 0, 1, 0], np.bool_)
+_FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
 # with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
@@ -36,43 +44,70 @@ _CURL = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Unsolved:
-    """The pixels to be filled in, row by row.
+    """The pixels to be filled in, row by row, with all that their values depend on.
+
+    Arrays of their own take a fraction of the time of the maps: the values of a pixel and its
+    neighbours are beside each other in memory, and those of solved pixels are summed only once.
 
     Attributes
     ----------
-    starts, columns
-        (H + 1,) where the pixels of each row begin in the list, (n,) the column of each.
+    pixels
+        (n,) flat indices, ascending.
     lines
         (n, 4) b0 and t of each pixel on its line of scaled normals; t is written.
     pairs, along
         (n,) the pair of lights of each pixel, or `NO_LINE` or `SKIPPED`, and (7, 3) the direction
         d of the line of each pair. Pixels that `relax` must leave alone become `SKIPPED`.
+    near
+        (n, 8) where in this list each neighbour is, else `_SOLVED` or `_NOTHING`; written by `link`
+        as `solved`.
+    solved
+        (n, 7) sums over the solved neighbours: for the first values p, q, albedo and 1 by their
+        weights, and the part of the minima of p, q and albedo that they make.
+    values
+        (n, 3) p, q and albedo; written.
     depth
-        (H, W) 0 where solved, `NOT_REACHED` where listed; written: the layer of each pixel.
+        (n,) the layer of each pixel, `NOT_REACHED` before; written.
     """
 
-    starts: Array
-    columns: Array
+    pixels: Array
     lines: Array
     pairs: Array
     along: Array
+    near: Array
+    solved: Array
+    values: Array
     depth: Array
+
+    @classmethod
+    def of(cls, pixels: Array, lines: Array, pairs: Array, along: Array) -> Self:
+        """Pixels without values."""
+        count = len(pixels)
+        return cls(
+            pixels, lines, pairs, along, np.empty((count, 8), np.int32),
+            np.empty((count, 7), np.float32), np.zeros((count, 3), np.float32),
+            np.full(count, NOT_REACHED),
+        )  # fmt: skip
+
+    def run(self, function: Callable[[int, int], None], strip_px: int) -> None:
+        """Call a function for parts of the list."""
+        run_on_rows(function, (len(self.pixels), 1), strip_px)
 
 
 @kernel
 def neighbour_weights(
-    p: Array, q: Array, albedo: Array, depth: Array, squares: Array
+    p: Array, q: Array, albedo: Array, unlit: Array, squares: Array
 ) -> tuple[np.float32, np.float32]:
     """Weights of a relative step of albedo and of a curl, relative to a step of slope.
 
-    Each is the inverse of its mean square over squares of four solved pixels (`depth` 0), of which
+    Each is the inverse of its mean square over squares of four solved pixels (`unlit` 0), of which
     `squares` (n, 2) are the row and column with the lowest indices. So the smoother of albedo and
     relief on this surface gets the larger weight, noise included. A step of more than 1 is an edge
     and counts as 1.
     """
     slope, relative, curl, count = 0.0, 0.0, 0.0, 0
     for r, c in squares:
-        if depth[r, c] | depth[r, c + 1] | depth[r + 1, c] | depth[r + 1, c + 1]:
+        if unlit[r, c] | unlit[r, c + 1] | unlit[r + 1, c] | unlit[r + 1, c + 1]:
             continue
         p_nw, p_ne, p_sw, p_se = p[r, c], p[r, c + 1], p[r + 1, c], p[r + 1, c + 1]
         q_nw, q_ne, q_sw, q_se = q[r, c], q[r, c + 1], q[r + 1, c], q[r + 1, c + 1]
@@ -145,200 +180,237 @@ def _step_along_line(
     return np.float32(-slope / curvature)
 
 
-def grow(
-    unsolved: Unsolved, albedo_weight: np.float32, p: Array, q: Array, albedo: Array, strip_px: int
-) -> None:
+def link(
+    unsolved: Unsolved, unlit: Array, curl_weight: np.float32,
+    p: Array, q: Array, albedo: Array, strip_px: int,
+) -> None:  # fmt: skip
+    """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0).
+
+    The squared steps of slope and of albedo between neighbours, and the squared curl around each
+    four pixels by the trapezoid rule, have their least sum, at one pixel with the others held,
+    where p is a weighted mean: of the mean of p at the four neighbours with weight 1, and of
+    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4
+    with weight 4 curl_weight; likewise for q.
+    """
+    factors = _factors(curl_weight)
+
+    def link_part(first: int, last: int) -> None:
+        _link(
+            first, last, unsolved.pixels, unlit, p, q, albedo, factors,
+            unsolved.near, unsolved.solved,
+        )  # fmt: skip
+
+    unsolved.run(link_part, strip_px)
+
+
+def _factors(curl_weight: np.float32) -> Array:
+    """(8, 4) factors of p and q in the minimum of p, of q in that of q, of albedo in its own.
+
+    The factor of p in the minimum of q is that of q in that of p.
+    """
+    curl = float(curl_weight)
+    vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl
+    p_in_p = [curl, vertical, curl, horizontal, horizontal, curl, vertical, curl]
+    q_in_p = [curl, 0.0, -curl, 0.0, 0.0, -curl, 0.0, curl]
+    q_in_q = [curl, horizontal, curl, vertical, vertical, curl, horizontal, curl]
+    albedo = np.where(_BESIDE, 0.25, 0.0)
+    slopes = np.stack([p_in_p, q_in_p, q_in_q], axis=1) / (1.0 + 4.0 * curl)
+    return np.column_stack([slopes, albedo]).astype(np.float32)
+
+
+def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
     """Set first values, layer by layer inwards, to the mean of the layers before."""
 
-    def grow_rows(layer: int, counts: list[int], first: int, last: int) -> None:
+    def grow_part(layer: int, counts: list[int], first: int, last: int) -> None:
         count = _grow_layer(
-            first, last, layer, unsolved.starts, unsolved.columns, unsolved.lines,
-            unsolved.pairs, unsolved.along, albedo_weight, unsolved.depth, p, q, albedo,
+            first, last, layer, unsolved.lines, unsolved.pairs, unsolved.along, unsolved.near,
+            unsolved.solved, albedo_weight, unsolved.values, unsolved.depth,
         )  # fmt: skip
         counts.append(count)
 
     for layer in range(1, _REACH_PX + 1):
         counts: list[int] = []
-        run_on_rows(partial(grow_rows, layer, counts), p.shape, strip_px)
+        unsolved.run(partial(grow_part, layer, counts), strip_px)
         if not any(counts):
             break
-    _skip_edges(unsolved.starts, unsolved.columns, unsolved.pairs, unsolved.depth)
+    _skip_edges(unsolved.near, unsolved.pairs, unsolved.depth)
 
 
 def relax(
-    unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32,
-    p: Array, q: Array, albedo: Array, strip_px: int,
-) -> None:  # fmt: skip
+    unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
+) -> None:
     """Smooth the values of the unsolved pixels, all of them at once in each step.
 
-    Minimised is the sum of the squared steps of slope and of albedo between neighbours, and of the
-    squared curl around each four pixels by the trapezoid rule. At one pixel, with the others held,
-    the minimum in p is a weighted mean: of the mean of p at the four neighbours with weight 1, and
-    of (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4
-    with weight 4 curl_weight; likewise for q. A pixel with two lights comes as near to that as its
-    line does.
+    Each moves towards the minimum that `link` describes; a pixel with two lights comes as near to
+    that as its line does.
 
-    The steps towards these minima are those of the Chebyshev semi-iteration (Golub and Varga,
-    1961): as fast as successive over-relaxation, but without an order of the pixels, which would
-    prefer a direction.
+    The steps are those of the Chebyshev semi-iteration (Golub and Varga, 1961): as fast as
+    successive over-relaxation, but without an order of the pixels, which would prefer a direction.
     """
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
     middle, radius = 0.5 * largest * (1.0 + _SMALLEST), 0.5 * largest * (1.0 - _SMALLEST)
-    moves = np.zeros((len(unsolved.columns), 3), np.float32)
+    moves, factors = np.zeros_like(unsolved.values), _factors(curl_weight)
     step, momentum, ratio = 1.0 / middle, 0.0, radius / middle
 
-    def move_rows(step: np.float32, momentum: np.float32, first: int, last: int) -> None:
+    def find(step: np.float32, momentum: np.float32, first: int, last: int) -> None:
         _find_moves(
-            first, last, unsolved.starts, unsolved.columns, unsolved.lines, unsolved.pairs,
-            unsolved.along, albedo_weight, curl_weight, step, momentum, p, q, albedo, moves,
+            first, last, unsolved.lines, unsolved.pairs, unsolved.along, unsolved.near,
+            unsolved.solved, factors, albedo_weight, curl_weight, step, momentum,
+            unsolved.values, moves,
         )  # fmt: skip
 
-    def apply_rows(first: int, last: int) -> None:
+    def apply(first: int, last: int) -> None:
         _apply_moves(
-            first, last, unsolved.starts, unsolved.columns, unsolved.lines, unsolved.pairs,
-            unsolved.along, moves, p, q, albedo,
-        )  # fmt: skip
+            first, last, unsolved.lines, unsolved.pairs, unsolved.along, moves, unsolved.values
+        )
 
     for _ in range(_STEPS):
-        move = partial(move_rows, np.float32(step), np.float32(momentum))
-        run_on_rows(move, p.shape, strip_px)
-        run_on_rows(apply_rows, p.shape, strip_px)
+        unsolved.run(partial(find, np.float32(step), np.float32(momentum)), strip_px)
+        unsolved.run(apply, strip_px)
         previous, ratio = ratio, 1.0 / (2.0 * middle / radius - ratio)
         step, momentum = 2.0 * ratio / radius, ratio * previous
 
 
 @kernel
+def _link(
+    first: int, last: int, pixels: Array, unlit: Array, p: Array, q: Array, albedo: Array,
+    factors: Array, near: Array, solved: Array,
+) -> None:  # fmt: skip
+    """Find the neighbours of some pixels, and sum up the solved ones."""
+    rows, columns = unlit.shape
+    # The lists of the pixels above and below are read in step with that of the pixels.
+    above = np.searchsorted(pixels, pixels[first] - columns - 1)
+    below = np.searchsorted(pixels, pixels[first] + columns - 1)
+    for n in range(first, last):
+        r, c = divmod(pixels[n], columns)
+        solved[n] = 0.0
+        while above < n and pixels[above] < pixels[n] - columns - 1:
+            above += 1
+        while below < len(pixels) and pixels[below] < pixels[n] + columns - 1:
+            below += 1
+        for j in range(8):
+            place = j + (j > 3)
+            y, x = r + place // 3 - 1, c + place % 3 - 1
+            if y < 0 or x < 0 or y >= rows or x >= columns:
+                near[n, j] = _NOTHING
+                continue
+            if unlit[y, x] == 0:
+                near[n, j] = _SOLVED
+                weight = _FIRST_WEIGHTS[j]
+                solved[n, 0] += weight * p[y, x]
+                solved[n, 1] += weight * q[y, x]
+                solved[n, 2] += weight * albedo[y, x]
+                solved[n, 3] += weight
+                solved[n, 4] += factors[j, 0] * p[y, x] + factors[j, 1] * q[y, x]
+                solved[n, 5] += factors[j, 1] * p[y, x] + factors[j, 2] * q[y, x]
+                solved[n, 6] += factors[j, 3] * albedo[y, x]
+                continue
+            pixel = y * columns + x
+            m = n - 1 if y == r else above if y < r else below
+            while m < len(pixels) and pixels[m] < pixel:
+                m += 1
+            near[n, j] = m if 0 <= m < len(pixels) and pixels[m] == pixel else _NOTHING
+
+
+@kernel
 def _grow_layer(
-    first: int, last: int, layer: int, starts: Array, columns: Array, lines: Array, pairs: Array,
-    along: Array, albedo_weight: np.float32, depth: Array, p: Array, q: Array, albedo: Array,
+    first: int, last: int, layer: int, lines: Array, pairs: Array, along: Array, near: Array,
+    solved: Array, albedo_weight: np.float32, values: Array, depth: Array,
 ) -> int:  # fmt: skip
     """Give a value to the pixels beside the layers before, and return how many there are."""
-    rows, width = p.shape
     reached = 0
-    for r in range(first, last):
-        for n in range(starts[r], starts[r + 1]):
-            c = columns[n]
-            dark = pairs[n] >= NO_LINE
-            if depth[r, c] != NOT_REACHED or (dark and layer > _REACH_DARK_PX):
-                continue
-            if pairs[n] == SKIPPED:
-                continue
-            P, Q, A, total = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
-            for y in range(max(r - 1, 0), min(r + 2, rows)):
-                for x in range(max(c - 1, 0), min(c + 2, width)):
-                    if depth[y, x] < layer:
-                        weight = np.float32(1.0) if y == r or x == c else np.float32(0.7)
-                        P += weight * p[y, x]
-                        Q += weight * q[y, x]
-                        A += weight * albedo[y, x]
-                        total += weight
-            if total == 0.0:
-                continue
-            reached += 1
-            P /= total
-            Q /= total
-            A /= total
-            if not dark:
-                P, Q, A = _first_on_line(lines, n, along[pairs[n]], P, Q, A, albedo_weight)
-            depth[r, c] = layer
-            p[r, c] = P
-            q[r, c] = Q
-            albedo[r, c] = A
+    for n in range(first, last):
+        dark = pairs[n] >= NO_LINE
+        if depth[n] != NOT_REACHED or (dark and layer > _REACH_DARK_PX):
+            continue
+        P, Q, A, total = solved[n, 0], solved[n, 1], solved[n, 2], solved[n, 3]
+        for j in range(8):
+            m = near[n, j]
+            if m >= 0 and depth[m] < layer:
+                weight = _FIRST_WEIGHTS[j]
+                P += weight * values[m, 0]
+                Q += weight * values[m, 1]
+                A += weight * values[m, 2]
+                total += weight
+        if total == 0.0:
+            continue
+        reached += 1
+        P /= total
+        Q /= total
+        A /= total
+        if not dark:
+            P, Q, A = _first_on_line(lines, n, along[pairs[n]], P, Q, A, albedo_weight)
+        depth[n] = layer
+        values[n, 0], values[n, 1], values[n, 2] = P, Q, A
     return reached
 
 
 @kernel
-def _skip_edges(starts: Array, columns: Array, pairs: Array, depth: Array) -> None:
+def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
     """Keep the first values at the border of the frame and beside pixels without a slope."""
-    rows, width = depth.shape
-    for r in range(rows):
-        for n in range(starts[r], starts[r + 1]):
-            c = columns[n]
-            if r == 0 or c == 0 or r == rows - 1 or c == width - 1:
+    for n in range(len(pairs)):
+        for j in range(8):
+            m = near[n, j]
+            if m == _NOTHING or (m >= 0 and depth[m] == NOT_REACHED):
                 pairs[n] = SKIPPED
-            for y in range(max(r - 1, 0), min(r + 2, rows)):
-                for x in range(max(c - 1, 0), min(c + 2, width)):
-                    if depth[y, x] == NOT_REACHED:
-                        pairs[n] = SKIPPED
+        if depth[n] == NOT_REACHED:
+            pairs[n] = SKIPPED
 
 
 @kernel
 def _find_moves(
-    first: int, last: int, starts: Array, columns: Array, lines: Array, pairs: Array,
-    along: Array, albedo_weight: np.float32, curl_weight: np.float32,
-    step: np.float32, momentum: np.float32, p: Array, q: Array, albedo: Array, moves: Array,
+    first: int, last: int, lines: Array, pairs: Array, along: Array, near: Array, solved: Array,
+    factors: Array, albedo_weight: np.float32, curl_weight: np.float32,
+    step: np.float32, momentum: np.float32, values: Array, moves: Array,
 ) -> None:  # fmt: skip
     """Find the next move of each pixel: in p, q and albedo, or in t along its line."""
-    quarter, two = np.float32(0.25), np.float32(2.0)
     slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
-    for r in range(first, last):
-        for n in range(starts[r], starts[r + 1]):
-            if pairs[n] == SKIPPED:
-                continue
-            c = columns[n]
-            p_rows, p_columns = p[r - 1, c] + p[r + 1, c], p[r, c - 1] + p[r, c + 1]
-            q_rows, q_columns = q[r - 1, c] + q[r + 1, c], q[r, c - 1] + q[r, c + 1]
-            p_nw, p_ne, p_sw, p_se = (
-                p[r - 1, c - 1], p[r - 1, c + 1], p[r + 1, c - 1], p[r + 1, c + 1]
+    for n in range(first, last):
+        if pairs[n] == SKIPPED:
+            continue
+        P, Q, A = solved[n, 4], solved[n, 5], solved[n, 6]
+        for j in range(8):
+            m = near[n, j]
+            if m >= 0:
+                P += factors[j, 0] * values[m, 0] + factors[j, 1] * values[m, 1]
+                Q += factors[j, 1] * values[m, 0] + factors[j, 2] * values[m, 1]
+                A += factors[j, 3] * values[m, 2]
+        p, q, rho = values[n, 0], values[n, 1], values[n, 2]
+        if pairs[n] == NO_LINE:
+            moves[n, 0] = step * (P - p) + momentum * moves[n, 0]
+            moves[n, 1] = step * (Q - q) + momentum * moves[n, 1]
+            moves[n, 2] = step * (A - rho) + momentum * moves[n, 2]
+        else:
+            towards = _step_along_line(
+                lines[n, 3], lines[n, 2], along[pairs[n]], p, q, rho, P, Q, A,
+                slope_weight, albedo_weight,
             )  # fmt: skip
-            q_nw, q_ne, q_sw, q_se = (
-                q[r - 1, c - 1], q[r - 1, c + 1], q[r + 1, c - 1], q[r + 1, c + 1]
-            )  # fmt: skip
-            P = quarter * (p_rows + p_columns) + curl_weight * (
-                two * (p_rows - p_columns)
-                + (p_nw + p_ne + p_sw + p_se)
-                + (q_nw - q_ne - q_sw + q_se)
-            )
-            Q = quarter * (q_rows + q_columns) + curl_weight * (
-                two * (q_columns - q_rows)
-                + (q_nw + q_ne + q_sw + q_se)
-                + (p_nw - p_ne - p_sw + p_se)
-            )
-            P /= slope_weight
-            Q /= slope_weight
-            A = quarter * (
-                albedo[r - 1, c] + albedo[r + 1, c] + albedo[r, c - 1] + albedo[r, c + 1]
-            )
-            here_p, here_q, here = p[r, c], q[r, c], albedo[r, c]
-            if pairs[n] == NO_LINE:
-                moves[n, 0] = step * (P - here_p) + momentum * moves[n, 0]
-                moves[n, 1] = step * (Q - here_q) + momentum * moves[n, 1]
-                moves[n, 2] = step * (A - here) + momentum * moves[n, 2]
-            else:
-                towards = _step_along_line(
-                    lines[n, 3], lines[n, 2], along[pairs[n]], here_p, here_q, here, P, Q, A,
-                    slope_weight, albedo_weight,
-                )  # fmt: skip
-                moves[n, 0] = step * towards + momentum * moves[n, 0]
+            moves[n, 0] = step * towards + momentum * moves[n, 0]
 
 
 @kernel
 def _apply_moves(
-    first: int, last: int, starts: Array, columns: Array, lines: Array, pairs: Array,
-    along: Array, moves: Array, p: Array, q: Array, albedo: Array,
-) -> None:  # fmt: skip
+    first: int, last: int, lines: Array, pairs: Array, along: Array, moves: Array, values: Array
+) -> None:
     """Apply the moves; one that leaves the allowed part of a line is shortened."""
-    for r in range(first, last):
-        for n in range(starts[r], starts[r + 1]):
-            if pairs[n] == SKIPPED:
-                continue
-            c = columns[n]
-            if pairs[n] == NO_LINE:
-                p[r, c] += moves[n, 0]
-                q[r, c] += moves[n, 1]
-                albedo[r, c] += moves[n, 2]
-                continue
-            d = along[pairs[n]]
-            for _ in range(4):
-                t = lines[n, 3] + moves[n, 0]
-                bx, by, bz = lines[n, 0] + t * d[0], lines[n, 1] + t * d[1], lines[n, 2] + t * d[2]
-                rho = np.sqrt(bx * bx + by * by + bz * bz)
-                if bz >= _MIN_NZ * rho:
-                    inverse = np.float32(1.0) / bz
-                    lines[n, 3] = t
-                    p[r, c], q[r, c], albedo[r, c] = -bx * inverse, -by * inverse, rho
-                    break
-                moves[n, 0] *= np.float32(0.3)
-            else:
-                moves[n, 0] = 0.0
+    for n in range(first, last):
+        if pairs[n] == SKIPPED:
+            continue
+        if pairs[n] == NO_LINE:
+            for x in range(3):
+                values[n, x] += moves[n, x]
+            continue
+        d = along[pairs[n]]
+        for _ in range(4):
+            t = lines[n, 3] + moves[n, 0]
+            bx, by, bz = lines[n, 0] + t * d[0], lines[n, 1] + t * d[1], lines[n, 2] + t * d[2]
+            rho = np.sqrt(bx * bx + by * by + bz * bz)
+            if bz >= _MIN_NZ * rho:
+                inverse = np.float32(1.0) / bz
+                lines[n, 3] = t
+                values[n, 0], values[n, 1], values[n, 2] = -bx * inverse, -by * inverse, rho
+                break
+            moves[n, 0] *= np.float32(0.3)
+        else:
+            moves[n, 0] = 0.0

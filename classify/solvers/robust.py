@@ -58,7 +58,7 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     spread = np.float32(residual_spread(lit.values * corrections[:, None], null))
     dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
-    unlit, row_counts = np.empty(shape, np.uint8), np.empty(shape[0], np.int64)
+    unlit = np.empty(shape, np.uint8)
     images, dark = stack.images, stack.dark_rows
     least_bz, per_residual = slope_noise(pinv), (pinv / null).astype(np.float32)
     pinv, null = pinv.astype(np.float32), null.astype(np.float32)
@@ -67,11 +67,11 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
         _gate(
             first, last, images, dark, balanced.gains, problem.saturation,
             problem.variance, problem.frames, spread, least_bz, pinv, per_residual, null,
-            maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit, row_counts,
+            maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit,
         )  # fmt: skip
 
     run_on_rows(solve, shape, strip_px)
-    in_fill(balanced, maps, unlit, row_counts, strip_px)
+    in_fill(balanced, maps, unlit, strip_px)
     return maps
 
 
@@ -92,7 +92,7 @@ def _gate(
     first: int, last: int, images: Array, ambient: Array, gains: Array, saturation: np.float32,
     noise: Array, frames: np.float32, spread: np.float32, least_bz: np.float32, pinv: Array,
     corrections: Array, null: Array, p: Array, q: Array, albedo: Array, valid: Array,
-    dropped: Array, highlights: Array, unlit: Array, row_counts: Array,
+    dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
     """Least squares of four lights where they agree, less the light to blame where they do not.
 
@@ -112,8 +112,6 @@ def _gate(
     unlit
         Out: 0 where a pixel is solved, `LOST` where its slope drowns in noise, else the bits of
         the lights in shadow or saturated, which leave fewer than three.
-    row_counts
-        Out: (H,) pixels of each row that are not solved.
 
     Notes
     -----
@@ -237,7 +235,3 @@ def _gate(
             bits |= LOST if lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0
-        unsolved = 0
-        for c in range(columns):
-            unsolved += unlit[r, c] != 0
-        row_counts[r] = unsolved
