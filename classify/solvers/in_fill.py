@@ -14,7 +14,8 @@ from classify.threads import run_on_rows
 
 from .dark import judge_dark_pixels
 from .problem import Maps, Problem
-from .relaxation import NO_LINE, NOT_REACHED, Unsolved, grow, link, neighbour_weights, relax
+from .relaxation import grow, neighbour_weights, relax
+from .unsolved import NO_LINE, NOT_REACHED, Unsolved, link
 
 # Marks of unsolved pixels: the slope drowns in noise, or a light is saturated. The four lowest bits
 # are the lights in shadow or saturated.

@@ -1,32 +1,27 @@
 """The kernels of `in_fill`: unknown slopes as smooth and as free of curl as those around them.
 
-Each kernel runs over a list of pixels. The number of threads changes no bit of the
-result.
+Each kernel runs over a list of pixels. The number of threads changes no bit of the result.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
-from classify.threads import run_on_rows
+
+from .unsolved import (
+    FIRST_WEIGHTS,
+    NO_LINE,
+    NOT_REACHED,
+    NOTHING,
+    SKIPPED,
+    Unsolved,
+    neighbour_factors,
+)
 
 Array = npt.NDArray[Any]
-
-NOT_REACHED = np.uint8(255)
-# In place of the index of a pair of lights: fewer than two lights, or a pixel to be left alone.
-NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
-
-# In place of the index of a neighbour: one that is solved, or that has no slope.
-_SOLVED, _NOTHING = -1, -2
-# Neighbours are in rows: nw, n, ne, w, e, sw, s, se. Those that share a side with the pixel, and
-# the weight of each in first values.
-_BESIDE = np.array([0, 1, 0, 1, 1, 0, 1, 0], np.bool_)
-_FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 
 # Largest distance from a solved pixel at which slopes are filled in, with one light or none and
 # with two. The error grows with it; test_ps4_robust.py limits the error of the slopes.
@@ -40,58 +35,6 @@ _SMALLEST = 0.012
 _MIN_NZ = np.float32(0.26)
 # Additional weight of the curl, which is zero for every surface, while steps of slope are not.
 _CURL = 2.0
-
-
-@dataclass(frozen=True, eq=False)
-class Unsolved:
-    """The pixels to be filled in, row by row, with all that their values depend on.
-
-    Arrays of their own take a fraction of the time of the maps: the values of a pixel and its
-    neighbours are beside each other in memory, and those of solved pixels are summed only once.
-
-    Attributes
-    ----------
-    pixels
-        (n,) flat indices, ascending.
-    lines
-        (n, 4) b0 and t of each pixel on its line of scaled normals; t is written.
-    pairs, along
-        (n,) the pair of lights of each pixel, or `NO_LINE` or `SKIPPED`, and (7, 3) the direction
-        d of the line of each pair. Pixels that `relax` must leave alone become `SKIPPED`.
-    near
-        (n, 8) where in this list each neighbour is, else `_SOLVED` or `_NOTHING`; written by `link`
-        as `solved`.
-    solved
-        (n, 7) sums over the solved neighbours: for the first values p, q, albedo and 1 by their
-        weights, and the part of the minima of p, q and albedo that they make.
-    values
-        (n, 3) p, q and albedo; written.
-    depth
-        (n,) the layer of each pixel, `NOT_REACHED` before; written.
-    """
-
-    pixels: Array
-    lines: Array
-    pairs: Array
-    along: Array
-    near: Array
-    solved: Array
-    values: Array
-    depth: Array
-
-    @classmethod
-    def of(cls, pixels: Array, lines: Array, pairs: Array, along: Array) -> Self:
-        """Pixels without values."""
-        count = len(pixels)
-        return cls(
-            pixels, lines, pairs, along, np.empty((count, 8), np.int32),
-            np.empty((count, 7), np.float32), np.zeros((count, 3), np.float32),
-            np.full(count, NOT_REACHED),
-        )  # fmt: skip
-
-    def run(self, function: Callable[[int, int], None], strip_px: int) -> None:
-        """Call a function for parts of the list."""
-        run_on_rows(function, (len(self.pixels), 1), strip_px)
 
 
 @kernel
@@ -180,44 +123,6 @@ def _step_along_line(
     return np.float32(-slope / curvature)
 
 
-def link(
-    unsolved: Unsolved, unlit: Array, curl_weight: np.float32,
-    p: Array, q: Array, albedo: Array, strip_px: int,
-) -> None:  # fmt: skip
-    """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0).
-
-    The squared steps of slope and of albedo between neighbours, and the squared curl around each
-    four pixels by the trapezoid rule, have their least sum, at one pixel with the others held,
-    where p is a weighted mean: of the mean of p at the four neighbours with weight 1, and of
-    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4
-    with weight 4 curl_weight; likewise for q.
-    """
-    factors = _factors(curl_weight)
-
-    def link_part(first: int, last: int) -> None:
-        _link(
-            first, last, unsolved.pixels, unlit, p, q, albedo, factors,
-            unsolved.near, unsolved.solved,
-        )  # fmt: skip
-
-    unsolved.run(link_part, strip_px)
-
-
-def _factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of p and q in the minimum of p, of q in that of q, of albedo in its own.
-
-    The factor of p in the minimum of q is that of q in that of p.
-    """
-    curl = float(curl_weight)
-    vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl
-    p_in_p = [curl, vertical, curl, horizontal, horizontal, curl, vertical, curl]
-    q_in_p = [curl, 0.0, -curl, 0.0, 0.0, -curl, 0.0, curl]
-    q_in_q = [curl, horizontal, curl, vertical, vertical, curl, horizontal, curl]
-    albedo = np.where(_BESIDE, 0.25, 0.0)
-    slopes = np.stack([p_in_p, q_in_p, q_in_q], axis=1) / (1.0 + 4.0 * curl)
-    return np.column_stack([slopes, albedo]).astype(np.float32)
-
-
 def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
     """Set first values, layer by layer inwards, to the mean of the layers before."""
 
@@ -250,7 +155,7 @@ def relax(
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
     middle, radius = 0.5 * largest * (1.0 + _SMALLEST), 0.5 * largest * (1.0 - _SMALLEST)
-    moves, factors = np.zeros_like(unsolved.values), _factors(curl_weight)
+    moves, factors = np.zeros_like(unsolved.values), neighbour_factors(curl_weight)
     step, momentum, ratio = 1.0 / middle, 0.0, radius / middle
 
     def find(step: np.float32, momentum: np.float32, first: int, last: int) -> None:
@@ -273,47 +178,6 @@ def relax(
 
 
 @kernel
-def _link(
-    first: int, last: int, pixels: Array, unlit: Array, p: Array, q: Array, albedo: Array,
-    factors: Array, near: Array, solved: Array,
-) -> None:  # fmt: skip
-    """Find the neighbours of some pixels, and sum up the solved ones."""
-    rows, columns = unlit.shape
-    # The lists of the pixels above and below are read in step with that of the pixels.
-    above = np.searchsorted(pixels, pixels[first] - columns - 1)
-    below = np.searchsorted(pixels, pixels[first] + columns - 1)
-    for n in range(first, last):
-        r, c = divmod(pixels[n], columns)
-        solved[n] = 0.0
-        while above < n and pixels[above] < pixels[n] - columns - 1:
-            above += 1
-        while below < len(pixels) and pixels[below] < pixels[n] + columns - 1:
-            below += 1
-        for j in range(8):
-            place = j + (j > 3)
-            y, x = r + place // 3 - 1, c + place % 3 - 1
-            if y < 0 or x < 0 or y >= rows or x >= columns:
-                near[n, j] = _NOTHING
-                continue
-            if unlit[y, x] == 0:
-                near[n, j] = _SOLVED
-                weight = _FIRST_WEIGHTS[j]
-                solved[n, 0] += weight * p[y, x]
-                solved[n, 1] += weight * q[y, x]
-                solved[n, 2] += weight * albedo[y, x]
-                solved[n, 3] += weight
-                solved[n, 4] += factors[j, 0] * p[y, x] + factors[j, 1] * q[y, x]
-                solved[n, 5] += factors[j, 1] * p[y, x] + factors[j, 2] * q[y, x]
-                solved[n, 6] += factors[j, 3] * albedo[y, x]
-                continue
-            pixel = y * columns + x
-            m = n - 1 if y == r else above if y < r else below
-            while m < len(pixels) and pixels[m] < pixel:
-                m += 1
-            near[n, j] = m if 0 <= m < len(pixels) and pixels[m] == pixel else _NOTHING
-
-
-@kernel
 def _grow_layer(
     first: int, last: int, layer: int, lines: Array, pairs: Array, along: Array, near: Array,
     solved: Array, albedo_weight: np.float32, values: Array, depth: Array,
@@ -328,7 +192,7 @@ def _grow_layer(
         for j in range(8):
             m = near[n, j]
             if m >= 0 and depth[m] < layer:
-                weight = _FIRST_WEIGHTS[j]
+                weight = FIRST_WEIGHTS[j]
                 P += weight * values[m, 0]
                 Q += weight * values[m, 1]
                 A += weight * values[m, 2]
@@ -352,7 +216,7 @@ def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
     for n in range(len(pairs)):
         for j in range(8):
             m = near[n, j]
-            if m == _NOTHING or (m >= 0 and depth[m] == NOT_REACHED):
+            if m == NOTHING or (m >= 0 and depth[m] == NOT_REACHED):
                 pairs[n] = SKIPPED
         if depth[n] == NOT_REACHED:
             pairs[n] = SKIPPED
