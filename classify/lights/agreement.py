@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
+from classify.images.sampling import IndexArray, symmetric_samples
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -25,7 +26,8 @@ BoolArray = npt.NDArray[np.bool_]
 # sets. tests/classify/lights/test_agreement.py holds the first, tests/capture/acquisition/
 # test_clean_sets.py and test_fault_matrix.py both.
 
-# Columns that are compared; all rows are, because a camera mixes frames by rows.
+# Columns that are compared, while all rows are: a camera mixes frames by rows. Then rows, while
+# all columns are, as turned images must give the same result.
 _MAX_COLUMNS = 256
 _MIN_SAMPLES = 200
 # These determine levels to 0.3 % (test_a_matt_surface_agrees_with_itself); more take more time.
@@ -98,8 +100,9 @@ def light_agreement(
     """Compare the images of four lights with one another.
 
     The redundancy residual sum_k nul_k i_k (see `led_levels`) is fitted by LED levels over the
-    whole frame and over its halves: the same levels everywhere are weak LEDs. Rows and bands of
-    rows with a residual beyond that are of frames that are torn, mixed, or of another light.
+    whole frame and over its halves: the same levels everywhere are weak LEDs. Rows, columns
+    and bands of them with a residual beyond that are of frames that are torn, mixed, or of another
+    light.
 
     `images` (4, H, W) are in the order of the lighting, `ambient` (H, W) is subtracted from them,
     and their noise is estimated if it is None.
@@ -110,11 +113,85 @@ def light_agreement(
         For another number of lights, or three of them in one plane.
     """
     _, null = drop_one_constants(lighting, "light_agreement")
-    step = max(1, -(-images.shape[2] // _MAX_COLUMNS))
-    raw = images[:, :, ::step].astype(np.float32)
-    values = raw - ambient[:, ::step].astype(np.float32)
-    values /= lighting.intensities.astype(np.float32)[:, None, None]
-    variance = _variance(raw, noise, images, ambient, lighting)
+    rows, columns = images.shape[1:]
+    sigma = 0.0
+    if noise is None:
+        gains = (1.0 / lighting.intensities).astype(np.float32)
+        sigma = noise_of_images(images, ambient, gains, lighting)
+    compared = partial(_compare, images, ambient, lighting, null, full_scale, noise or sigma)
+    step = max(1, math.ceil(math.sqrt(rows * columns / _MAX_SAMPLES)))
+    grid = compared(symmetric_samples(rows, step), symmetric_samples(columns, step))
+    terms, noises = grid.normed()
+    fits = [_fit(terms[:, part], noises[:, part]) for part in _parts(grid.lit)]
+    whole = fits[0]
+    if not all(fit is None or (whole is not None and fit.is_like(whole)) for fit in fits):
+        whole = None
+    levels = np.ones(4) if whole is None else whole.levels
+    in_rows = compared(np.arange(rows), _spread_out(columns))
+    in_columns = compared(_spread_out(rows), np.arange(columns)).transposed()
+    return LightAgreement(
+        redundancy_residual=max(in_rows.beyond_noise(levels), in_columns.beyond_noise(levels)),
+        levels=None if whole is None else tuple(whole.levels.tolist()),
+        level_error=math.inf if whole is None else whole.error,
+        compared_rows=float((in_rows.lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Comparison:
+    """Terms of the redundancy residual of some rows and columns, in shares of the brightness.
+
+    Attributes
+    ----------
+    terms, noises
+        (4, R, C) weighted values, and their variance.
+    lit
+        (R, C) whether all four lights reach a pixel.
+    """
+
+    terms: FloatArray
+    noises: FloatArray
+    lit: BoolArray
+
+    def transposed(self) -> _Comparison:
+        """With columns in place of rows."""
+        terms, noises = (
+            np.ascontiguousarray(values.swapaxes(1, 2)) for values in (self.terms, self.noises)
+        )
+        return _Comparison(terms, noises, np.ascontiguousarray(self.lit.T))
+
+    def normed(self) -> tuple[FloatArray, FloatArray]:
+        """(4, R C) terms and noises for `fit_levels`."""
+        spread = np.hypot(np.sqrt(self.noises.sum(axis=0)), MATT)
+        return (self.terms / spread).reshape(4, -1), (self.noises / spread**2).reshape(4, -1)
+
+    def beyond_noise(self, levels: npt.NDArray[np.float64]) -> float:
+        """Residual beyond noise of bands of rows, after correction for the levels."""
+        factors = (1.0 / levels).astype(np.float32)[:, None, None]
+        spread = np.hypot(np.sqrt((np.square(factors) * self.noises).sum(axis=0)), MATT)
+        return _beyond_noise((factors * self.terms).sum(axis=0), spread, self.lit)
+
+
+def _compare(
+    images: npt.NDArray[np.uint16],
+    ambient: npt.NDArray[np.uint16],
+    lighting: Lighting,
+    null: npt.NDArray[np.float64],
+    full_scale: float,
+    noise: SensorNoise | float,
+    rows: IndexArray,
+    columns: IndexArray,
+) -> _Comparison:
+    """Compare some rows and columns; `noise` is of the sensor, or the deviation of all values."""
+    pixels = (rows * images.shape[2])[:, None] + columns
+    raw = images.reshape(4, -1).take(pixels, axis=1).astype(np.float32)
+    gains = (1.0 / lighting.intensities).astype(np.float32)[:, None, None]
+    values = gains * (raw - ambient.ravel().take(pixels).astype(np.float32))
+    if isinstance(noise, SensorNoise):
+        offset, slope, black = noise.coefficients()
+        variance = np.square(gains) * (offset + slope * np.maximum(raw - black, np.float32(0.0)))
+    else:
+        variance = np.full_like(raw, max(noise**2, 1.0 / 12.0))
     means = np.maximum(values.mean(axis=(1, 2), keepdims=True), np.float32(1e-6))
     evened = values / means
     lit = evened.min(axis=0) > MAYBE_SHADOW * evened.max(axis=0)
@@ -123,21 +200,7 @@ def light_agreement(
     brightness = np.maximum(values.mean(axis=0), np.float32(1e-6))
     weights = null.astype(np.float32)[:, None, None] / (np.abs(null).mean() * brightness)
     weights = weights.astype(np.float32)
-    terms, noises = weights * values, np.square(weights) * variance
-    spread = np.hypot(np.sqrt(noises.sum(axis=0)), MATT)
-    normed = (terms / spread).reshape(4, -1), (noises / np.square(spread)).reshape(4, -1)
-    fits = [_fit(*(np.take(values, part, axis=1) for values in normed)) for part in _parts(lit)]
-    whole = fits[0]
-    if not all(fit is None or (whole is not None and fit.is_like(whole)) for fit in fits):
-        whole = None
-    compared_rows = float((lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean())
-    if whole is None:
-        residual = _beyond_noise(terms.sum(axis=0), spread, lit)
-        return LightAgreement(residual, None, math.inf, compared_rows)
-    factors = (1.0 / whole.levels).astype(np.float32)[:, None, None]
-    spread = np.hypot(np.sqrt((np.square(factors) * noises).sum(axis=0)), MATT)
-    residual = _beyond_noise((factors * terms).sum(axis=0), spread, lit)
-    return LightAgreement(residual, tuple(whole.levels.tolist()), whole.error, compared_rows)
+    return _Comparison(weights * values, np.square(weights) * variance, lit)
 
 
 def image_difference(
@@ -151,8 +214,8 @@ def image_difference(
     `signal` is the pixel value above dark that counts as 1. Without `noise` it is estimated from
     the steps of the difference from pixel to pixel, for pixels of similar brightness.
     """
-    step = max(1, -(-first.shape[1] // _MAX_COLUMNS))
-    a, b = (image[:, ::step].astype(np.float32) for image in (first, second))
+    columns = _spread_out(first.shape[1])
+    a, b = (image[:, columns].astype(np.float32) for image in (first, second))
     if noise is None:
         variance = _variance_of_difference(a, b)
     else:
@@ -178,20 +241,9 @@ def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
     return variance
 
 
-def _variance(
-    raw: FloatArray,
-    noise: SensorNoise | None,
-    images: npt.NDArray[Any],
-    ambient: npt.NDArray[Any],
-    lighting: Lighting,
-) -> FloatArray:
-    gains = (1.0 / lighting.intensities).astype(np.float32)
-    if noise is None:
-        sigma = noise_of_images(images, ambient, gains, lighting)
-        return np.full_like(raw, max(sigma**2, 1.0 / 12.0))
-    offset, slope, black = noise.coefficients()
-    variance: FloatArray = offset + slope * np.maximum(raw - black, np.float32(0.0))
-    return variance * np.square(gains)[:, None, None]
+def _spread_out(size: int) -> IndexArray:
+    """Indices of the rows or columns that are compared where the other ones all are."""
+    return symmetric_samples(size, max(1, -(-size // _MAX_COLUMNS)))
 
 
 def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray) -> float:
@@ -201,7 +253,8 @@ def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray)
     worst = 0.0
     height = 1
     while True:
-        starts = np.arange(0, rows, height)
+        edges = _band_edges(rows, height)
+        starts = edges[:-1]
         counts = np.add.reduceat(counted.sum(axis=1), starts)
         means = np.add.reduceat(squares.sum(axis=1), starts) / np.maximum(counts, 1)
         errors = _STANDARD_ERRORS * np.sqrt(2.0 / np.maximum(counts, 1))
@@ -210,7 +263,7 @@ def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray)
         )
         total = 0.0
         for band in large:
-            part = slice(int(starts[band]), int(starts[band]) + height)
+            part = slice(int(edges[band]), int(edges[band + 1]))
             inside = counted[part]
             # The median, as a few glints are not a wrong light.
             size = 1.4826 * float(np.median(np.abs(deviation[part][inside])))
@@ -220,6 +273,15 @@ def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray)
         if height >= rows:
             return float(np.sqrt(worst))
         height *= 4
+
+
+def _band_edges(rows: int, height: int) -> IndexArray:
+    """First rows of bands of about one height, symmetric about the middle, and the end."""
+    count = -(-rows // height)
+    # An odd number of rows has no edge in the middle.
+    count += rows % 2 * (1 - count % 2)
+    first_half = np.arange(count // 2 + 1) * rows // count
+    return np.union1d(first_half, rows - first_half)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,12 +298,13 @@ class _Levels:
 
 def _parts(lit: BoolArray) -> Iterator[npt.NDArray[np.intp]]:
     """Lit pixels of the frame and of each half, where the levels of a near light differ."""
-    rows, columns = (side // 2 for side in lit.shape)
-    for part in np.s_[:, :], np.s_[:rows], np.s_[rows:], np.s_[:, :columns], np.s_[:, columns:]:
+    rows, columns = lit.shape
+    top, left = (rows + 1) // 2, (columns + 1) // 2
+    halves = np.s_[:top], np.s_[rows - top :], np.s_[:, :left], np.s_[:, columns - left :]
+    for part in np.s_[:, :], *halves:
         inside = np.zeros_like(lit)
         inside[part] = lit[part]
-        pixels = np.flatnonzero(inside)
-        yield pixels[:: max(1, -(-len(pixels) // _MAX_SAMPLES))]
+        yield np.flatnonzero(inside)
 
 
 def _fit(terms: FloatArray, noises: FloatArray) -> _Levels | None:

@@ -148,12 +148,18 @@ def _scales(planes: FloatArray) -> Iterator[FloatArray]:
     while True:
         rows, columns = planes.shape[1:]
         top, left = max(0, (rows - _MIDDLE_PX) // 2), max(0, (columns - _MIDDLE_PX) // 2)
-        yield planes[:, top : top + _MIDDLE_PX, left : left + _MIDDLE_PX]
+        yield planes[:, top : rows - top, left : columns - left]
         if min(rows, columns) < 2 * _COARSEST_PX:
             return
-        even = planes[:, : rows // 2 * 2, : columns // 2 * 2]
-        across = even[:, :, ::2] + even[:, :, 1::2]
-        planes = np.float32(0.25) * (across[:, ::2] + across[:, 1::2])
+        planes = _halved(_halved(planes).swapaxes(1, 2)).swapaxes(1, 2)
+
+
+def _halved(planes: FloatArray) -> FloatArray:
+    """Half as many rows, symmetric about the middle: means of two, of three where they are odd."""
+    if planes.shape[1] % 2 == 0:
+        return np.float32(0.5) * (planes[:, ::2] + planes[:, 1::2])
+    middle = planes[:, 1:-1:2]
+    return np.float32(0.25) * ((planes[:, :-2:2] + middle) + (middle + planes[:, 2::2]))
 
 
 def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:

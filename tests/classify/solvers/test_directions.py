@@ -10,6 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import METHODS, Lighting, Method, SurfaceEstimate, photometric_stereo
+from classify.lights.agreement import light_agreement
+from classify.lights.order import light_order
 from classify.relief.shadows import cast_shadow
 
 DATA = Path(__file__).parents[2] / "data"
@@ -121,3 +123,28 @@ def test_on_photographs(method: Method, name: str, lights: list[int]) -> None:
 def test_on_photographs_under_twelve_lights(method: Method) -> None:
     images, lighting, _ = photographs("cat_crop", [])
     assert_no_direction_is_preferred(images, lighting, method)
+
+
+@pytest.mark.parametrize(
+    ("name", "lights"), [("butterfly_crop", [6, 0, 2, 4]), ("cat_crop", [3, 1, 10, 9])]
+)
+@pytest.mark.parametrize(("rows", "columns"), [(128, 127), (115, 106)])
+def test_checks_of_the_lights(name: str, lights: list[int], rows: int, columns: int) -> None:
+    """Their order and their agreement, in frames of even and odd sides."""
+    images, lighting, ambient = photographs(name, lights)
+    images = images[:, :rows, :columns].astype(np.uint16)
+    dark = np.zeros_like(images[0]) if ambient is None else ambient[:rows, :columns]
+    dark = dark.astype(np.uint16)
+    order = light_order(images, lighting, ambient=dark)
+    agreement = light_agreement(images, lighting, dark, 255, None)
+    assert agreement.redundancy_residual > 0.01
+    for symmetry in SYMMETRIES:
+        x, y = turned_vectors(*lighting.directions.T[:2], *symmetry)
+        other = Lighting(np.stack([x, y, lighting.directions[:, 2]], 1), lighting.intensities)
+        frames, no_light = turned_frame(images, *symmetry), turned_frame(dark, *symmetry)
+        turned_order = light_order(frames, other, ambient=no_light)
+        assert set(turned_order.plausible) == set(order.plausible)
+        assert turned_order.excess == pytest.approx(order.excess, abs=1e-3)
+        found = light_agreement(frames, other, no_light, 255, None)
+        assert found.redundancy_residual == pytest.approx(agreement.redundancy_residual, rel=1e-3)
+        assert (found.levels is None) == (agreement.levels is None)
