@@ -1,7 +1,7 @@
 """Features of the joint classifier: observations, and vectors whose squared differences add up.
 
-The tuned numbers below are held by the recognition, rejection and shadow tests of
-``tests/classify/classifiers/test_joint.py`` and by the tables of ``ps4rig reproduce``.
+The table "Constants of the default classifier" in classify/README.md shows what each tuned number
+gives halved and doubled; ``tests/classify/classifiers/test_joint_constants.py`` prints it.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,9 @@
 """Limits of the joint classifier: the distance beyond which a class rejects.
 
 The distance of another patch of a class is taken as log-normal. Its median is expected from the
-scatter of the quarters of a training frame, and measured where a class has several sets.
+scatter of the quarters of a training frame, and measured where a class has several sets. The table
+"Constants of the default classifier" in classify/README.md shows what each tuned number gives
+halved and doubled.
 """
 
 import math
@@ -22,8 +24,9 @@ _LEAST_SCATTER = 0.01
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _LARGEST_FACTOR = 1.5
 # Median distance of another patch to a class of scatter 1, and standard deviations of its
-# logarithm: of classes whose quarters scatter alike, and of patches of one class. A limit is the
-# 99th percentile.
+# logarithm: of classes whose quarters scatter alike, and of patches of one class. On 22 scanned
+# materials the median is 0.88 and the deviation 0.53.
+# A limit is the 99th percentile, 2.33 deviations above the median.
 _MEDIAN = 0.85
 _CLASS_SPREAD = 0.35
 _PATCH_SPREAD = 0.27

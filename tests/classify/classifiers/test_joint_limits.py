@@ -1,0 +1,56 @@
+"""Limits of classes, on references that are points of a line."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from classify.classifiers.joint_limits import class_limits, limit_of_sets, unit_limit
+
+
+def limits_of(positions: np.ndarray, labels: list[str], single: float) -> dict[str, float]:
+    def distances(index: int, others: np.ndarray) -> np.ndarray:
+        return np.abs(positions[others] - positions[index])
+
+    return class_limits(
+        labels,
+        range(len(labels)),
+        np.full(len(labels), single, np.float32),
+        distances,
+        lambda index, others: float(distances(index, others).min()),
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 300])
+def test_no_limit_exceeds_the_distance_to_the_nearest_other_class(count: int) -> None:
+    """Also where only references of the lowest bounds are compared."""
+    positions = np.concatenate([-0.001 * np.arange(count), 1.5 + 0.001 * np.arange(count)])
+    labels = ["near"] * count + ["far"] * count
+    for limit in limits_of(positions, labels, 2.0).values():
+        assert limit == pytest.approx(1.5)
+    assert max(limits_of(positions, labels, 1.0).values()) == pytest.approx(1.0)
+
+
+def test_the_sets_of_a_class_are_within_its_limit() -> None:
+    """Even where they are further from each other than from another class."""
+    limits = limits_of(np.array([0.0, 5.0, 2.0]), ["apart", "apart", "between"], 2.0)
+    assert limits == {"apart": pytest.approx(5.0), "between": pytest.approx(2.0)}
+
+
+@given(st.floats(0.1, 10.0), st.lists(st.floats(1e-6, 100.0), max_size=20))
+def test_a_limit_of_sets_is_of_the_order_of_its_distances(
+    limit: float, distances: list[float]
+) -> None:
+    found = limit_of_sets(limit, distances)
+    assert 0.3 * limit < found <= max(1.001 * limit, 4.0 * max(distances, default=0.0))
+
+
+@given(st.floats(0.1, 10.0), st.integers(1, 20))
+def test_more_sets_at_the_expected_distance_tighten_a_limit(limit: float, count: int) -> None:
+    median = 0.36 * limit
+    assert limit_of_sets(limit, [median] * (count + 1)) < limit_of_sets(limit, [median] * count)
+    assert limit_of_sets(limit, [0.01 * limit] * count) == pytest.approx(limit)
+
+
+def test_small_frames_have_smaller_limits() -> None:
+    assert unit_limit(128 * 128) < unit_limit(256 * 256) == unit_limit(1024 * 1024)
