@@ -48,8 +48,8 @@ def solve_step(image_set: SimulatedSet, method: Method) -> Callable[[], object]:
 def classify_step(library: Path, image_set: SimulatedSet) -> Callable[[], object]:
     """Step that classifies a set, from its images to a match."""
     trained = TextureLibrary.load(library)
-    trained.classify(_corner(image_set).solve())
-    return lambda: trained.classify(image_set.solve())
+    trained.classify(_corner(image_set).solve(planar=trained.planar))
+    return lambda: trained.classify(image_set.solve(planar=trained.planar))
 
 
 def match_step(library: Path, small: Path, query: FloatMap) -> Callable[[], object]:

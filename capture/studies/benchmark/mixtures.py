@@ -50,7 +50,8 @@ def observed_textures(names: Sequence[str], frame_px: int) -> Textures:
     joint = classifier_named("joint")
     observed = []
     for seed, texture in enumerate(names):
-        first, second = (texture_tile(texture, 2 * seed + k, frame_px).solve() for k in (0, 1))
+        tiles = (texture_tile(texture, 2 * seed + k, frame_px) for k in (0, 1))
+        first, second = (tile.solve(planar=True) for tile in tiles)
         training = joint.observe_training(first, segment_px)
         observed.append((training, joint.observe(second, segment_px)))
     thirty = [
@@ -58,7 +59,9 @@ def observed_textures(names: Sequence[str], frame_px: int) -> Textures:
         for texture, (training, _) in zip(names, observed, strict=True)
         if texture in SYNTHETIC_30
     ]
-    library = TextureLibrary.from_observations(thirty, segment_px, simulated=True)
+    library = TextureLibrary.from_observations(
+        thirty, segment_px, method="ps4_robust", planar=True, simulated=True
+    )
 
     def signature(training: JointTraining, frame: JointObservation, shift: int) -> FloatMap:
         # A column of a polar map is 2 degrees: a shift by whole columns is exact.

@@ -23,14 +23,15 @@ _TEXTURE, _SEED, _ROTATE_DEG = "sand", 1000, 33.0
 def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Section:
     """Time the classification of a set of side `size_px` by the joint classifier."""
     image_set = rotated_patch(_TEXTURE, _SEED, size_px, _ROTATE_DEG)
-    surface = image_set.solve()
+    solve = partial(image_set.solve, planar=library.planar)
+    surface = solve()
     fields = texture_fields(surface)
     joint = classifier_named(library.classifier)
     observation = joint.observe(surface, library.segment_px)
     signature = joint.signature(observation, library.parameters)
     maps = np.empty((3, size_px, size_px), np.float32)
     stages: dict[str, Work] = {
-        "solve, ps4_robust": image_set.solve,
+        "solve, ps4_robust": solve,
         "fields": partial(texture_fields, surface),
         "spectra": partial(field_spectra, fields, library.segment_px),
         "statistics": partial(local_statistics, fields, levels_for(library.segment_px)),
@@ -39,7 +40,7 @@ def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Sect
     }
     floor_and_whole: dict[str, Work] = {
         "floor": partial(read_four_write_three, image_set.images, maps),
-        "whole": lambda: library.classify(image_set.solve()),
+        "whole": lambda: library.classify(solve()),
     }
     times = shortest_ms(floor_and_whole | stages, rounds)
     floor, total = times["floor"], times["whole"]
