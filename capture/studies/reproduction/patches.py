@@ -39,7 +39,8 @@ def render_patch(
     if surface is None:
         surface = load_surface(position.texture, position.seed, 2 * size_px)
     rows, columns = surface.height.shape
-    shift_px = (columns / 2.0, rows / 2.0) if position.half_tile_away else (0.0, 0.0)
+    right, up = position.shift_tiles
+    shift_px = (right * columns, up * rows)
     seed = _seed_of(position, "faults")
     return faults.render(surface, slant_deg, size_px, position.rotate_deg, shift_px, seed)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Literal
 
@@ -39,6 +40,11 @@ _NOT_AMONG_22 = (
 _MATERIAL_MAPS = ("height.png", "normal.png", "normal.jpg")
 
 
+# Places of training patches on a material, in tiles, and the place of disjoint tests.
+_TRAINED_TILES = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))
+_TESTED_TILES = (0.5, 0.5)
+
+
 @dataclass(frozen=True)
 class Texture:
     """A synthetic texture by its name, or a scanned material in its folder."""
@@ -53,7 +59,7 @@ class PatchPosition:
 
     texture: Texture
     seed: int  # realisation of a synthetic texture
-    half_tile_away: bool  # shift on a material, which is one tile
+    shift_tiles: tuple[float, float]  # right and up on a material, which is one tile
     rotate_deg: float  # anticlockwise
 
 
@@ -80,7 +86,8 @@ class TrainingRun:
     """Libraries trained on one or more sets of each texture under the same conditions.
 
     With `one_segment`, a spectrum is one periodogram of the whole frame, not an average over
-    segments. With `tests_unknown`, each test is also matched without its own class.
+    segments. With `tests_unknown`, each test is also matched without its own class. With
+    `of_patches`, each set of a texture is of another patch.
     """
 
     name: str
@@ -91,6 +98,15 @@ class TrainingRun:
     orientations_deg: tuple[float, ...] = (0.0,)  # of the training patch, one set each
     one_segment: bool = False
     tests_unknown: bool = False
+    of_patches: bool = False
+
+    def positions(self, texture: Texture) -> list[PatchPosition]:
+        """Positions of the training patches of a texture, one for each set."""
+        patches = range(len(self.orientations_deg)) if self.of_patches else repeat(0)
+        return [
+            PatchPosition(texture, patch, _TRAINED_TILES[patch], rotate_deg)
+            for patch, rotate_deg in zip(patches, self.orientations_deg, strict=False)
+        ]
 
     @property
     def segment_px(self) -> int:
@@ -156,8 +172,8 @@ class Experiment:
     def test_position(self, texture: Texture, number: int, protocol: Protocol) -> PatchPosition:
         """Position of a test patch. The seed of the training patch is 0."""
         disjoint = protocol == "disjoint"
-        seed = 1000 + number if disjoint else 0
-        return PatchPosition(texture, seed, disjoint, self.orientations_deg[number])
+        seed, tiles = (1000 + number, _TESTED_TILES) if disjoint else (0, _TRAINED_TILES[0])
+        return PatchPosition(texture, seed, tiles, self.orientations_deg[number])
 
 
 @dataclass(frozen=True)
@@ -343,10 +359,10 @@ def _days(textures: tuple[Texture, ...], orientations_deg: tuple[float, ...]) ->
     runs = [
         TrainingRun(
             f"{size_px} px, {len(trained_deg)} sets", textures, Conditions(45.0, size_px), (OURS,),
-            (BEST_SOLVER,), trained_deg, tests_unknown=True,
+            (BEST_SOLVER,), trained_deg, tests_unknown=True, of_patches=True,
         )
         for size_px in (256, 128)
-        for trained_deg in ((0.0,), (0.0, 60.0, 120.0))
+        for trained_deg in ((0.0,), (0.0, 90.0, 180.0))
     ]  # fmt: skip
     faulty = (
         ("focus: blur of 0.5 to 1.1 px", replace(usual, faults=OUT_OF_FOCUS)),

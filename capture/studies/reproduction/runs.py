@@ -16,7 +16,7 @@ from .patches import CachedPatch, solves_as_planar
 
 @dataclass(frozen=True)
 class TrainingTask:
-    """The training runs of an experiment at one slant and the same orientations."""
+    """The training runs of an experiment at one slant, on the same patches."""
 
     experiment: plan.Experiment
     runs: tuple[plan.TrainingRun, ...]
@@ -54,9 +54,10 @@ class Outcome(NamedTuple):
 
 def training_tasks(experiment: plan.Experiment, folder: Path) -> list[TrainingTask]:
     """Group the runs that share scenes."""
-    groups: dict[tuple[float, tuple[float, ...]], list[plan.TrainingRun]] = {}
+    groups: dict[tuple[object, ...], list[plan.TrainingRun]] = {}
     for run in experiment.training:
-        groups.setdefault((run.conditions.slant_deg, run.orientations_deg), []).append(run)
+        key = (run.conditions.slant_deg, run.orientations_deg, run.of_patches)
+        groups.setdefault(key, []).append(run)
     return [TrainingTask(experiment, tuple(runs), folder) for runs in groups.values()]
 
 
@@ -72,8 +73,7 @@ def train(task: TrainingTask) -> None:
     experiment, first = task.experiment, task.runs[0]
     rows: dict[tuple[Path, int, Method, str], list[TrainingRow]] = {}
     for texture in dict.fromkeys(t for run in task.runs for t in run.textures):
-        for rotate_deg in first.orientations_deg:
-            position = plan.PatchPosition(texture, 0, False, rotate_deg)
+        for position in first.positions(texture):
             patch = CachedPatch(position, experiment.frame_px)
             for run in task.runs:
                 if texture not in run.textures:
@@ -84,7 +84,7 @@ def train(task: TrainingTask) -> None:
                         run.conditions, solver, classifier, run.segment_px, train=True
                     )
                     rows.setdefault((path, run.segment_px, solver, classifier), []).append(
-                        TrainingRow(texture.name, observation, rotate_deg)
+                        TrainingRow(texture.name, observation, position.rotate_deg)
                     )
     lighting = Lighting.ring(first.conditions.slant_deg)
     for (path, segment_px, solver, classifier), trained in rows.items():

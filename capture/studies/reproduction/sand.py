@@ -85,7 +85,7 @@ def sand_maps(size_px: int) -> SandMaps:
 def _solved(
     rotate_deg: float, size_px: int, solvers: tuple[Method, ...]
 ) -> tuple[SceneImages, dict[str, SurfaceEstimate]]:
-    position = PatchPosition(Texture("sand"), 0, False, rotate_deg)
+    position = PatchPosition(Texture("sand"), 0, (0.0, 0.0), rotate_deg)
     scene = render_patch(position, SAND_SLANT_DEG, size_px)
     images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), round(rotate_deg))
     return scene, {solver: solve(images, solver) for solver in solvers}

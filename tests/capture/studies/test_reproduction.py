@@ -35,7 +35,7 @@ from rig.scene.surfaces import PeriodicSurface
 
 Rows = list[dict[str, str]]
 
-SAND = PatchPosition(Texture("sand"), seed=3, half_tile_away=False, rotate_deg=20.0)
+SAND = PatchPosition(Texture("sand"), seed=3, shift_tiles=(0.0, 0.0), rotate_deg=20.0)
 FIGURES = ("01", "02", "03", "05", "07", "08", "09", "10", "11", "13")
 TABLES = (
     "summary", "table_9_01", "classifiers_synthetic", "classifiers_twins_and_small", "materials",
@@ -81,8 +81,22 @@ def test_disjoint_tests_are_other_realisations_and_other_places() -> None:
     seeds = {experiment.test_position(sand, i, "disjoint").seed for i in range(24)}
     assert len(seeds - {0}) == 24
     assert experiment.test_position(sand, 5, "rotated").seed == 0
-    assert experiment.test_position(bark, 5, "disjoint").half_tile_away
-    assert not experiment.test_position(bark, 5, "rotated").half_tile_away
+    assert experiment.test_position(bark, 5, "disjoint").shift_tiles == (0.5, 0.5)
+    assert experiment.test_position(bark, 5, "rotated").shift_tiles == (0.0, 0.0)
+
+
+def test_training_sets_are_of_one_patch_or_of_several_that_are_not_tested() -> None:
+    plan, sand = plan_of(False, material_textures(None)), Texture("sand")
+    for experiment in plan.experiments:
+        for run in experiment.training:
+            positions = run.positions(sand)
+            assert [each.rotate_deg for each in positions] == list(run.orientations_deg)
+            patches = {(each.seed, each.shift_tiles) for each in positions}
+            assert len(patches) == (len(positions) if run.of_patches else 1)
+            tested = experiment.test_position(sand, 0, "disjoint")
+            assert tested.seed not in {seed for seed, _ in patches}
+            assert tested.shift_tiles not in {shift for _, shift in patches}
+    assert {len(run.positions(sand)) for run in plan.days.training} == {1, 3}
 
 
 # patches
@@ -94,9 +108,9 @@ def test_a_patch_half_a_tile_away_shares_no_pixel_with_training(rotate_deg: floa
     marked = np.full_like(flat, 0.2)
     marked[128:384, 128:384] = 1.0
     surface = PeriodicSurface(flat, flat, flat, marked, "marked")
-    training = PatchPosition(Texture("marked"), 0, half_tile_away=False, rotate_deg=0.0)
+    training = PatchPosition(Texture("marked"), 0, shift_tiles=(0.0, 0.0), rotate_deg=0.0)
     assert render_patch(training, 45.0, 256, surface).albedo[2:-2, 2:-2].min() > 0.9
-    test = replace(training, half_tile_away=True, rotate_deg=rotate_deg)
+    test = replace(training, shift_tiles=(0.5, 0.5), rotate_deg=rotate_deg)
     # The squares touch at a corner.
     assert (render_patch(test, 45.0, 256, surface).albedo > 0.6).sum() <= 8
 
