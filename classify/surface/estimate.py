@@ -193,11 +193,6 @@ class SurfaceEstimate:
         stack, lighting = self._stack_and_lights
         directions = lighting.directions.astype(np.float32)
         shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
-        determined = self.valid | (self.p != 0.0) | (self.q != 0.0)
-        if self.repaired is not None:
-            determined |= self.repaired
-        if self.mask is not None:
-            determined &= self.mask
         pixels = sample_pixels(self.shape, _SAMPLES)
         pixels = pixels[self.valid.ravel()[pixels]]
         limits = highlight_limits(
@@ -209,7 +204,7 @@ class SurfaceEstimate:
             rows = slice(first, last)
             compare_with_prediction(
                 *stack.float_rows(first, last), self._gains, directions,
-                self.p[rows], self.q[rows], self.albedo[rows], determined[rows], limits,
+                self.p[rows], self.q[rows], self.albedo[rows], self._determined(rows), limits,
                 shadow_count[rows], highlights[rows],
             )  # fmt: skip
 
@@ -217,6 +212,15 @@ class SurfaceEstimate:
         if self.highlights is not None:
             highlights &= self.highlights
         return shadow_count, highlights
+
+    def _determined(self, rows: slice) -> npt.NDArray[np.bool_]:
+        """Where a slope is known, if only in part of the lights that are needed for a valid one."""
+        determined = self.valid[rows] | (self.p[rows] != 0.0) | (self.q[rows] != 0.0)
+        if self.repaired is not None:
+            determined |= self.repaired[rows]
+        if self.mask is not None:
+            determined &= self.mask[rows]
+        return determined
 
     @property
     def _stack_and_lights(self) -> tuple[ImageStack, Lighting]:
