@@ -215,7 +215,8 @@ class SurfaceEstimate:
 
     def _determined(self, rows: slice) -> npt.NDArray[np.bool_]:
         """Where a slope is known, if only in part of the lights that are needed for a valid one."""
-        determined = self.valid[rows] | (self.p[rows] != 0.0) | (self.q[rows] != 0.0)
+        sloped = (self.p[rows] != 0.0) | (self.q[rows] != 0.0)
+        determined: npt.NDArray[np.bool_] = self.valid[rows] | sloped
         if self.repaired is not None:
             determined |= self.repaired[rows]
         if self.mask is not None:
