@@ -16,7 +16,7 @@ from classify.texture.angular_harmonics import (
     least_error,
     shift_invariant_norms,
 )
-from classify.texture.blur import KNOTS_PX2, least_over_blurs
+from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
 from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
 from classify.texture.statistics import LocalStatistics
 
@@ -102,7 +102,8 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
     if BLUR_BASIS in parameters:
         # Blur changes neither the other harmonics nor the shift.
         curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
-        least, variances = least_over_blurs(own, curve, others, curves, SERIES)
+        penalty = blur_penalty(float(parameters["pixels"]))
+        least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
         rings = squares[:, :SERIES].sum(axis=1, dtype=np.float64)
         total = np.maximum(found.errors - rings, 0.0) + least
         blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))

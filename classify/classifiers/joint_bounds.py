@@ -12,7 +12,13 @@ import numpy.typing as npt
 
 from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap
-from classify.texture.blur import EXTRAPOLATION, KNOTS_PX2, least_on_path, path_products
+from classify.texture.blur import (
+    EXTRAPOLATION,
+    KNOTS_PX2,
+    blur_penalty,
+    least_on_path,
+    path_products,
+)
 from classify.threads import run_on_rows
 
 from .classifier import Bounds, Parameters
@@ -83,9 +89,10 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Boun
         reach = numbers[:, 4 * size :] if size else np.zeros((len(rows), _REACHES), np.float32)
         paths += [numbers[:, :size], changes, reach]
     own, curve, own_reach, *others = paths
+    penalty = blur_penalty(float(parameters["pixels"]))
     found = np.empty(len(references), np.float64)
     path = (own[0], curve[0], own_reach[0], *others)
-    bound_rows = partial(_bounds, test[:plain], references, *path, test[-1], found)
+    bound_rows = partial(_bounds, test[:plain], references, *path, penalty, test[-1], found)
     run_on_rows(bound_rows, references.shape)
     return found
 
@@ -94,7 +101,7 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Boun
 def _bounds(
     test: Array, references: Array, own: Array, curve: Array, own_reach: Array,
     others: Array, curves: Array, reaches: Array,
-    divisor: np.float32, bounds: Array, first: int, stop: int,
+    penalty: np.float32, divisor: np.float32, bounds: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Squared distances to the paths, less rounding errors, over the divisor."""
     zero = np.float32(0.0)
@@ -129,9 +136,9 @@ def _bounds(
                 p[3] + r3 * r4,
                 p[4] + r4 * r5,
             )
-            least, _ = least_on_path(squares, products)
+            least, _ = least_on_path(squares, products, penalty)
         else:
-            least, _ = least_on_path(s, p)
+            least, _ = least_on_path(s, p, penalty)
         distance = np.sqrt(max(directional + least, zero)) - rounding
         bounds[n] = np.float64(max(distance, zero)) ** 2 / np.float64(divisor)
 

@@ -38,9 +38,10 @@ EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
 
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
-# Added to a squared distance per px^2. It makes the estimate 0 for half of the sets in equal focus
-# and adds 0.1 where the blur is 1 px; see the table in classify/README.md.
+# Added to a squared distance per px^2, and more in smaller frames, whose coarse textures differ
+# by as much as blur would make them: see the tables of classify/README.md.
 _PENALTY = 0.1
+_SUFFICIENT_PX = 256
 
 Floats = npt.NDArray[np.float64]
 
@@ -72,8 +73,18 @@ def blurred_surface(surface: SurfaceEstimate, sigma_px: float) -> SurfaceEstimat
     )
 
 
+def blur_penalty(pixels: float) -> np.float32:
+    """Penalty per px^2 of blur, for training frames of that many pixels."""
+    return np.float32(_PENALTY * max(_SUFFICIENT_PX**2 / max(pixels, 1.0), 1.0))
+
+
 def least_over_blurs(
-    test: FloatMap, test_curve: FloatMap, references: FloatMap, curves: FloatMap, rings: int
+    test: FloatMap,
+    test_curve: FloatMap,
+    references: FloatMap,
+    curves: FloatMap,
+    rings: int,
+    penalty: np.float32,
 ) -> tuple[Floats, Floats]:
     """Least squared distance of a test to n references over their blur, with a penalty.
 
@@ -83,6 +94,8 @@ def least_over_blurs(
         (d,) and (n, d) float32 features, the `rings` means of rings first.
     test_curve, curves
         (3, d) and (n, 3, d) changes of the features at the knots. Of a test only rings count.
+    penalty
+        Of `blur_penalty`.
 
     Returns
     -------
@@ -90,7 +103,7 @@ def least_over_blurs(
     within the square of -`MAX_SHARPER_PX` and of `MAX_BLURRIER_PX`.
     """
     least = np.empty((len(references), 2), np.float64)
-    rows = partial(_least_rows, test, test_curve, references, curves, rings, least)
+    rows = partial(_least_rows, test, test_curve, references, curves, rings, penalty, least)
     run_on_rows(rows, references.shape)
     return least[:, 0], least[:, 1]
 
@@ -98,11 +111,11 @@ def least_over_blurs(
 @kernel
 def _least_rows(
     test: Array, test_curve: Array, references: Array, curves: Array, rings: int,
-    least: Array, first: int, stop: int,
+    penalty: np.float32, least: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     for n in range(first, stop):
-        products = path_products(test, test_curve, references[n], curves[n], rings)
-        least[n] = least_on_path(*products)
+        squares, products = path_products(test, test_curve, references[n], curves[n], rings)
+        least[n] = least_on_path(squares, products, penalty)
 
 
 @kernel
@@ -140,7 +153,9 @@ def path_products(
 
 
 @kernel
-def least_on_path(squares: Any, products: Any) -> tuple[np.float32, np.float32]:
+def least_on_path(
+    squares: Any, products: Any, penalty: np.float32
+) -> tuple[np.float32, np.float32]:
     """Least squared distance plus penalty on a path of straight lines, and its variance."""
     zero = np.float32(0.0)
     least, variance = squares[2], zero
@@ -148,10 +163,10 @@ def least_on_path(squares: Any, products: Any) -> tuple[np.float32, np.float32]:
         low, high = np.float32(_POINTS_PX2[k]), np.float32(_POINTS_PX2[k + 1])
         along = squares[k] - products[k]
         across = max(along + squares[k + 1] - products[k], np.float32(1e-12))
-        cost = np.float32(_PENALTY) * (abs(high) - abs(low))
+        cost = penalty * (abs(high) - abs(low))
         share = min(max((along - np.float32(0.5) * cost) / across, zero), np.float32(1.0))
         square = squares[k] + share * (share * across - np.float32(2.0) * along)
-        square += np.float32(_PENALTY) * abs(low) + share * cost
+        square += penalty * abs(low) + share * cost
         if square < least:
             least, variance = square, low + share * (high - low)
     return least, variance

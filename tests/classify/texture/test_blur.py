@@ -12,6 +12,7 @@ from classify.texture.blur import (
     MAX_BLURRIER_PX,
     MAX_SHARPER_PX,
     blur_gains,
+    blur_penalty,
     blurred_fields,
     blurred_surface,
     least_over_blurs,
@@ -75,7 +76,7 @@ def test_the_least_distance_is_that_of_trying_all_blurs(
     test = -difference_at(true_px2, np.zeros(NUMBERS), test_curve, reference, curve)
     test += noise * rng.standard_normal(NUMBERS)
     arrays = [np.float32(each) for each in (test, test_curve, reference[None], curve[None])]
-    least, variances = least_over_blurs(*arrays, RINGS)
+    least, variances = least_over_blurs(*arrays, RINGS, blur_penalty(256**2))
     tried_px2 = np.linspace(-(MAX_SHARPER_PX**2), MAX_BLURRIER_PX**2, 1201)
     tried = [
         np.square(difference_at(v, test, test_curve, reference, curve)).sum() + 0.1 * abs(v)
@@ -93,5 +94,7 @@ def test_the_least_distance_is_that_of_trying_all_blurs(
 def test_equal_features_have_no_blur_and_no_distance() -> None:
     rng = np.random.default_rng(0)
     features, curve = (rng.standard_normal(shape).astype(np.float32) for shape in ((1, 9), (3, 9)))
-    least, variances = least_over_blurs(features[0], curve, features, curve[None], 4)
+    least, variances = least_over_blurs(
+        features[0], curve, features, curve[None], 4, blur_penalty(64**2)
+    )
     assert least[0] == variances[0] == 0.0
