@@ -39,9 +39,8 @@ LED_LEVEL_STANDARD_ERRORS = 4.0
 # Levels within this of the configured ones need no correction: half of what a capture accepts.
 EQUAL_LED_LEVELS = 0.02
 # Least share of the detail of a photograph that a mix of the others under the same lights must
-# explain; below the second a warning. Photographs of four real objects reach 0.45, with one of
-# another scene 0.03, upside down 0.11, moved by 2 to 5 % of the frame 0.26
-# (tests/capture/sets/test_photograph_rates.py).
+# explain; below the second a warning. Photographs of four real objects reach 0.51, with one of
+# another scene 0.22 (tests/capture/sets/test_photograph_rates.py).
 MIN_EXPLAINED_DETAIL, LITTLE_EXPLAINED_DETAIL = 0.3, 0.4
 # Share of rows in which all four light images are compared; another row may be torn.
 MIN_COMPARED_ROWS = 1.0
