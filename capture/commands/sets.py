@@ -200,8 +200,7 @@ def import_(
 ) -> None:
     """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit.
 
-    The photographs are checked as those of a capture. What no surface under these lights explains
-    is refused; --accept imports it all the same.
+    Photographs that no surface under these lights explains are refused, see --accept.
     """
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list

@@ -48,13 +48,15 @@ def photographs(folder: Path) -> LightImages:
     if entries[0]["file"].endswith(".jpg"):
         linear = linear_from_srgb(images.astype(np.float32) / 255.0)
         images, full_scale = np.rint(65_535.0 * linear).astype(np.uint16), 65_535
-    dark = cv2.imread(str(folder / "ambient.png"), cv2.IMREAD_GRAYSCALE)
-    key = "relative_intensity_estimated"
+    ambient = np.zeros_like(images[0])
+    if (folder / "ambient.png").exists():
+        dark = cv2.imread(str(folder / "ambient.png"), cv2.IMREAD_GRAYSCALE)
+        ambient = dark.astype(np.uint16)
+    keys = ("intensity", "relative_intensity_estimated")
     lighting = Lighting(
         np.array([entry["direction"] for entry in entries]),
-        np.array([entry.get(key, 1.0) for entry in entries]),
+        np.array([next((e[key] for key in keys if key in e), 1.0) for e in entries]),
     )
-    ambient = np.zeros_like(images[0]) if dark is None else dark.astype(np.uint16)
     names = [entry["file"] for entry in entries]
     return LightImages(images, ambient, None, lighting, names, full_scale, None)
 
