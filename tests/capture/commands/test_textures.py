@@ -166,6 +166,19 @@ def test_another_solver_than_that_of_the_library_is_named(
     assert (answer["methods"], answer["library_method"]) == (["ps4"], "ps4_robust")
 
 
+def test_a_solver_that_does_not_suit_the_lights_is_replaced_by_the_default(
+    ps4rig: Command, made_set: Command, sets: Path, library: Path, tmp_path: Path
+) -> None:
+    images = CapturedSet.load(sets / "rock-001.ome.tif").images
+    eight = tmp_path / "eight.ome.tif"
+    tilts_deg = [0, 90, 180, 270] * 2
+    made_set(np.concatenate([images, images]), lighting=Lighting.ring(45.0, tilts_deg)).save(eight)
+    result = ps4rig("classify", eight, "--library", library, "--json")
+    assert "eight.ome.tif: solved by least_squares, but " in result.stderr
+    (row,) = json.loads(result.stdout)
+    assert (row["label"], row["method"]) == ("rock", "least_squares")
+
+
 def test_the_solver_of_the_library_is_kept(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
     """In classify and evaluate, and where evaluate trains another classifier."""
     library = tmp_path / "t.ps4lib"

@@ -227,7 +227,7 @@ def test_the_light_goes_whose_absence_leaves_the_smallest_residuals(count: int, 
 @pytest.mark.parametrize("method", ["least_squares", "rushmeier", "drbohlav"])
 def test_progress_is_told_up_to_the_last_row(method: str) -> None:
     shares: list[float] = []
-    images = np.full((24, 60, 2000), 90, np.uint8)
+    images = np.full((24, 60, 2000), 90, np.uint16)
     photometric_stereo(images, ring_of(24), method, on_progress=shares.append)
     assert len(shares) > 3
     assert max(shares) == 1.0
