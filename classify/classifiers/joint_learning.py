@@ -111,8 +111,7 @@ def _whitening(quarters: npt.NDArray[np.float64], levels: int) -> npt.NDArray[np
     """(d, d) W such that |W (x - y)|^2 is the squared Mahalanobis distance within a class.
 
     `quarters` is (sets, 4, d), statistics of so many levels. The fewer sets, the nearer are
-    variances to their geometric mean
-    and correlations to 0.
+    variances to their geometric mean and correlations to 0.
     """
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (PARTS - 1)
