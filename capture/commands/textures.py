@@ -166,7 +166,7 @@ def evaluate_(
         f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
         f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
         f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
-        f"{result.reversed} of them reversed",
+        f"{result.reversed} of them reversed{_blur(result.blur_px)}",
         soft_wrap=True,
     )
 
@@ -259,6 +259,10 @@ def _degrees(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f} deg"
 
 
+def _blur(blur_px: float | None) -> str:
+    return "" if blur_px is None else f"; blur {blur_px:+.1f} px in the median"
+
+
 def _as_json(result: Evaluation) -> dict[str, Any]:
     return {
         "sets": result.sets,
@@ -279,4 +283,5 @@ def _as_json(result: Evaluation) -> dict[str, Any]:
         "unknown": result.unknown,
         "headings": result.headings,
         "reversed": result.reversed,
+        "blur_px": result.blur_px,
     }

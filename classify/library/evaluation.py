@@ -98,7 +98,8 @@ class Evaluation:
 
     `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``.
     `headings` counts the correct trials with a known orientation and a heading, and `reversed`
-    counts those whose heading is off by more than 90 degrees.
+    counts those whose heading is off by more than 90 degrees. `blur_px` is the median blur of all
+    trials against their nearest training sets; None where the classifier finds no blur.
     """
 
     sets: int
@@ -109,6 +110,7 @@ class Evaluation:
     orientation_error_deg: OrientationError
     headings: int
     reversed: int
+    blur_px: float | None = None
 
     @property
     def accuracy(self) -> float:
@@ -132,6 +134,7 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         )
         for label, group in sorted(by_class.items())
     }
+    blurs_px = [each.match.blur_px for each in trials if each.match.blur_px is not None]
     reversals = [trial.is_reversed for trial in trials if trial.is_reversed is not None]
     return Evaluation(
         sets=len(trials),
@@ -142,6 +145,7 @@ def evaluate(trials: Sequence[Trial]) -> Evaluation:
         orientation_error_deg=_orientation_error(trials),
         headings=len(reversals),
         reversed=sum(reversals),
+        blur_px=float(np.median(blurs_px)) if blurs_px else None,
     )
 
 

@@ -100,7 +100,7 @@ def test_evaluate_prints_the_documented_fields(ps4rig: Command, sets: Path, libr
     answer = json.loads(ps4rig("evaluate", sets, "--library", library, "--json").stdout)
     assert list(answer) == [
         "sets", "accuracy", "per_class", "confusion", "orientation_error_deg", "unknown",
-        "headings", "reversed", "methods", "library_method",
+        "headings", "reversed", "blur_px", "methods", "library_method",
     ]  # fmt: skip
     assert (answer["sets"], answer["accuracy"], answer["unknown"]) == (4, 1.0, 0)
     assert answer["confusion"] == {"rock": {"rock": 2}, "sand": {"sand": 2}}

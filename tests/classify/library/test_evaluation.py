@@ -119,3 +119,11 @@ def test_headings_are_counted_where_there_are_any() -> None:
         Trial("a", 175.0, answer("a")),
     ])  # fmt: skip
     assert (result.headings, result.reversed) == (2, 1)
+
+
+def test_the_median_blur_is_that_of_the_trials_that_have_one() -> None:
+    def trial(blur_px: float | None) -> Trial:
+        return Trial("a", None, replace(answer("a"), blur_px=blur_px))
+
+    assert evaluate([trial(blur_px) for blur_px in (0.2, None, 1.0, 0.9)]).blur_px == 0.9
+    assert evaluate([trial(None)]).blur_px is None
