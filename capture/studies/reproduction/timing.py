@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.studies.stopwatch import Work, shortest_ms
 from classify import TextureLibrary
 
-from .patches import CachedPatch, solve
+from .patches import CachedPatch, solve, solves_as_planar
 from .plan import BEST_SOLVER, OURS, TEXTONS, THESIS, Plan
 from .runs import library_path
 
@@ -36,8 +36,9 @@ def measured_costs(plan: Plan, folder: Path) -> list[Cost]:
         if run.one_segment:
             continue
         images = CachedPatch(position, experiment.frame_px).images(test.conditions)
-        surface = solve(images, BEST_SOLVER)
-        work: dict[str, Work] = {"solve": partial(solve, images, BEST_SOLVER)}
+        solved = partial(solve, images, BEST_SOLVER, planar=solves_as_planar(BEST_SOLVER))
+        surface = solved()
+        work: dict[str, Work] = {"solve": solved}
         for classifier in (OURS, THESIS, TEXTONS):
             if classifier in run.classifiers:
                 path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
