@@ -179,11 +179,11 @@ def level_corrections(
     noises = np.square(null * gains).astype(np.float32)[:, None] * (
         a + b * np.maximum(lit.raw - black, np.float32(0.0))
     )
-    spread = np.sqrt(noises.sum(axis=0) + np.square(MATT * values.max(axis=0)))
+    spread = np.hypot(np.sqrt(noises.sum(axis=0)), MATT * values.max(axis=0))
     terms = null.astype(np.float32)[:, None] * values / spread
     if np.count_nonzero(np.abs(terms.sum(axis=0)) < _MEDIAN_OF_NOISE) > count // 2:
         return equal
-    fit = fit_levels(terms, noises / np.square(spread), _LEVEL_SPREAD)
+    fit = fit_levels(terms, noises / spread / spread, _LEVEL_SPREAD)
     before, after = (
         float(np.average(np.square(factors @ terms), weights=fit.agreeing))
         for factors in (equal, fit.factors)

@@ -135,7 +135,8 @@ def explained_detail(shading: Shading) -> Float64Array:
     """(N,) share of the detail of each image that a mix of the other images explains.
 
     The square of the multiple correlation, at the scale at which it is largest; 1 where an image
-    has no detail. An image of another scene, or of a part that has moved, is not explained.
+    has no detail. An image of another scene, or of a part that has moved, is not explained. Empty
+    where too few pixels are lit by all lights.
     """
     explained = []
     for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
@@ -301,8 +302,8 @@ def _exchanged(shading: Shading, tangents: Float64Array) -> Order | None:
     count = len(tangents)
     if count < 5:
         return None
-    inverse = np.linalg.pinv(tangents - tangents.mean(axis=0))
     centred = tangents - tangents.mean(axis=0)
+    inverse = np.linalg.pinv(centred)
     given = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
     shares = sum(
         values / np.diag(moments) for moments, values in zip(shading.shadings, given, strict=True)

@@ -185,10 +185,12 @@ def _replace(
             break
         if 2 * (remaining - 1) <= bright:
             # No majority agrees.
+            first = NO_DROPPED_LIGHT
             for k in range(count):
                 used[k] = (images[k, r, c] < saturation) & (not is_dark[k])
+                first = first if used[k] else min(first, k)
             _, bx, by, bz = solve_lights(images, dark, lights, gains, directions, used, r, c)
-            return NO_DROPPED_LIGHT, False, bx, by, bz
+            return first, False, bx, by, bz
         eligible = used & is_dark if any_dark else used
         if remaining == 4:
             chosen = _one_of_four(

@@ -128,7 +128,8 @@ def photometric_stereo(
         used = Lighting(lighting.directions, lighting.intensities)
     problem = Problem(stack, used, full_scale, noise, found, on_progress)
     maps = _SOLVERS[chosen](problem)
-    judge_dark_pixels(problem, maps)
+    if chosen != "ps4_robust":  # which judges them before it fills in, by the levels it found
+        judge_dark_pixels(problem, maps)
     surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,

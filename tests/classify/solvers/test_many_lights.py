@@ -247,6 +247,21 @@ def test_lights_of_which_no_majority_agrees_are_all_used() -> None:
     assert not surface.specular.any()
 
 
+@pytest.mark.parametrize("factor", [0.0, 3.0])
+def test_a_light_left_out_is_named_where_no_majority_agrees(factor: float) -> None:
+    """A dark light, and a saturated one."""
+    lighting = ring_of(24)
+    _, _, images = bumps(lighting)
+    images *= np.random.default_rng(1).lognormal(0.0, 0.2, 24)[:, None, None]
+    saturation = 1.1 * float(images.max())
+    images[7] *= factor
+    images[7] = np.where(factor > 0.0, saturation, images[7])
+    surface = photometric_stereo(
+        images.astype(np.float32), lighting, "drbohlav", full_scale=saturation, noise=QUIET
+    )
+    assert (surface.dropped == 7).all()
+
+
 def test_drbohlav_replaces_several_values_of_many() -> None:
     lighting = ring_of(9)
     p, q, images = bumps(lighting)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
@@ -83,20 +84,33 @@ def test_a_dark_board_is_not_shadow(method: Method, lights: list[int]) -> None:
     assert surface.specular[butterfly].mean() < 0.01
 
 
-@pytest.mark.parametrize("albedo", [6.0, 10.0, 20.0])
-def test_a_dark_material_beside_a_bright_one_is_valid(albedo: float) -> None:
-    """Low noise: darkness alone, in light from all sides, is a surface."""
-    noise = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=0.3)
+def dark_and_bright_material(albedo: float, levels: npt.ArrayLike = 1.0) -> np.ndarray:
+    """Stripes of the albedo and of 220, with little noise, under LEDs of these levels."""
     x = np.arange(SIDE) / 6.0
     p = np.tile(0.4 * np.cos(x), (SIDE, 1))
     normals = np.stack([-p, np.zeros_like(p), np.ones_like(p)]) / np.sqrt(1 + p * p)
     values = np.tensordot(Lighting.ring().directions, normals, 1)
     values *= np.where(np.arange(SIDE) % 24 < 12, albedo, 220.0)[:, None]
-    values += np.random.default_rng(0).normal(0.0, 0.3, values.shape)
-    images = values.astype(np.float32)
+    values *= np.reshape(levels, (-1, 1, 1))
+    return (values + np.random.default_rng(0).normal(0.0, 0.3, values.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("albedo", [6.0, 10.0, 20.0])
+def test_a_dark_material_beside_a_bright_one_is_valid(albedo: float) -> None:
+    """Low noise: darkness alone, in light from all sides, is a surface."""
+    noise = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=0.3)
+    images = dark_and_bright_material(albedo)
     for method in ("ps4_robust", "ps4", "least_squares", "drbohlav"):
         surface = photometric_stereo(images, Lighting.ring(), method, noise=noise)
         assert surface.valid.mean() > 0.999
+
+
+def test_a_dark_material_under_a_weak_led_is_valid() -> None:
+    """Its level is estimated, and the dark pixels are judged by what was found."""
+    noise = SensorNoise(gain_e_per_dn=1e9, read_noise_dn=0.3)
+    images = dark_and_bright_material(10.0, (1.0, 1.0, 1.0, 0.25))
+    surface = photometric_stereo(images, Lighting.ring(), noise=noise)
+    assert surface.valid.mean() > 0.999
 
 
 @pytest.mark.parametrize("distance", [5.0, 2.0])
