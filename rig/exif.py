@@ -17,7 +17,7 @@ _MIRRORED = (2, 4, 5, 7)
 
 
 def exif_orientation(data: bytes) -> int:
-    """Orientation, 1 to 8, in EXIF data, which have the form of a TIFF header; 1 if none is."""
+    """Orientation, 1 to 8, in EXIF data, which have the form of a TIFF header; 1 if missing."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     if order is None or len(data) < 8:
         return UPRIGHT

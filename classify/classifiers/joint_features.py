@@ -77,8 +77,18 @@ class JointObservation(Observation):
 
 @dataclass(frozen=True, eq=False)
 class JointTraining(Observation):
-    """One training set: the frame, the (4, 3, R, A) float32 `polar` of its quarters, the frame
-    under rotated lights where that changes it, and statistics of the blurred frame.
+    """One training set.
+
+    Attributes
+    ----------
+    frame
+        The whole frame.
+    quarters
+        (4, 3, R, A) float32 `polar` of its quarters.
+    rotated
+        The frame under rotated lights, where that changes it.
+    blurred
+        Statistics of the frame blurred by each of `KNOTS_PX2`.
     """
 
     frame: JointObservation

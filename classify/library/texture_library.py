@@ -47,8 +47,8 @@ class TextureLibrary(LibraryContents):
         Raises
         ------
         LibraryError, InputError
-            Without samples, where they are not solved alike, for a label that cannot
-            name a class, an orientation that is not finite, or a surface too small for a texture.
+            Without samples, where they are not solved alike, for a label that cannot name a class,
+            an orientation that is not finite, or a surface too small for a texture.
         """
         rows = [
             (sample[0], sample[1], sample[2] if len(sample) > 2 else None) for sample in samples

@@ -38,9 +38,9 @@ _CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
 _TUKEY = 4.685
 # Median of the square of a standard normal deviate.
 _MEDIAN_SQUARE = 0.4549
-# A pixel darker than this share of the bright ones is background: the ratio of its noise to noise
-# says nothing (tests/classify/lights/test_fall_off.py, a part beside a black board).
-_BACKGROUND = 0.05
+# A pixel darker than this share of the bright ones does not count: its ratio is that of noise to
+# noise (tests/classify/lights/test_fall_off.py, a part beside a black board).
+_DARK = 0.05
 # With fewer blocks in light, an eighth of the frame, nothing is fitted. The polynomial of degree 2
 # has 6 terms, and some of the blocks lie in a line.
 _MIN_BLOCKS = 32
@@ -70,7 +70,7 @@ class FallOff:
 
     @property
     def share(self) -> float:
-        """Share by which a light is weaker at its darkest than at its brightest place; largest."""
+        """Largest share by which a light is weaker at its darkest place than at its brightest."""
         return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
 
     def saturation(self, full_scale: float) -> np.float32:
@@ -107,9 +107,9 @@ def fall_off(
 ) -> FallOff | None:
     """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
 
-    Pixels that are saturated, in the shadow of a light, of a dark background or outside the (H, W)
-    `mask` do not count. The degree is 2. It is 4 where that predicts parts of the frame better that
-    were left out of the fit, and the redundancy of the lights shows that they do fall off.
+    Pixels that are saturated, dark, in the shadow of a light or outside the (H, W) `mask` do not
+    count. The degree is 2, or 4 where that predicts left-out parts of the frame clearly better and
+    the redundancy of the lights shows that they do fall off.
     """
     samples = _Samples.of(stack, lighting, full_scale, mask)
     even = np.zeros((len(lighting), 5, 5))
@@ -183,7 +183,7 @@ class _Samples:
     values
         (N, n, n) float32, the same for all lights on a flat part if all are equally strong.
     usable
-        (n, n) bool, false outside the mask, for saturated pixels and background.
+        (n, n) bool, false outside the mask and for saturated and dark pixels.
     """
 
     grid: _Grid
@@ -206,7 +206,7 @@ class _Samples:
         brightness = values.mean(axis=0)
         if mask is not None:
             brightness *= grid.of_image(mask)
-        usable = brightness > _BACKGROUND * np.percentile(brightness, 95)
+        usable = brightness > _DARK * np.percentile(brightness, 95)
         if full_scale is not None:
             usable &= raw.max(axis=0) < full_scale
         return cls(grid, values, usable)

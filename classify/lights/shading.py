@@ -1,4 +1,4 @@
-"""What the shading of photographs tells about their lights, and whether they show one scene.
+"""Whether the shading of photographs fits their lights, and whether they show one scene.
 
 A capture is compared to a percent (`agreement`, `order`). Gloss, cast shadows, near lights and
 errors of measured directions exceed that in photographs, so only their detail is compared. Divided
@@ -30,17 +30,20 @@ Float64Array = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Order = tuple[int, ...]
 
+# tests/capture/sets/test_photograph_rates.py holds the rates of wrong and of missed refutations
+# that the numbers of this file give.
+
 # Larger images are reduced so that their shorter side has at most twice this, to save time.
 _SIDE_PX = 512
-# Standard deviation of the surroundings, in shares of the shorter side. The rates of
-# tests/capture/sets/test_photograph_rates.py differ little from half to twice this.
+# Standard deviation of the surroundings, in shares of the shorter side. The rates differ little
+# from half to twice this.
 _SURROUNDINGS = 0.06
 # Contrasts are compared at full, half, quarter ... resolution, at least at this many pixels.
 _COARSEST_PX = 64
 _MIN_SAMPLES = 2000
 # Pixels darker than this share of the mean are mostly noise.
 _MAYBE_NOISE = 0.1
-# Contrasts beyond this many standard deviations are gloss and edges of shadows; they are bounded.
+# Contrasts beyond this many standard deviations are gloss and edges of shadows; they are clipped.
 _OUTLIER = 3.0
 # A light order is refuted if another one explains the images and the given one does not: if the
 # residual is this many times smaller with it than with the given order and than by chance,
@@ -255,7 +258,7 @@ def _noise_variance(plane: FloatArray, usable: BoolArray) -> float:
 
 
 def _moments(values: FloatArray) -> Float64Array:
-    """Second moments of (M, n) values about their means, gloss bounded."""
+    """Second moments of (M, n) values about their means; gloss and edges of shadows are clipped."""
     if values.shape[1] == 0:
         return np.eye(len(values))
     limit = _OUTLIER * 1.4826 * np.median(np.abs(values), axis=1, keepdims=True)

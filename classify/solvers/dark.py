@@ -13,17 +13,18 @@ from .problem import Maps, Problem
 # A light is missing if it is below the shadow limit, and below the prediction by so many standard
 # deviations.
 _BEYOND_NOISE = 3.0
-# The values of pixels of a larger albedo, as a multiple of that of a dark pixel that faces the
-# camera, are not looked at: those are bright, or steeper than most surfaces.
+# To save time, the values of pixels of a larger albedo are not read, as a multiple of that of a
+# dark pixel that faces the camera: those are bright, or steeper than most surfaces.
 _LARGEST_ALBEDO = 3.0
 
 
 def judge_dark_pixels(problem: Problem, maps: Maps) -> npt.NDArray[np.intp]:
     """Invalidate dark pixels whose values are not those of a surface in all its lights.
 
-    A pixel that is black beside the rest of the frame (`Problem.dark_level`) gets much of its light
+    A pixel that is dark beside the rest of the frame (`Problem.dark_level`) gets much of its light
     from the lens and its surroundings, and a backdrop is lit by some of the LEDs only. There a
-    missing light is no evidence of shadow, and the others do not show a slope.
+    missing light is no evidence of shadow, and the others do not show a slope. The problem must
+    hold the intensities with which the maps were solved.
 
     Returns
     -------

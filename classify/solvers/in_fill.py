@@ -17,8 +17,8 @@ from .problem import Maps, Problem
 from .relaxation import grow, neighbour_weights, relax
 from .unsolved import NO_LINE, NOT_REACHED, Unsolved, link
 
-# Marks of unsolved pixels: the slope drowns in noise, or a light is saturated. The four lowest bits
-# are the lights in shadow or saturated.
+# Marks of unsolved pixels: noise makes the slope too uncertain, or a light is saturated. The four
+# lowest bits are the lights in shadow or saturated.
 LOST, SATURATED = np.uint8(16), np.uint8(32)
 _LIGHTS = np.uint8(15)
 

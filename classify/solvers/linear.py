@@ -40,7 +40,7 @@ def solve_three_of_ring(problem: Problem, method: str) -> Maps:
 
 
 def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
-    """B = weights i at every pixel, without the light `unused`."""
+    """Solve b = weights i at every pixel, without the light `unused`."""
     floor = problem.noise_floor(weights)
     lights, gains, _ = fours = by_fours(problem, unused)
     weights = weights[:, lights] * gains

@@ -110,8 +110,8 @@ def _gate(
     corrections
         (3, 4) pinv / null: what b changes by if a light is left out, per unit of the residual.
     unlit
-        Out: 0 where a pixel is solved, `LOST` where its slope drowns in noise, else the bits of
-        the lights in shadow or saturated, which leave fewer than three.
+        Out: 0 where a pixel is solved, `LOST` where noise makes its slope too uncertain, else
+        the bits of the lights in shadow or saturated, which leave fewer than three.
 
     Notes
     -----

@@ -161,7 +161,7 @@ class SurfaceEstimate:
         return self._shadows_and_highlights[1]
 
     def within(self, mask: npt.NDArray[np.bool_]) -> Self:
-        """Return this surface with nothing but albedo and residual outside `mask` (H, W)."""
+        """Return this surface with no slope, shadow or highlight outside `mask` (H, W)."""
         zero = np.float32(0.0)
         return replace(
             self,
