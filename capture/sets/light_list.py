@@ -2,6 +2,7 @@
 
 import json
 import re
+import reprlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, TypeAdapter, ValidationError
 
 from classify import Lighting
 from classify.errors import InputError
@@ -199,8 +200,8 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
             )
     try:
         content = _JSON.validate_python(raw)
-    except ValueError:
-        raise InputError(f"{path}: {_FORM}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {_FORM}{_first_fault(error)}") from None
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [PureWindowsPath(e.file).name for e in entries if isinstance(e, _NamedLight)]
     vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
@@ -214,6 +215,14 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     if any_given and None in given:
         warnings.append(f"{path.name}: lights without an intensity count as of intensity 1")
     return LightList(path, names, vectors, intensities, warnings)
+
+
+def _first_fault(error: ValidationError) -> str:
+    """Place, fault and value of the entry at fault, by the form that fits best; may be empty."""
+    # The form that fits best is the one whose check gets deepest into the file.
+    deepest = max(error.errors(), key=lambda each: len(each["loc"]))
+    place = ".".join(map(str, deepest["loc"][1:]))
+    return place and f"; {place}: {deepest['msg']}, not {reprlib.repr(deepest['input'])}"
 
 
 def _unknown_keys(content: Any) -> Iterator[tuple[str, str, str | None]]:

@@ -91,7 +91,8 @@ def read_mask(path: Path, frame: tuple[int, int], crop: Crop | None) -> BoolArra
     grey = image if image.ndim == 2 else image.max(axis=2)
     mask: BoolArray = np.asarray(_cropped(grey, crop) > np.iinfo(image.dtype).max // 2)
     if not mask.any():
-        raise InputError(f"{path}: the mask is black everywhere; white marks the part")
+        where = "everywhere" if crop is None else "in all of the crop"
+        raise InputError(f"{path}: the mask is black {where}; white marks the part")
     return mask
 
 

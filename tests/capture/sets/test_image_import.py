@@ -242,7 +242,7 @@ def test_a_mask_must_cover_the_frame_and_show_the_part(four: Photographs, tmp_pa
     corner = np.zeros(SHAPE, np.uint8)
     corner[0, 0] = 255
     elsewhere = written(tmp_path / "corner.png", corner)
-    refuse(paths, "the mask is black everywhere", mask=elsewhere, crop=(5, 5, 4, 4))
+    refuse(paths, "the mask is black in all of the crop", mask=elsewhere, crop=(5, 5, 4, 4))
 
 
 def test_photographs_are_turned_upright_and_must_agree(four: Photographs, tmp_path: Path) -> None:

@@ -137,6 +137,23 @@ def test_json_may_name_its_images(tmp_path: Path, wrapped: bool) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("entry", "fault"),
+    [
+        ({"intensity": -1}, r"images\.1\.intensity: .*greater than 0, not -1$"),
+        ({"intensity": "bright"}, r"images\.1\.intensity: .*, not 'bright'$"),
+        ({"direction": [0, 0]}, r"images\.1\.direction\.2: Field required, not \[0, 0\]$"),
+    ],
+)
+def test_an_error_in_json_names_the_entry_and_its_value(
+    tmp_path: Path, entry: dict[str, Any], fault: str
+) -> None:
+    first = {"file": "a.png", "direction": [0, 0, 1]}
+    content = {"images": [first, first | {"file": "b.png"} | entry]}
+    with pytest.raises(InputError, match=fault):
+        load_light_list(as_json(tmp_path, content))
+
+
 @pytest.mark.parametrize("content", [
     {}, 3, "null", [[0, 0]], [[0, 0, "up"]], [[0, 0, None]], "[[0, 0, NaN]]", "[[0, 0, Infinity]]",
     "[[0, 0, 1e999]]", "[[0, 0, 1" + "0" * 400 + "]]", "[" + "1" * 5000 + "]", "[" * 100_000,
