@@ -41,6 +41,7 @@ _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
 # Added to a squared distance per px^2, and more in smaller frames, whose coarse textures differ
 # by as much as blur would make them: see the tables of classify/README.md.
 _PENALTY = 0.1
+_AREA_POWER = 1.5
 _SUFFICIENT_PX = 256
 
 Floats = npt.NDArray[np.float64]
@@ -75,7 +76,8 @@ def blurred_surface(surface: SurfaceEstimate, sigma_px: float) -> SurfaceEstimat
 
 def blur_penalty(pixels: float) -> np.float32:
     """Penalty per px^2 of blur, for training frames of that many pixels."""
-    return np.float32(_PENALTY * max(_SUFFICIENT_PX**2 / max(pixels, 1.0), 1.0))
+    missing = max(_SUFFICIENT_PX**2 / max(pixels, 1.0), 1.0)
+    return np.float32(_PENALTY * missing**_AREA_POWER)
 
 
 def least_over_blurs(
