@@ -217,7 +217,9 @@ class _Samples:
         The ratio is that of a value to the mean of all lights. Tukey's biweight is one for all
         lights of a pixel, so that no direction is preferred.
         """
-        values = self.values * np.exp(-self.grid.polynomials(coefficients))
+        # Far from a small part the polynomial may be beyond what exp can represent.
+        logarithms = np.where(self.usable, self.grid.polynomials(coefficients), np.float32(0.0))
+        values = self.values * np.exp(-logarithms)
         lit = self.usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
         residuals = values / np.where(lit, values.mean(axis=0), np.inf) - np.float32(1.0)
         squares = np.square(residuals).mean(axis=0)

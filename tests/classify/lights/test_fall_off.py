@@ -228,6 +228,24 @@ def test_only_the_part_counts(masked: bool) -> None:
         assert not surface.valid[~part].any()
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("cycles", "rows", "columns"), [(3, (2, 14), (3, 63)), (2, (40, 70), (30, 70))]
+)
+def test_a_small_part_of_coarse_relief_is_solved(
+    cycles: int, rows: tuple[int, int], columns: tuple[int, int]
+) -> None:
+    """Far from it the fitted polynomial is beyond what exp can represent."""
+    x, y = coordinates()
+    p, q = 0.4 * np.sin(2 * np.pi * cycles * x), 0.4 * np.cos(2 * np.pi * cycles * y)
+    images = near_light_images(p, q, towards(RING, 0.5, 0.0, p.shape))
+    part = np.zeros(p.shape, np.bool_)
+    part[slice(*rows), slice(*columns)] = True
+    surface = solved(images, mask=part)
+    assert np.isfinite(surface.p).all()
+    assert surface.valid[part].mean() > 0.9
+
+
 @pytest.mark.parametrize("level", [0, 4095])
 def test_nothing_is_divided_where_too_little_is_lit(level: int) -> None:
     p, q = fine_relief()
