@@ -30,7 +30,7 @@ LabelOption = Annotated[str | None, typer.Option(help="Texture class of the part
 
 _RING = "0,90,180,270"
 _RELIT = "135,45"
-# From such a fall-off on, textures are not recognised without --planar (classify/README.md).
+# Near light of the table of faults in `ps4rig reproduce`; without --planar it costs textures.
 _PLAIN_FALL_OFF = 0.25
 
 

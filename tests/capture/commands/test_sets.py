@@ -1,4 +1,4 @@
-"""The commands capture, import and solve."""
+"""The commands capture and solve."""
 
 import json
 import re
@@ -18,14 +18,6 @@ from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serv
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
-
-
-@pytest.fixture
-def photographs(tmp_path: Path) -> list[Path]:
-    paths = [tmp_path / f"image{light}.png" for light in range(4)]
-    for light, path in enumerate(paths):
-        cv2.imwrite(str(path), np.full((20, 30), 100 + light, np.uint8))
-    return paths
 
 
 # capture
@@ -178,74 +170,6 @@ def test_names_that_look_like_markup_are_printed_unchanged(
         assert (in_folder / name).is_file()
 
 
-# import
-
-
-def test_photographs_become_a_set(ps4rig: Command, photographs: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "a.ome.tif"
-    result = ps4rig("import", *photographs, "--slant", 40, "--label", "oak", "--json", out)
-    about = {"lights": 4, "bits": 8, "warnings": []}
-    assert json.loads(result.stdout) == {"set": str(out), **about}
-    captured = CapturedSet.load(out)
-    assert captured.lighting.tilts_deg.tolist() == [0.0, 90.0, 180.0, 270.0]
-    assert captured.lighting.slants_deg.tolist() == [40.0] * 4
-    assert [int(image[0, 0]) for image in captured.images] == [100, 101, 102, 103]
-    assert not captured.metadata.simulated
-
-
-def test_tilts_belong_to_the_photographs_in_their_order(
-    ps4rig: Command, photographs: list[Path], tmp_path: Path
-) -> None:
-    out = tmp_path / "a.ome.tif"
-    result = ps4rig("import", *photographs[:3], "--tilts", "10,130,-110", "--slant", 40, out)
-    assert result.stdout == f"{out}: 3 lights\n"
-    assert CapturedSet.load(out).lighting.tilts_deg.tolist() == [10.0, 130.0, 250.0]
-
-
-def test_a_light_list_replaces_the_names_of_photographs(
-    ps4rig: Command, photographs: list[Path], tmp_path: Path
-) -> None:
-    rows = [f"{path.name} {0.1 * light} {light % 2} 1" for light, path in enumerate(photographs)]
-    (tmp_path / "lights.lp").write_text("\r\n".join(["4", *rows]))
-    out = tmp_path / "a.ome.tif"
-    assert ps4rig("import", "--lights", tmp_path / "lights.lp", out).exit_code == 0
-    assert [image.source_file for image in CapturedSet.load(out).metadata.images] == [
-        path.name for path in photographs
-    ]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ([], "give --slant DEG of the lights, or --lights FILE"),
-        (["--slant", "95"], "slant 95.0 is outside 0 to 89.9"),
-        (["--slant", "nan"], "slant nan is outside"),
-        (["--slant", "45", "--tilts", "0,90,180"], "4 images for 3 lights"),
-        (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west: give degrees"),
-        (["--slant", "45", "--tilts", ""], "--tilts '': give degrees separated by commas"),
-        (["--slant", "45", "--tilts", "0,90,180,inf"], "--tilts 0,90,180,inf: give degrees"),
-        (["--slant", "45", "--lights", "x.lp"], "--lights gives the directions; leave out --slant"),
-        (["--tilts", "0,90", "--lights", "x.lp"], "leave out --slant and --tilts"),
-        (["--lights", "x.lp"], "x.lp: no such file"),
-        (["--slant", "45", "--ambient", "none.png"], "none.png: no such file"),
-        (["--slant", "45", "--tilts", "0,0,0,0"], "the 4 lights stand in 1 direction; slopes need"),
-        (["--slant", "45", "--tilts", "0,180,0,180"], "the 4 lights stand in 2 directions"),
-        (["--slant", "45", "--crop", "1,2,3"], "--crop 1,2,3: give four whole numbers X,Y,W,H"),
-        (["--slant", "45", "--crop", "9,2,22,5"], "--crop 9,2,22,5: not within 30 x 20 px"),
-        (["--slant", "45", "--crop", "0,0,0,5"], "--crop 0,0,0,5: not within 30 x 20 px"),
-        (["--slant", "45", "--bits", "12"], "--bits 12: the files have 8 bits"),
-        (["--slant", "45", "--mask", "none.png"], "none.png: no such file"),
-        (["--slant", "45", "--label", "\x07"], "use printable characters"),
-        (["--slant", "45", "--label", "Unknown"], "stands for a surface that matches no class"),
-    ],
-)
-def test_a_wrong_option_of_import_is_one_line(
-    refused: Refused, photographs: list[Path], tmp_path: Path, options: list[str], message: str
-) -> None:
-    assert message in refused("import", *photographs, *options, tmp_path / "a.ome.tif")
-    assert not (tmp_path / "a.ome.tif").exists()
-
-
 # solve
 
 
@@ -353,28 +277,6 @@ def test_a_wrong_option_of_solve_is_one_line(
 
 
 # in a separate process, where other libraries could print too
-
-
-@pytest.mark.slow
-def test_a_damaged_file_is_one_line_and_libraries_print_nothing(
-    spawn: Command, sets: Path, photographs: list[Path], tmp_path: Path
-) -> None:
-    whole = (sets / "rock-001.ome.tif").read_bytes()
-    cut = tmp_path / "cut.ome.tif"
-    cut.write_bytes(whole[:1000])
-    bad = tmp_path / "bad.png"
-    content = bytearray(photographs[0].read_bytes())
-    content[len(content) // 2] ^= 1
-    bad.write_bytes(content)
-    commands = (
-        ["solve", cut, "--out", tmp_path / "o"],
-        ["import", bad, *photographs[1:], "--slant", 45, tmp_path / "a.ome.tif"],
-    )
-    for process in [spawn(*arguments) for arguments in commands]:
-        stdout, stderr = process.communicate(timeout=120)
-        assert (process.returncode, stdout) == (2, "")
-        assert len(stderr.splitlines()) == 1, stderr
-        assert stderr.startswith("ps4rig: ")
 
 
 @pytest.mark.slow

@@ -11,16 +11,17 @@ import numpy as np
 from capture.maps import pictures
 from capture.maps.pictures import Picture
 from capture.studies.reproduction.exhibit import Exhibit, Row
+from classify import Method
 
 from .photograph_set import PhotographSet
-from .scores import METHODS, Score, solve_pick
+from .scores import Score, solve_pick
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DIFFERENT = 1.02  # ratio of two mean errors that counts as worse
 _MAP_IN = 2.0  # side of one map
-_SHOWN = METHODS[1]
+_SHOWN: Method = "ps4_robust"
 
 
 def photograph_exhibits(
