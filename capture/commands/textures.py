@@ -80,8 +80,9 @@ def train(
         print_json({"library": str(library), **about})
     else:
         note = " (simulated)" if trained.simulated else ""
-        parts = f"{len(paths)} sets, solved by {trained.method} as planar parts"
-        out.print(f"{library}: {len(classes)} classes from {parts}{note}", soft_wrap=True)
+        counts = f"classes {len(classes)}, sets {len(paths)}"
+        solver = f"solved by {trained.method} as planar parts"
+        out.print(f"{library}: {counts}, {solver}{note}", soft_wrap=True)
 
 
 @reported
