@@ -77,7 +77,7 @@ def class_limits(
     lower_bounds: Callable[[int, Indices], Distances],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class: no more than its distance to the nearest other class.
+    """Limit of each class: no more than that of one set, or the distance to the nearest class.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def class_limits(
         own = firsts[same[firsts]][:_MAX_SETS]
         within = [least(i, same & (numbers != numbers[i])) for i in own] if len(own) > 1 else []
         between = min(least(i, ~same) for i in own)
-        typical = limit_of_sets(float(single[own].mean()), within)
-        # Sets of a class belong to it even where they are nearer to another class.
-        limits[label] = max([min(typical, between), *within])
+        of_one = float(single[own].mean())
+        typical = min(limit_of_sets(of_one, within), of_one)
+        limits[label] = min(typical, between)
     return limits

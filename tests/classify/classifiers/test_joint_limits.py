@@ -31,10 +31,12 @@ def test_no_limit_exceeds_the_distance_to_the_nearest_other_class(count: int) ->
     assert max(limits_of(positions, labels, 1.0).values()) == pytest.approx(1.0)
 
 
-def test_the_sets_of_a_class_are_within_its_limit() -> None:
-    """Even where they are further from each other than from another class."""
-    limits = limits_of(np.array([0.0, 5.0, 2.0]), ["apart", "apart", "between"], 2.0)
-    assert limits == {"apart": pytest.approx(5.0), "between": pytest.approx(2.0)}
+def test_sets_far_apart_do_not_raise_a_limit() -> None:
+    """Neither above that of one set, nor above the distance to another class between them."""
+    limits = limits_of(np.array([0.0, 50.0, 20.0]), ["apart", "apart", "between"], 2.0)
+    assert limits == {"apart": pytest.approx(2.0), "between": pytest.approx(2.0)}
+    limits = limits_of(np.array([0.0, 5.0, 1.0]), ["apart", "apart", "between"], 2.0)
+    assert limits == {"apart": pytest.approx(1.0), "between": pytest.approx(1.0)}
 
 
 @given(st.floats(0.1, 10.0), st.lists(st.floats(1e-6, 100.0), max_size=20))
