@@ -42,11 +42,11 @@ def observed(request):
     conditions = Conditions(45.0, request.param)
     trained, tested = {}, []
     for texture in _textures():
-        position = PatchPosition(texture, 0, False, 0.0)
+        position = PatchPosition(texture, 0, (0.0, 0.0), 0.0)
         surface = CachedPatch(position, request.param).surface(conditions, "ps4_robust")
         trained[texture.name] = JOINT.observe_training(surface, request.param // 2)
         for number, rotate_deg in enumerate(ORIENTATIONS_DEG):
-            position = PatchPosition(texture, 1000 + number, True, rotate_deg)
+            position = PatchPosition(texture, 1000 + number, (0.5, 0.5), rotate_deg)
             surface = CachedPatch(position, request.param).surface(conditions, "ps4_robust")
             tested.append((texture.name, JOINT.observe(surface, request.param // 2)))
     return trained, tested, request.param
