@@ -236,7 +236,7 @@ def thirty_textures(quick: bool) -> tuple[Texture, ...]:
 
 
 def plan_of(quick: bool, materials: tuple[Texture, ...]) -> Plan:
-    """The full plan, or a quick one that takes two minutes on two cores."""
+    """The full plan, or a quick one that takes three minutes on two cores."""
     frame_px, materials_px = (128, (128, 256)) if quick else (256, (128, 256, 320))
     orientations_deg = spread_orientations_deg(12 if quick else 24)
     slants_deg = (45.0, 65.0)  # little shadow and much
