@@ -51,13 +51,17 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     stack, shape = problem.stack, problem.shape
     lit = LitSamples.of(stack.images, stack.ambient, problem.gains, float(problem.saturation))
-    balanced, corrections = problem, np.ones(4, np.float32)
-    if not problem.lighting.intensities_given:
-        corrections = level_corrections(lit, problem.gains, problem.variance, problem.lighting)
-        balanced = replace(problem, lighting=Lighting(problem.lighting.directions, 1 / corrections))
+    balanced, lighting, corrections = problem, problem.lighting, np.ones(4, np.float32)
+    if not lighting.intensities_given:
+        corrections = level_corrections(lit, problem.gains, problem.variance, lighting)
+        lighting = Lighting(lighting.directions, 1 / corrections)
+        # A new problem would estimate the noise again, which is the same for equal lights.
+        if np.any(corrections != 1.0):
+            balanced = replace(problem, lighting=lighting)
     spread = np.float32(residual_spread(lit.values * corrections[:, None], null))
     dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
     maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
+    maps = replace(maps, lighting=lighting)
     unlit = np.empty(shape, np.uint8)
     images, dark = stack.images, stack.dark_rows
     least_bz, per_residual = slope_noise(pinv), (pinv / null).astype(np.float32)

@@ -27,15 +27,28 @@ from .rushmeier import solve_rushmeier
 # are out of reach of float32.
 _SMALLEST_DIVISOR, _LARGEST_DIVISOR = 1e-6, 1e12
 
+
+def _judged(solve: Callable[[Problem], Maps]) -> Callable[[Problem], Maps]:
+    """The solver, with dark pixels judged afterwards."""
+
+    def solve_and_judge(problem: Problem) -> Maps:
+        maps = solve(problem)
+        judge_dark_pixels(problem, maps)
+        return maps
+
+    return solve_and_judge
+
+
 _SOLVERS: Mapping[Method, Callable[[Problem], Maps]] = {
-    "ps3a": partial(solve_three_of_ring, method="ps3a"),
-    "ps3b": partial(solve_three_of_ring, method="ps3b"),
-    "ps3c": partial(solve_three_of_ring, method="ps3c"),
-    "ps3d": partial(solve_three_of_ring, method="ps3d"),
-    "ps4": solve_ps4,
-    "least_squares": solve_least_squares,
-    "rushmeier": solve_rushmeier,
-    "drbohlav": solve_drbohlav,
+    "ps3a": _judged(partial(solve_three_of_ring, method="ps3a")),
+    "ps3b": _judged(partial(solve_three_of_ring, method="ps3b")),
+    "ps3c": _judged(partial(solve_three_of_ring, method="ps3c")),
+    "ps3d": _judged(partial(solve_three_of_ring, method="ps3d")),
+    "ps4": _judged(solve_ps4),
+    "least_squares": _judged(solve_least_squares),
+    "rushmeier": _judged(solve_rushmeier),
+    "drbohlav": _judged(solve_drbohlav),
+    # It judges them before it fills in, by the levels that it found.
     "ps4_robust": solve_ps4_robust,
 }
 
@@ -128,8 +141,6 @@ def photometric_stereo(
         used = Lighting(lighting.directions, lighting.intensities)
     problem = Problem(stack, used, full_scale, noise, found, on_progress)
     maps = _SOLVERS[chosen](problem)
-    if chosen != "ps4_robust":  # which judges them before it fills in, by the levels it found
-        judge_dark_pixels(problem, maps)
     surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,
