@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED
-from classify.lights.fall_off import FallOff
+from classify.lights.flat_field import FlatField
 
 from .pictures import ColourScale, Picture
 from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
@@ -81,7 +81,7 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
 
 
-def _divided(fall_off: FallOff | None) -> str:
+def _divided(fall_off: FlatField | None) -> str:
     if fall_off is None:
         return "too little of it is lit: no fall-off divided out"
     return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"

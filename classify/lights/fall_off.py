@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from classify.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
+from classify.lights.flat_field import FlatField, coordinates, exponents, powers
 from classify.shadow_rule import MAYBE_SHADOW
-from classify.threads import run_on_rows
 
 Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float64]
@@ -30,6 +29,7 @@ _SAMPLES, _BLOCKS, _FOLDS = 128, 16, 4
 # The fourth step changes a coefficient by 0.005 where light falls off by 70 %.
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
+_TERMS = _HIGHER_DEGREE + 1
 # The higher degree is taken where its error of prediction is below this share of the lower one's,
 # and at least so large a part of the smooth ratio cannot be relief. classify/README.md has both
 # figures for photographs and materials.
@@ -52,59 +52,12 @@ _TINY = 1e-30
 _IN_BLOCK = np.kron(np.eye(_BLOCKS), np.ones(_SAMPLES // _BLOCKS)).astype(np.float32)
 
 
-@dataclass(frozen=True, eq=False)
-class FallOff:
-    """Strength of each light over a planar part, relative to the geometric mean of all lights.
-
-    Attributes
-    ----------
-    coefficients
-        (N, 5, 5) factors of y^i x^j in the logarithm of the strength. The origin is the middle of
-        the frame, y points up, and the unit is half of the longer side.
-    bounds
-        (N, 2) lowest and highest logarithm on the part; there is no extrapolation beyond.
-    """
-
-    coefficients: FloatArray
-    bounds: FloatArray
-
-    @property
-    def share(self) -> float:
-        """Largest share by which a light is weaker at its darkest place than at its brightest."""
-        return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
-
-    def saturation(self, full_scale: float) -> np.float32:
-        """Value of saturated pixels after `divide`; no others reach it."""
-        return np.float32(full_scale * np.exp(max(0.0, -self.bounds.min())))
-
-    def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Divide each image, less the ambient image, by the strength of its light.
-
-        The result is float32, and the ambient image is in it as before. Pixels that reach
-        `full_scale` get the value `saturation`.
-        """
-        images = np.empty(stack.images.shape, np.float32)
-        x, y = _coordinates(np.arange(stack.shape[0]), np.arange(stack.shape[1]), stack.shape)
-        exponents, x = (-_powers(y) @ self.coefficients).astype(np.float32), x.astype(np.float32)
-        bounds = -self.bounds[:, ::-1].astype(np.float32)
-        full_scale = np.inf if full_scale is None else full_scale
-        saturation, top = np.float32(full_scale), self.saturation(full_scale)
-
-        def multiply(first: int, last: int) -> None:
-            block, dark = stack.float_rows(first, last)
-            _multiply(first, block, dark, exponents, bounds, x, saturation, top, images)
-
-        run_on_rows(multiply, stack.shape)
-        ambient = None if stack.ambient is None else stack.ambient.astype(np.float32)
-        return ImageStack(images, ambient)
-
-
 def fall_off(
     stack: ImageStack,
     lighting: Lighting,
     full_scale: float | None,
     mask: npt.NDArray[np.bool_] | None = None,
-) -> FallOff | None:
+) -> FlatField | None:
     """Fit the fall-off of the lights over a planar part; None where too little of it is lit.
 
     Pixels that are saturated, dark, in the shadow of a light or outside the (H, W) `mask` do not
@@ -112,7 +65,7 @@ def fall_off(
     the redundancy of the lights shows that they do fall off.
     """
     samples = _Samples.of(stack, lighting, full_scale, mask)
-    even = np.zeros((len(lighting), 5, 5))
+    even = np.zeros((len(lighting), _TERMS, _TERMS))
     coefficients = samples.refined(even, _DEGREE)
     residuals, weights = samples.residuals(coefficients)
     if np.count_nonzero(weights) < _MIN_BLOCKS:
@@ -124,7 +77,7 @@ def fall_off(
     if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
         coefficients = samples.refined(coefficients, _HIGHER_DEGREE)
     seen = [each[samples.usable] for each in samples.grid.polynomials(coefficients)]
-    return FallOff(coefficients, np.array([(each.min(), each.max()) for each in seen]))
+    return FlatField(coefficients, np.array([(each.min(), each.max()) for each in seen]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +94,7 @@ class _Grid:
         (n, 5) powers of their coordinates.
     bases
         By degree, (folds, blocks, terms) values of y^i x^j at the blocks, in the order of
-        `_exponents`.
+        `exponents`.
     """
 
     rows: npt.NDArray[np.intp]
@@ -155,14 +108,16 @@ class _Grid:
     def of(cls, shape: tuple[int, int]) -> "_Grid":
         """The grid of frames of a shape."""
         rows, columns = (_positions(count) for count in shape)
-        x, y = _coordinates(rows, columns, shape)
-        block_x, block_y = (_powers(each.reshape(_BLOCKS, -1).mean(axis=1)) for each in (x, y))
+        x, y = coordinates(rows, columns, shape)
+        block_x, block_y = (
+            powers(each.reshape(_BLOCKS, -1).mean(axis=1), _TERMS) for each in (x, y)
+        )
         bases = {}
         for degree in (_DEGREE, _HIGHER_DEGREE):
-            i, j = _exponents(degree)
+            i, j = exponents(degree)
             terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
             bases[degree] = np.moveaxis(_by_fold(terms), 0, -1)
-        return cls(rows, columns, _powers(x), _powers(y), bases)
+        return cls(rows, columns, powers(x, _TERMS), powers(y, _TERMS), bases)
 
     def of_image(self, image: Array) -> npt.NDArray[np.float32]:
         """(..., n, n) samples of images (..., H, W)."""
@@ -234,7 +189,7 @@ class _Samples:
 
     def refined(self, coefficients: FloatArray, degree: int) -> FloatArray:
         """Coefficients for which the residuals vanish, by repeated weighted least squares."""
-        basis, (i, j) = self.grid.bases[degree], _exponents(degree)
+        basis, (i, j) = self.grid.bases[degree], exponents(degree)
         refined = coefficients.copy()
         for _ in range(_ROUNDS):
             gram, right = _normal_equations(basis, *self.residuals(refined))
@@ -242,60 +197,10 @@ class _Samples:
         return refined
 
 
-@kernel
-def _multiply(
-    first: int, images: Array, dark: Array, exponents: Array, bounds: Array, x: Array,
-    saturation: np.float32, top: np.float32, product: Array,
-) -> None:  # fmt: skip
-    """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`.
-
-    `images` and `dark` begin at the row `first` of `product`. `exponents` (N, H, 5) are the factors
-    of the polynomial in each row. Pixels that reach `saturation` get `top`.
-    """
-    rows, columns = images.shape[1:]
-    one, eighth = np.float32(1.0), np.float32(1.0 / 8.0)
-    half, third, quarter = np.float32(1.0 / 2.0), np.float32(1.0 / 3.0), np.float32(1.0 / 4.0)
-    for k in range(images.shape[0]):
-        low, high = bounds[k]
-        for r in range(rows):
-            dark_row = dark[min(r, len(dark) - 1)]
-            c0, c1, c2, c3, c4 = exponents[k, first + r]
-            for c in range(columns):
-                e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * (c3 + x[c] * c4)))
-                u = eighth * min(max(e, low), high)
-                # exp(u) to the power of 8; exp itself would not be vectorised.
-                factor = one + u * (one + half * u * (one + third * u * (one + quarter * u)))
-                factor *= factor
-                factor *= factor
-                factor *= factor
-                raw = images[k, r, c]
-                value = dark_row[c] + (raw - dark_row[c]) * factor
-                product[k, first + r, c] = value if raw < saturation else top
-
-
 def _positions(count: int) -> npt.NDArray[np.intp]:
     """Indices of the samples along a side, symmetric about its middle."""
     half = ((np.arange(_SAMPLES // 2) + 0.5) * count / _SAMPLES).astype(np.intp)
     return np.concatenate([half, count - 1 - half[::-1]])
-
-
-def _coordinates(
-    rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
-) -> tuple[FloatArray, FloatArray]:
-    """X of the columns and y of the rows, from the middle in half of the longer side."""
-    x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows
-    return (2.0 / max(shape) * x).astype(float), (2.0 / max(shape) * y).astype(float)
-
-
-def _powers(values: FloatArray) -> FloatArray:
-    """(n, 5) powers 0 to 4."""
-    return np.vander(values, _HIGHER_DEGREE + 1, increasing=True)
-
-
-def _exponents(degree: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Exponents i and j of the terms y^i x^j with i + j up to `degree`."""
-    i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)
-    return i, j
 
 
 def _block_sums(values: Array) -> FloatArray:

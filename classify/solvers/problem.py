@@ -12,7 +12,7 @@ from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.fall_off import FallOff
+from classify.lights.flat_field import FlatField
 from classify.threads import STRIP_PX, run_on_rows
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
@@ -72,7 +72,7 @@ class Problem:
     lighting: Lighting
     full_scale: float | None
     sensor_noise: SensorNoise | None
-    fall_off: FallOff | None = None  # by which the images were divided
+    fall_off: FlatField | None = None  # by which the images were divided
     on_progress: Callable[[float], None] | None = None
 
     @property

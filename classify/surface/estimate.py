@@ -11,7 +11,7 @@ from classify.errors import InputError
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.fall_off import FallOff
+from classify.lights.flat_field import FlatField
 from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
@@ -80,7 +80,7 @@ class SurfaceEstimate:
     full_scale: float | None = None
     lighting: Lighting | None = None
     planar: bool = False
-    fall_off: FallOff | None = None
+    fall_off: FlatField | None = None
     led_levels: npt.NDArray[np.float64] | None = None
     left_out: npt.NDArray[np.uint8] | None = None
     highlights: npt.NDArray[np.bool_] | None = None

@@ -1,0 +1,130 @@
+"""Strength of each light over a plane, as a polynomial, and the division of images by it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.compiling import kernel
+from classify.images.stack import ImageStack
+from classify.threads import run_on_rows
+
+Array = npt.NDArray[Any]
+FloatArray = npt.NDArray[np.float64]
+
+# Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need
+# (tests/classify/calibration/test_flat_field.py).
+TERMS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class FlatField:
+    """Strength of each light over a plane, relative to a value that all lights share.
+
+    Attributes
+    ----------
+    coefficients
+        (N, T, T) factors of y^i x^j in the logarithm of the strength, T at most 7. The origin is
+        the middle of the frame, y points up, and the unit is half of the longer side.
+    bounds
+        (N, 2) lowest and highest logarithm on the part; there is no extrapolation beyond.
+    """
+
+    coefficients: FloatArray
+    bounds: FloatArray
+
+    @property
+    def share(self) -> float:
+        """Largest share by which a light is weaker at its darkest place than at its brightest."""
+        return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
+
+    def saturation(self, full_scale: float) -> np.float32:
+        """Value of saturated pixels after `divide`; no others reach it."""
+        return np.float32(full_scale * np.exp(max(0.0, -self.bounds.min())))
+
+    def strengths(
+        self, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
+    ) -> FloatArray:
+        """(N, rows, columns) strengths at these rows and columns of a frame."""
+        x, y = coordinates(rows, columns, shape)
+        terms = self.coefficients.shape[1]
+        logarithms = powers(y, terms) @ self.coefficients @ powers(x, terms).T
+        low, high = self.bounds.T[..., None, None]
+        strengths: FloatArray = np.exp(np.clip(logarithms, low, high))
+        return strengths
+
+    def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
+        """Divide each image, less the ambient image, by the strength of its light.
+
+        The result is float32, and the ambient image is in it as before. Pixels that reach
+        `full_scale` get the value `saturation`.
+        """
+        images = np.empty(stack.images.shape, np.float32)
+        x, y = coordinates(np.arange(stack.shape[0]), np.arange(stack.shape[1]), stack.shape)
+        terms = self.coefficients.shape[1]
+        factors = np.zeros((len(images), len(y), TERMS), np.float32)
+        factors[..., :terms] = -powers(y, terms) @ self.coefficients
+        x = x.astype(np.float32)
+        bounds = -self.bounds[:, ::-1].astype(np.float32)
+        full_scale = np.inf if full_scale is None else full_scale
+        saturation, top = np.float32(full_scale), self.saturation(full_scale)
+
+        def multiply(first: int, last: int) -> None:
+            block, dark = stack.float_rows(first, last)
+            _multiply(first, block, dark, factors, bounds, x, saturation, top, images)
+
+        run_on_rows(multiply, stack.shape)
+        ambient = None if stack.ambient is None else stack.ambient.astype(np.float32)
+        return ImageStack(images, ambient)
+
+
+@kernel
+def _multiply(
+    first: int, images: Array, dark: Array, factors: Array, bounds: Array, x: Array,
+    saturation: np.float32, top: np.float32, product: Array,
+) -> None:  # fmt: skip
+    """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`.
+
+    `images` and `dark` begin at the row `first` of `product`. `factors` (N, H, 7) are the factors
+    of the polynomial in each row. Pixels that reach `saturation` get `top`.
+    """
+    rows, columns = images.shape[1:]
+    one, eighth = np.float32(1.0), np.float32(1.0 / 8.0)
+    half, third, quarter = np.float32(1.0 / 2.0), np.float32(1.0 / 3.0), np.float32(1.0 / 4.0)
+    for k in range(images.shape[0]):
+        low, high = bounds[k]
+        for r in range(rows):
+            dark_row = dark[min(r, len(dark) - 1)]
+            c0, c1, c2, c3, c4, c5, c6 = factors[k, first + r]
+            for c in range(columns):
+                e = c3 + x[c] * (c4 + x[c] * (c5 + x[c] * c6))
+                e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * e))
+                u = eighth * min(max(e, low), high)
+                # exp(u) to the power of 8; exp itself would not be vectorised.
+                factor = one + u * (one + half * u * (one + third * u * (one + quarter * u)))
+                factor *= factor
+                factor *= factor
+                factor *= factor
+                raw = images[k, r, c]
+                value = dark_row[c] + (raw - dark_row[c]) * factor
+                product[k, first + r, c] = value if raw < saturation else top
+
+
+def coordinates(
+    rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """X of the columns and y of the rows, from the middle in half of the longer side."""
+    x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows
+    return (2.0 / max(shape) * x).astype(float), (2.0 / max(shape) * y).astype(float)
+
+
+def powers(values: FloatArray, terms: int) -> FloatArray:
+    """(n, terms) powers 0, 1, 2, ..."""
+    return np.vander(values, terms, increasing=True)
+
+
+def exponents(degree: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Exponents i and j of the terms y^i x^j with i + j up to `degree`."""
+    i, j = np.nonzero(np.add.outer(np.arange(degree + 1), np.arange(degree + 1)) <= degree)
+    return i, j
