@@ -15,7 +15,7 @@ from classify.durable_folder import durable_folder
 
 from . import pictures
 from .page import map_page
-from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
+from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
 from .views import map_views
 
@@ -26,30 +26,41 @@ _PAGE = "index.html"
 
 
 def write_maps(
-    captured: CapturedSet, surface: SurfaceEstimate, folder: Path, *, light: Lighting = RELIT_LIGHT
+    captured: CapturedSet,
+    surface: SurfaceEstimate,
+    folder: Path,
+    *,
+    light: Lighting = RELIT_LIGHT,
+    mm_per_px: float | None = None,
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
     As TIFF: p, q, albedo, normals, height, raised, mean and Gaussian curvature, relit, residual.
     As PNG: shadow, dropped, specular, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
     The description of each TIFF is JSON with the set, the unit, and whether it was simulated.
-    `height.tif` and `raised.tif` are relative: in pixels, from the gradients alone. Maps in
-    `folder` are replaced as a whole, see `durable_folder`.
+    `height.tif` and `raised.tif` come from the gradients alone. Maps in `folder` are replaced as a
+    whole, see `durable_folder`.
 
     Parameters
     ----------
     light
         The one light of `relit.tif`; by default at tilt 135, slant 45 degrees.
+    mm_per_px
+        Scale of the image. With it heights and curvatures are in mm, Sa and Sq in micrometres;
+        without it they are relative, in pixels.
 
     Raises
     ------
     InputError
         If the folder cannot be made or written to, or `light` is not one light.
     """
-    maps = SurfaceMaps.of(surface, light)
+    maps = SurfaceMaps.of(surface, light, mm_per_px)
+    unit = maps.length_unit
+    length = {"unit": unit, "relative": mm_per_px is None}
     origin = {
         "method": surface.method,
         "planar": surface.planar,
+        "mm_per_px": mm_per_px,
         "simulated": captured.metadata.simulated,
         "label": captured.label,
         "pixels_sha256": captured.metadata.pixels_sha256,
@@ -61,10 +72,10 @@ def write_maps(
         "q": (surface.q, {"unit": "1"}),
         "albedo": (surface.albedo, {"unit": "full scale"}),
         "normals": (maps.normals, {"unit": "1"}),
-        "height": (maps.height, {"unit": "px", "relative": True}),
-        "raised": (maps.raised, {"unit": "px", "relative": True}),
-        "mean_curvature": (maps.mean_curvature, {"unit": "1/px"}),
-        "gaussian_curvature": (maps.gaussian_curvature, {"unit": "1/px^2"}),
+        "height": (maps.height, length),
+        "raised": (maps.raised, length),
+        "mean_curvature": (maps.mean_curvature, {"unit": f"1/{unit}"}),
+        "gaussian_curvature": (maps.gaussian_curvature, {"unit": f"1/{unit}^2"}),
         "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
         "residual": (surface.residual, {"unit": "full scale"}),
     }
@@ -80,8 +91,8 @@ def write_maps(
     }
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
-        "note": ROUGHNESS_NOTE,
-        "parameters": roughness_parameters(maps.roughness),
+        "note": roughness_note(mm_per_px),
+        "parameters": roughness_parameters(maps.roughness, mm_per_px),
     }
     texts = {
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),

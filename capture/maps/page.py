@@ -16,13 +16,15 @@ from capture.sets.metadata import UNPROTECTED
 from classify.lights.flat_field import FlatField
 
 from .pictures import ColourScale, Picture
-from .roughness_table import ROUGHNESS_NOTE, roughness_parameters
+from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
 
 FloatArray = npt.NDArray[np.float64]
 
 _TEMPLATE = Path(__file__).with_name("page.html")
+# Units on the page that differ from those in files.
+_UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
 # A smaller picture is enlarged on the page, with square pixels instead of interpolation.
 _SMALL_PX = 256
 _SIMULATED = (
@@ -63,6 +65,8 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     if surface.planar:
         yield "planar part", _divided(surface.fall_off)
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
+    if maps.mm_per_px is not None:
+        yield "scale", f"{maps.mm_per_px:.4g} mm/px"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
     if lighting.intensities_given:
         yield "LED levels", f"{_levels(lighting.intensities)}, as given"
@@ -133,12 +137,12 @@ def _roughness_table(maps: SurfaceMaps) -> str:
     rows = "".join(
         f"<tr><td><b>{symbol}</b></td><td>{each['name']}{' (relative)' * each['relative']}</td>"
         f'<td class="value">{"-" if each["value"] is None else _number(each["value"])}'
-        f"{'' if each['unit'] == '1' else ' ' + each['unit']}</td></tr>"
-        for symbol, each in roughness_parameters(maps.roughness).items()
+        f"{_UNITS.get(each['unit'], ' ' + each['unit'])}</td></tr>"
+        for symbol, each in roughness_parameters(maps.roughness, maps.mm_per_px).items()
     )
     return (
         '<div class="wide"><b>Roughness</b> <code>roughness.json</code>'
-        f"<table>{rows}</table><figcaption>{escape(ROUGHNESS_NOTE)}</figcaption></div>"
+        f"<table>{rows}</table><figcaption>{escape(roughness_note(maps.mm_per_px))}</figcaption></div>"
     )
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from classify import (
     Lighting,
     Roughness,
@@ -30,16 +32,18 @@ class SurfaceMaps:
     normals
         (H, W, 3) float32 unit normals.
     height
-        (H, W) float32, px, relative: from the gradients alone, zero mean.
+        (H, W) float32, from the gradients alone, zero mean.
     raised
-        (H, W) float32, px, relative: height above the surroundings, negative if indented.
+        (H, W) float32, height above the surroundings, negative if indented.
     mean_curvature, gaussian_curvature
-        (H, W) float32, 1/px and 1/px^2.
+        (H, W) float32, 1/length and 1/length^2.
     relit
         (H, W) float32, the surface under the one distant `light` without cast shadows, in units
         of the albedo.
     roughness
         None if no pixel is valid.
+    mm_per_px
+        Scale of the image. With it lengths are in mm, without it they are relative: in pixels.
     """
 
     surface: SurfaceEstimate
@@ -51,9 +55,20 @@ class SurfaceMaps:
     relit: FloatMap
     light: Lighting
     roughness: Roughness | None
+    mm_per_px: float | None
+
+    @property
+    def length_unit(self) -> str:
+        """Unit of height and, inverted, of curvature: mm if the scale is known, else px."""
+        return "px" if self.mm_per_px is None else "mm"
 
     @classmethod
-    def of(cls, surface: SurfaceEstimate, light: Lighting = RELIT_LIGHT) -> SurfaceMaps:
+    def of(
+        cls,
+        surface: SurfaceEstimate,
+        light: Lighting = RELIT_LIGHT,
+        mm_per_px: float | None = None,
+    ) -> SurfaceMaps:
         """Compute all maps of a surface.
 
         Raises
@@ -65,14 +80,18 @@ class SurfaceMaps:
             raise InputError(f"relit under {len(light)} lights; give one")
         height = integrate_gradients(surface.p, surface.q)
         curvature = surface_curvature(surface)
+        roughness = surface_roughness(surface, height) if surface.valid.any() else None
+        per_px = np.float32(1.0 if mm_per_px is None else mm_per_px)
+        height *= per_px
         return cls(
             surface=surface,
             normals=surface.normals,
             height=height,
             raised=local_relief(height, surface.valid),
-            mean_curvature=curvature.mean,
-            gaussian_curvature=curvature.gaussian,
+            mean_curvature=curvature.mean / per_px,
+            gaussian_curvature=curvature.gaussian / per_px**2,
             relit=relight(surface, light)[0],
             light=light,
-            roughness=surface_roughness(surface, height) if surface.valid.any() else None,
+            roughness=roughness,
+            mm_per_px=mm_per_px,
         )

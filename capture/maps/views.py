@@ -94,7 +94,8 @@ def _surface(maps: SurfaceMaps) -> list[MapView]:
 
 
 def _relief(maps: SurfaceMaps) -> list[MapView]:
-    surface = maps.surface
+    surface, unit = maps.surface, maps.length_unit
+    relative = maps.mm_per_px is None
     cutoff_px = default_cutoff_px(surface.shape)
     return [
         _signed(
@@ -105,12 +106,14 @@ def _relief(maps: SurfaceMaps) -> list[MapView]:
             "q.tif", "q = dz/dy", surface.q, "", "Slope upwards: red rises upwards.", surface.valid
         ),
         _signed(
-            "height.tif", "height (relative)", maps.height, "px",
-            "Integrated from p and q, zero mean, not measured. Errors grow with distance.",
+            "height.tif", "height" + " (relative)" * relative, maps.height, unit,
+            "Integrated from p and q, zero mean" + ", not measured" * relative
+            + ". Errors grow with distance.",
         ),
         _signed(
-            "raised.tif", "raised / indented", maps.raised, "px",
-            "Relative height above its surroundings: red raised, blue indented. "
+            "raised.tif", "raised / indented", maps.raised, unit,
+            ("Relative height" if relative else "Height")
+            + " above its surroundings: red raised, blue indented. "
             f"Gaussian filter, cut-off {cutoff_px:.0f} px.",
             surface.valid,
         ),
@@ -118,16 +121,16 @@ def _relief(maps: SurfaceMaps) -> list[MapView]:
 
 
 def _curvature(maps: SurfaceMaps) -> list[MapView]:
-    valid = maps.surface.valid
+    valid, unit = maps.surface.valid, maps.length_unit
     return [
         _signed(
-            "mean_curvature.tif", "mean curvature", maps.mean_curvature, "1/px",
+            "mean_curvature.tif", "mean curvature", maps.mean_curvature, f"1/{unit}",
             "Red: convex towards the camera (bumps, ridges); blue: concave. "
             f"Derivatives within a Gaussian of {CURVATURE_SCALE_PX:g} px.",
             valid,
         ),
         _signed(
-            "gaussian_curvature.tif", "Gaussian curvature", maps.gaussian_curvature, "1/px²",
+            "gaussian_curvature.tif", "Gaussian curvature", maps.gaussian_curvature, f"1/{unit}²",
             "Red: domes and bowls; blue: saddles; white: flat, or curved in one direction only.",
             valid,
         ),

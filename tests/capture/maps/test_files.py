@@ -126,6 +126,32 @@ def test_roughness_has_units_and_marks_relative_values(
     ]  # fmt: skip
 
 
+def test_a_known_scale_gives_lengths_in_mm_and_micrometres(
+    captured: CapturedSet, surface: SurfaceEstimate, maps: Path, tmp_path: Path
+) -> None:
+    mm_per_px = 0.02
+    write_maps(captured, surface, tmp_path, light=LIGHT, mm_per_px=mm_per_px)
+    powers = {"height": 1, "raised": 1, "mean_curvature": -1, "gaussian_curvature": -2}
+    units = {1: "mm", -1: "1/mm", -2: "1/mm^2", 0: "1"}
+    for name in (*powers, "p", "q"):
+        power = powers.get(name, 0)
+        with tifffile.TiffFile(tmp_path / f"{name}.tif") as file:
+            about = json.loads(file.pages[0].tags["ImageDescription"].value)
+            values = file.asarray()
+        expected = tifffile.imread(maps / f"{name}.tif") * mm_per_px**power
+        rounding = 1e-5 * np.abs(expected).max()
+        np.testing.assert_allclose(values, expected, rtol=1e-5, atol=rounding)
+        assert about["unit"] == units[power]
+        assert about["mm_per_px"] == mm_per_px
+        assert not about.get("relative", False)
+    found = surface_roughness(surface)
+    written = json.loads((tmp_path / "roughness.json").read_text())["parameters"]
+    assert written["Sa"]["value"] == pytest.approx(1e3 * mm_per_px * found.sa_px)
+    assert written["Sq"]["value"] == pytest.approx(1e3 * mm_per_px * found.sq_px)
+    assert [written[each]["unit"] for each in ("Sdq", "Sdr", "Sa", "Sq")] == ["1", "%", "um", "um"]
+    assert not any(each["relative"] for each in written.values())
+
+
 def test_a_set_without_a_valid_pixel_has_maps_and_no_roughness(
     made_set: Callable[..., CapturedSet], tmp_path: Path
 ) -> None:

@@ -43,8 +43,14 @@ class Page(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
-def page_of(captured: CapturedSet, method: str = "ps4", *, planar: bool = False) -> Page:
-    maps = SurfaceMaps.of(captured.solve(method, planar=planar))
+def page_of(
+    captured: CapturedSet,
+    method: str = "ps4",
+    *,
+    planar: bool = False,
+    mm_per_px: float | None = None,
+) -> Page:
+    maps = SurfaceMaps.of(captured.solve(method, planar=planar), mm_per_px=mm_per_px)
     page = Page(map_page(captured, maps, map_views(captured, maps)))
     assert page.open == []
     return page
@@ -83,6 +89,15 @@ def test_the_page_states_set_method_and_units(page: Page) -> None:
     facts = ("rock", "ps4", "128 x 128 px, 12 bit", "4, slant 45.0°", "1/px²", "(relative)")
     for fact in (*facts, "Sdq", "Sdr", "Sa", "Sq"):
         assert fact in page.text
+
+
+def test_the_page_says_relative_only_where_the_scale_is_unknown(page: Page, sets: Path) -> None:
+    scaled = page_of(CapturedSet.load(sets / "rock-001.ome.tif"), mm_per_px=0.02).text
+    assert "elative" in page.text
+    assert "mm" not in page.text
+    assert "elative" not in scaled
+    for unit in ("0.02 mm/px", "height, mm", "1/mm²", "\N{MICRO SIGN}m"):
+        assert unit in scaled
 
 
 def test_the_page_refers_to_no_other_file(page: Page) -> None:
