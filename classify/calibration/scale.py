@@ -1,0 +1,49 @@
+"""The scale of the image, and the distortion of the lens."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Length of a pixel at the plane of the part, and the geometry of the lens.
+
+    Attributes
+    ----------
+    mm_per_px, error
+        Length of a pixel, and its standard error as a share of it.
+    camera_matrix
+        (3, 3) float64 of OpenCV's camera model, in pixels.
+    distortion
+        (5,) float64 k1, k2, p1, p2, k3 of OpenCV; None if it moves no pixel by more than 0.5 px.
+    residual_px
+        rms distance of the corners of the checkerboard from the model.
+
+    Raises
+    ------
+    InputError
+        For another shape or a value that is not finite, or not positive where it must be.
+    """
+
+    mm_per_px: float
+    error: float
+    camera_matrix: npt.NDArray[np.float64]
+    distortion: npt.NDArray[np.float64] | None
+    residual_px: float
+
+    def __post_init__(self) -> None:
+        if not 1e-6 <= self.mm_per_px <= 1e3:
+            raise InputError(f"scale of {self.mm_per_px:g} mm per px; give 1e-6 to 1000")
+        if not (0.0 <= self.error < np.inf and 0.0 <= self.residual_px < np.inf):
+            raise InputError(f"scale with an error of {self.error:g}, {self.residual_px:g} px")
+        if self.camera_matrix.shape != (3, 3) or not np.isfinite(self.camera_matrix).all():
+            raise InputError(f"camera matrix is {self.camera_matrix.shape}; give finite (3, 3)")
+        distortion = self.distortion
+        if distortion is not None and not (
+            distortion.shape == (5,) and np.isfinite(distortion).all()
+        ):
+            raise InputError(f"distortion is {distortion.shape}; give 5 finite coefficients")
