@@ -1,5 +1,5 @@
 """What is known of one rig at one setting: the parts of a `Calibration`, and their estimation.
 
 Arrays in, arrays out. The parts are in `dark`, `response`, `noise`, `lights` and `scale`, and in
-`classify.lights.flat_field`. `capture/calibration/` measures them on a rig and keeps them in a file.
+`classify.lights.flat_field`. `capture/calibration/` measures and keeps them.
 """

@@ -40,8 +40,8 @@ class Dark:
     def __post_init__(self) -> None:
         if not (0.0 < self.full_scale < np.inf and 0.0 <= self.offset < self.full_scale):
             raise InputError(
-                f"dark offset {self.offset:g} of full scale {self.full_scale:g}; the offset is from "
-                "0 to below full scale"
+                f"dark offset {self.offset:g} of full scale {self.full_scale:g}; give "
+                "an offset from 0 to below full scale"
             )
         if not 0.0 <= self.noise <= self.full_scale:
             raise InputError(f"dark noise {self.noise:g} of full scale {self.full_scale:g}")
