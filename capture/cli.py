@@ -13,7 +13,7 @@ import typer
 
 from classify.errors import InputError, Ps4rigError
 
-from .commands import sets, studies, textures
+from .commands import info, sets, studies, textures
 from .commands.rig import rig_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
@@ -32,6 +32,7 @@ app.command()(sets.solve)
 app.command()(textures.train)
 app.command()(textures.classify)
 app.command("evaluate")(textures.evaluate_)
+app.command()(info.info)
 app.command()(studies.reproduce)
 app.command()(studies.bench)
 app.add_typer(rig_app, name="rig")

@@ -23,6 +23,10 @@ Sets = Annotated[
     list[Path],
     typer.Argument(metavar="SET...", help="Captured sets, and folders with captured sets."),
 ]
+Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
+Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
+Operator = Annotated[str | None, typer.Option(help="Who captures it.")]
+Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
 Workers = Annotated[
     int | None,
     typer.Option(

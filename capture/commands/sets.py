@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from classify import Lighting
     from rig import Placement, Rig
 
-LabelOption = Annotated[str | None, typer.Option(help="Texture class of the part.")]
-
 _RING = "0,90,180,270"
 _RELIT = "135,45"
 # Near light of the table of faults in `ps4rig reproduce`; without --planar it costs textures.
@@ -38,7 +36,10 @@ _PLAIN_FALL_OFF = 0.25
 def capture(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Output file, NAME.ome.tif.")],
     rig: options.Rig = "rig.toml",
-    label: LabelOption = None,
+    label: options.Label = None,
+    specimen: options.Specimen = None,
+    operator: options.Operator = None,
+    note: options.Note = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
     count: Annotated[
         int,
@@ -66,6 +67,7 @@ def capture(
     json: options.Json = False,
 ) -> None:
     """Capture one set or several: the ambient image, then one image under each LED."""
+    from capture.sets.description import described
     from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
     from rig.config.rig import config_of
@@ -89,11 +91,12 @@ def capture(
         options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)
         for rotate_deg in orientations_deg
     ]
+    describe = partial(described, specimen=specimen, operator=operator, note=note)
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
         sets = _captured(opened, placements, count, label, average)
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
-            captured.save(path)
+            describe(captured).save(path)
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
@@ -194,7 +197,10 @@ def import_(
         list[Cause] | None,
         typer.Option(help="Import although this was found. Repeat the option for more causes."),
     ] = None,
-    label: LabelOption = None,
+    label: options.Label = None,
+    specimen: options.Specimen = None,
+    operator: options.Operator = None,
+    note: options.Note = None,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
@@ -202,6 +208,7 @@ def import_(
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """
+    from capture.sets.description import described
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
     from capture.sets.ome_tiff import SUFFIX
@@ -230,6 +237,7 @@ def import_(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
     )  # fmt: skip
+    captured = described(captured, specimen=specimen, operator=operator, note=note)
     captured.save(output)
     metadata = captured.metadata
     for warning in metadata.warnings:

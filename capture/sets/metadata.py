@@ -20,11 +20,14 @@ Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
 
 
-def _printable(label: str | None) -> str | None:
+def _printable(text: str | None) -> str | None:
     # "unknown", which `checked_label` refuses, is accepted: older sets may have that label.
-    if label is not None and not label.isprintable():
+    if text is not None and not text.isprintable():
         raise ValueError("use printable characters only")
-    return label
+    return text
+
+
+Text = Annotated[str, AfterValidator(_printable)]
 
 
 class _Record(BaseModel):
@@ -147,6 +150,15 @@ class ChecksRecord(_Record):
     undecided: tuple[str, ...] = ()
 
 
+class CorrectionRecord(_Record):
+    """A field that was corrected after the capture: when, its earlier value, and the new one."""
+
+    corrected_utc: str
+    field: Literal["label", "specimen", "operator", "note", "orientation_deg"]
+    before: FiniteFloat | Text | None
+    after: FiniteFloat | Text | None
+
+
 class SetMetadata(_Record):
     """The metadata of a captured set.
 
@@ -156,8 +168,12 @@ class SetMetadata(_Record):
         Bit depth of the camera, and the pixel value of saturation in the images.
     images
         One record for each image, in the order of the lighting, then the ambient image.
+    specimen, operator, note
+        Which piece it is, who captured it, and anything else; None if not given.
     orientation_deg
         Orientation of the part, None if unknown.
+    corrections
+        Fields that were changed after the capture, the oldest correction first.
     placement
         Placement of the simulated part, None for a real one.
     synchronisation
@@ -178,8 +194,11 @@ class SetMetadata(_Record):
         refusal that were accepted.
     """
 
-    schema_version: Literal[1, 2, 3] = 3
-    label: Annotated[str | None, AfterValidator(_printable)]
+    schema_version: Literal[1, 2, 3, 4] = 4
+    label: Text | None
+    specimen: Text | None = None
+    operator: Text | None = None
+    note: Text | None = None
     created_utc: str
     simulated: bool
     bit_depth: int = Field(ge=1, le=16)
@@ -201,6 +220,7 @@ class SetMetadata(_Record):
     mask_file: str | None = None
     warnings: tuple[str, ...] = ()
     accepted: tuple[str, ...] = ()
+    corrections: tuple[CorrectionRecord, ...] = ()
     software_version: str
     pixels_sha256: str
 

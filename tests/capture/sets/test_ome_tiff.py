@@ -216,7 +216,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.update(schema_version=4), "captured-set version 4, .* reads up to 3; use a n"),
+        (lambda f: f.update(schema_version=5), "captured-set version 5, .* reads up to 4; use a n"),
         (lambda f: f.update(schema_version="2"), "schema_version: not a positive whole number"),
         (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
         (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
@@ -286,6 +286,17 @@ def test_a_set_of_schema_2_is_read() -> None:
     assert old.metadata.is_protected
     assert (old.label, old.mask, old.metadata.warnings) == ("moth", None, ())
     assert old.ambient is not None
+    assert old.solve("least_squares").valid.any()
+
+
+def test_a_set_of_schema_3_is_read() -> None:
+    old = CapturedSet.load(DATA / "imported-schema-3.ome.tif")
+    assert (old.label, old.metadata.crop, old.metadata.specimen) == (
+        "butterfly",
+        (40, 40, 24, 24),
+        None,
+    )
+    assert old.metadata.corrections == ()
     assert old.solve("least_squares").valid.any()
 
 

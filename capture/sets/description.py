@@ -1,0 +1,95 @@
+"""What people say of a captured set, at the capture or later: specimen, operator, note and more."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime
+from typing import Literal, get_args
+
+from classify.errors import InputError
+from classify.labels import checked_label
+from rig.set_file import SCHEMA_VERSION
+
+from .captured_set import CapturedSet
+from .metadata import CorrectionRecord, SetMetadata
+
+Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
+FIELDS: tuple[Field, ...] = get_args(Field)
+# A page of text; a longer story belongs into a file of its own.
+_MAX_CHARACTERS = 4000
+
+
+def described(
+    captured: CapturedSet, *, specimen: str | None, operator: str | None, note: str | None
+) -> CapturedSet:
+    """Return a set with what was said of it at the capture; None stands for nothing.
+
+    Raises
+    ------
+    InputError
+        If a text is not printable, or too long.
+    """
+    texts = {"specimen": specimen, "operator": operator, "note": note}
+    for name, text in texts.items():
+        if text is not None:
+            _checked_text(name, text)
+    return replace(captured, metadata=captured.metadata.model_copy(update=texts))
+
+
+def corrected(
+    metadata: SetMetadata, values: Mapping[str, str], corrected_utc: datetime
+) -> SetMetadata:
+    """Return metadata with other values of some of `FIELDS`, each with a dated entry.
+
+    The entry keeps the value from before. An empty text removes the value. A field that has its new
+    value already gets no entry.
+
+    Raises
+    ------
+    InputError
+        For another field, a value that the field cannot have, or metadata of schema 1.
+    """
+    if not metadata.is_protected:
+        raise InputError(
+            "a set of schema 1 has no hash over its metadata, so a correction could not be told "
+            "from tampering; keep notes on it elsewhere"
+        )
+    date = corrected_utc.isoformat(timespec="seconds").replace("+00:00", "Z")
+    changes = {name: _value(name, text) for name, text in values.items()}
+    entries = tuple(
+        CorrectionRecord.model_validate(
+            {"corrected_utc": date, "field": name, "before": before, "after": after}
+        )
+        for name, after in changes.items()
+        if (before := getattr(metadata, name)) != after
+    )
+    corrections = metadata.corrections + entries
+    return metadata.model_copy(
+        update={**changes, "corrections": corrections, "schema_version": SCHEMA_VERSION}
+    )
+
+
+def _value(name: str, text: str) -> str | float | None:
+    if name not in FIELDS:
+        raise InputError(f"{name}: cannot be corrected; the fields are {', '.join(FIELDS)}")
+    if not text:
+        return None
+    if name == "orientation_deg":
+        try:
+            degrees = float(text)
+        except ValueError:
+            degrees = math.nan
+        if not math.isfinite(degrees):
+            raise InputError(f"orientation_deg {text}: give degrees, such as 40")
+        return degrees
+    return checked_label(text) if name == "label" else _checked_text(name, text)
+
+
+def _checked_text(name: str, text: str) -> str:
+    if not text.isprintable():
+        raise InputError(f"{name} {text!r}: use printable characters only")
+    if len(text) > _MAX_CHARACTERS:
+        raise InputError(
+            f"{name}: {len(text)} characters; up to {_MAX_CHARACTERS} are kept in a set"
+        )
+    return text

@@ -1,0 +1,121 @@
+"""The command info, and what people say of a set."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from classify import TextureLibrary
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+DATA = Path(__file__).parents[2] / "data" / "sets"
+
+
+@pytest.fixture
+def captured(ps4rig: Command, tmp_path: Path) -> Path:
+    path = tmp_path / "a.ome.tif"
+    result = ps4rig(
+        "capture", "--rig", "sim", "--size", 64, "--rotate", 20, "--label", "oak",
+        "--specimen", "oak-07", "--operator", "J. Wu", "--note", "edge worn", path,
+    )  # fmt: skip
+    assert result.exit_code == 0
+    return path
+
+
+def test_info_shows_where_a_set_comes_from(ps4rig: Command, captured: Path) -> None:
+    lines = ps4rig("info", captured).stdout.splitlines()
+    assert lines[0] == str(captured)
+    said = dict(line.split(maxsplit=1) for line in lines[1:])
+    assert said["label"] == "oak"
+    assert said["specimen"] == "oak-07"
+    assert said["operator"] == "J. Wu"
+    assert said["note"] == "edge worn"
+    assert said["orientation"] == "20 degrees"
+    assert said["captured"].endswith("(simulated)")
+    assert said["controller"].startswith("LED4 SIM-0001")
+    assert said["calibration"] == "none"
+    assert said["pixels"] == f"SHA-256 {CapturedSet.load(captured).metadata.pixels_sha256}"
+
+
+def test_a_correction_is_a_dated_entry_and_changes_no_pixel(
+    ps4rig: Command, captured: Path
+) -> None:
+    before = CapturedSet.load(captured)
+    result = ps4rig(
+        "info", captured, "--set", "orientation_deg=40", "--set", "note= = left edge worn",
+        "--set", "specimen=", "--set", "operator=J. Wu", "--json",
+    )  # fmt: skip
+    (answer,) = json.loads(result.stdout)
+    after = CapturedSet.load(captured)
+    np.testing.assert_array_equal(after.images, before.images)
+    assert after.metadata.pixels_sha256 == before.metadata.pixels_sha256
+    assert (after.metadata.orientation_deg, after.metadata.note) == (40.0, "= left edge worn")
+    assert after.metadata.specimen is None
+    entries = [(each.field, each.before, each.after) for each in after.metadata.corrections]
+    # The operator was right already.
+    assert entries == [
+        ("orientation_deg", 20.0, 40.0),
+        ("note", "edge worn", "= left edge worn"),
+        ("specimen", "oak-07", None),
+    ]
+    assert answer["corrections"][0]["before"] == 20.0
+    assert ps4rig("info", captured, "--set", "label=elm").exit_code == 0
+    assert CapturedSet.load(captured).label == "elm"
+    assert len(CapturedSet.load(captured).metadata.corrections) == 4
+
+
+def test_a_corrected_label_is_what_a_library_learns(
+    ps4rig: Command, captured: Path, tmp_path: Path
+) -> None:
+    library = tmp_path / "a.ps4lib"
+    assert ps4rig("info", captured, "--set", "label=elm").exit_code == 0
+    assert ps4rig("train", captured, "--library", library).exit_code == 0
+    assert TextureLibrary.load(library).classes == ("elm",)
+
+
+@pytest.mark.parametrize(
+    ("correction", "message"),
+    [
+        ("note", "--set note: give FIELD=VALUE, such as --set note='edge is worn'"),
+        ("gamma=srgb", "gamma: cannot be corrected; the fields are label, specimen, operator, "),
+        ("label=Unknown", "label 'Unknown': 'unknown' stands for a surface that matches no class"),
+        ("orientation_deg=north", "orientation_deg north: give degrees, such as 40"),
+        ("orientation_deg=inf", "orientation_deg inf: give degrees, such as 40"),
+        ("note=a\tb", r"note 'a\tb': use printable characters only"),
+        (f"note={'a' * 4001}", "note: 4001 characters; up to 4000 are kept in a set"),
+    ],
+)
+def test_a_wrong_correction_changes_nothing(
+    refused: Refused, captured: Path, correction: str, message: str
+) -> None:
+    before = captured.read_bytes()
+    assert message in refused("info", captured, "--set", correction)
+    assert captured.read_bytes() == before
+
+
+def test_no_set_is_corrected_if_one_of_them_cannot_be(
+    refused: Refused, captured: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "old.ome.tif"
+    shutil.copy(DATA / "imported-schema-1.ome.tif", old)
+    before = captured.read_bytes()
+    message = refused("info", tmp_path, "--set", "note=left")
+    assert f"{old}: a set of schema 1 has no hash over its metadata" in message
+    assert captured.read_bytes() == before
+
+
+def test_an_imported_set_names_its_photographs_and_can_be_corrected(
+    ps4rig: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "old.ome.tif"
+    shutil.copy(DATA / "imported-schema-3.ome.tif", path)
+    assert "photographs    image6.png, image0.png" in ps4rig("info", path).stdout
+    assert ps4rig("info", path, "--set", "specimen=moth-2").exit_code == 0
+    assert "schema 4" in ps4rig("info", path).stdout
+    assert CapturedSet.load(path).metadata.specimen == "moth-2"
