@@ -13,3 +13,9 @@ class InputError(Ps4rigError):
 
 class LibraryError(InputError):
     """A texture library that cannot be read, or does not fit the surface."""
+
+
+class CalibrationRejected(Ps4rigError):  # noqa: N818 - a verdict on a measurement, no program error
+    """A measurement too bad to be kept as a part of a calibration; the message names its cause."""
+
+    exit_status = 1
