@@ -27,7 +27,7 @@ STOREYS = {
     "classify": (
         {"errors", "methods", "compiling", "shadow_rule"},
         {"durable_file", "labels", "lighting", "regular_file", "threads"},
-        {"durable_folder"},
+        {"array_archive", "durable_folder"},
         {"images"},
         {"lights"},
         {"calibration"},

@@ -1,0 +1,202 @@
+"""Files of one JSON header and plain numpy arrays: a zip, stored unpacked, read without trust.
+
+A library and a calibration are such files. A stored array can be mapped into memory: a library of
+100,000 references opens at once, and only the signatures that a match needs are read.
+"""
+
+import json
+import math
+import struct
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ValidationError
+
+from .durable_file import durable_file
+from .errors import InputError
+from .regular_file import open_regular_file
+
+Array = npt.NDArray[Any]
+Header = TypeVar("Header", bound=BaseModel)
+
+# Members are stored, not packed; a copy packed by another program is smaller by half. A file whose
+# members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
+_MAX_PACKING = 16
+_PACKING_SLACK_BYTES = 2**20
+_LOCAL_HEADER = struct.Struct("<4s5H3I2H")
+# What zipfile, zlib, json and numpy raise for a damaged file; RuntimeError stands for encrypted
+# members and JSON nested too deep, the last four for a broken numpy header.
+_UNREADABLE = (
+    zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError, struct.error,
+    tokenize.TokenError, SyntaxError, TypeError, MemoryError,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ArchiveKind:
+    """One kind of archive.
+
+    Attributes
+    ----------
+    noun, header
+        Its name in messages, and the name of the JSON inside.
+    versions
+        The versions that are read; the last one is written.
+    if_missing, remedy
+        What to do without such a file, and with one that cannot be read.
+    error
+        The class of all its errors.
+    max_bytes, max_header_bytes
+        Limits of a file and of its header.
+    """
+
+    noun: str
+    header: str
+    versions: tuple[int, ...]
+    if_missing: str
+    remedy: str
+    error: type[InputError]
+    max_bytes: int
+    max_header_bytes: int
+
+
+class ArrayArchive:
+    """The members of an open archive, checked before they are read; errors do not name the file."""
+
+    def __init__(
+        self, kind: ArchiveKind, archive: zipfile.ZipFile, file: BinaryIO, map_from_bytes: float
+    ) -> None:
+        self._kind = kind
+        self._archive = archive
+        self._file = file
+        self._map_from_bytes = map_from_bytes
+        self.names = archive.namelist()
+        file_bytes = file.seek(0, 2)
+        declared = sum(info.file_size for info in archive.infolist())
+        if declared > _MAX_PACKING * file_bytes + _PACKING_SLACK_BYTES:
+            raise self.damaged(f"declares {declared} bytes in a file of {file_bytes}")
+
+    def error(self, what: str) -> InputError:
+        """Return an error that ends with the remedy."""
+        return self._kind.error(f"{what}; {self._kind.remedy}")
+
+    def damaged(self, what: str) -> InputError:
+        """Return an error of a file that no version of this program wrote."""
+        return self._kind.error(f"{what}; the file is damaged, {self._kind.remedy}")
+
+    def header(self, model: type[Header]) -> Header:
+        """Return the validated header; `model` has a field `version`."""
+        kind = self._kind
+        info = self._member(kind.header)
+        if info.file_size > kind.max_header_bytes:
+            raise self.error(
+                f"{kind.header} has {info.file_size} bytes, over {kind.max_header_bytes}"
+            )
+        try:
+            raw = json.loads(self._archive.read(info))
+            if not isinstance(raw, dict):
+                raise self.error("the header is not a JSON object")
+            version = raw["version"]
+            if isinstance(version, int) and version not in kind.versions:
+                newer = "use a newer ps4rig or " * (version > kind.versions[-1])
+                raise kind.error(
+                    f"{kind.noun} version {version}, this program reads {kind.versions[-1]}; "
+                    f"{newer}{kind.remedy}"
+                )
+            unknown = raw.keys() - model.model_fields
+            if unknown:
+                raise self.error(f"header field {min(unknown)!r} is unknown")
+            return model.model_validate(raw)
+        except (json.JSONDecodeError, UnicodeDecodeError, KeyError) as error:
+            raise self.error(f"the header is not readable ({error})") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise self.error(f"header field {place}: {first['msg']}") from error
+
+    def array(self, name: str, dtypes: str | Collection[str]) -> Array:
+        """One array of one of these types, read or mapped, after its header was checked."""
+        info = self._member(name)
+        allowed = [np.dtype(each) for each in ([dtypes] if isinstance(dtypes, str) else dtypes)]
+        with self._archive.open(info) as member:
+            np.lib.format.read_magic(member)
+            shape, fortran_order, found = np.lib.format.read_array_header_1_0(member)
+            header_bytes = member.tell()
+            values_bytes = info.file_size - header_bytes
+            fits = math.prod(shape) * found.itemsize == values_bytes
+            if found not in allowed or fortran_order or not fits:
+                raise self.damaged(f"{name} is {shape} {found} in {values_bytes} bytes")
+            if info.file_size < self._map_from_bytes:
+                return np.frombuffer(member.read(), found).reshape(shape)
+        if info.compress_type != zipfile.ZIP_STORED:
+            raise self.error(f"{name} is packed")
+        start = self._start(info) + header_bytes
+        return np.memmap(self._file, found, mode="r", offset=start, shape=shape)
+
+    def _member(self, name: str) -> zipfile.ZipInfo:
+        try:
+            info = self._archive.getinfo(name)
+        except KeyError as error:
+            noun = self._kind.noun
+            raise self._kind.error(f"holds no {name}; this is not a ps4rig {noun}") from error
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise self.error(f"{name} is packed in an unknown way")
+        return info
+
+    def _start(self, info: zipfile.ZipInfo) -> int:
+        """Offset of the bytes of a stored member, which follow its own header."""
+        self._file.seek(info.header_offset)
+        fields = _LOCAL_HEADER.unpack(self._file.read(_LOCAL_HEADER.size))
+        if fields[0] != b"PK\x03\x04":
+            raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
+        return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
+
+
+@contextmanager
+def open_archive(
+    path: Path, kind: ArchiveKind, *, map_from_bytes: float = math.inf
+) -> Iterator[ArrayArchive]:
+    """Open an archive; arrays of `map_from_bytes` or more stay in the file.
+
+    Raises
+    ------
+    InputError
+        Of the kind's class, for any failure in the block too; the message names the file.
+    """
+    try:
+        with open_regular_file(path, kind.max_bytes) as file, zipfile.ZipFile(file) as archive:
+            yield ArrayArchive(kind, archive, file, map_from_bytes)
+    except kind.error as error:
+        raise kind.error(f"{path}: {error}") from error
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise kind.error(f"{path}: no such {kind.noun}; {kind.if_missing}") from error
+        raise kind.error(str(error)) from error
+    except _UNREADABLE as error:
+        cause = " ".join(str(error).split())
+        raise kind.error(f"{path}: not a readable {kind.noun} ({cause}); {kind.remedy}") from error
+
+
+def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[str, Array]) -> None:
+    """Write an archive of a JSON header and named arrays, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    with durable_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        archive.writestr(kind.header, header)
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                # `ascontiguousarray` would make a list of a single number.
+                plain = np.asarray(array, order="C")
+                np.lib.format.write_array(member, plain, allow_pickle=False)
