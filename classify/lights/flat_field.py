@@ -80,6 +80,17 @@ class FlatField:
 
 
 @kernel
+def exponential(e: np.float32) -> np.float32:
+    """Exponential to 2e-6 for |e| < 1 and 1e-4 for |e| < 2; exp itself would not be vectorised."""
+    one, half, third = np.float32(1.0), np.float32(1.0 / 2.0), np.float32(1.0 / 3.0)
+    u = np.float32(1.0 / 8.0) * e
+    root = one + u * (one + half * u * (one + third * u * (one + np.float32(1.0 / 4.0) * u)))
+    root *= root
+    root *= root
+    return root * root
+
+
+@kernel
 def _multiply(
     first: int, images: Array, dark: Array, factors: Array, bounds: Array, x: Array,
     saturation: np.float32, top: np.float32, product: Array,
@@ -90,8 +101,6 @@ def _multiply(
     of the polynomial in each row. Pixels that reach `saturation` get `top`.
     """
     rows, columns = images.shape[1:]
-    one, eighth = np.float32(1.0), np.float32(1.0 / 8.0)
-    half, third, quarter = np.float32(1.0 / 2.0), np.float32(1.0 / 3.0), np.float32(1.0 / 4.0)
     for k in range(images.shape[0]):
         low, high = bounds[k]
         for r in range(rows):
@@ -100,12 +109,7 @@ def _multiply(
             for c in range(columns):
                 e = c3 + x[c] * (c4 + x[c] * (c5 + x[c] * c6))
                 e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * e))
-                u = eighth * min(max(e, low), high)
-                # exp(u) to the power of 8; exp itself would not be vectorised.
-                factor = one + u * (one + half * u * (one + third * u * (one + quarter * u)))
-                factor *= factor
-                factor *= factor
-                factor *= factor
+                factor = exponential(min(max(e, low), high))
                 raw = images[k, r, c]
                 value = dark_row[c] + (raw - dark_row[c]) * factor
                 product[k, first + r, c] = value if raw < saturation else top
