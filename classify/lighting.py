@@ -24,17 +24,27 @@ def light_vectors(tilts_deg: npt.ArrayLike, slants_deg: npt.ArrayLike) -> npt.ND
     return np.stack(vectors, axis=-1).astype(np.float64)
 
 
+# Of a near light, in px: a light nearer than the smallest camera is wide is no point, and one
+# farther than the largest is distant in float64.
+_NEAREST_PX, _FARTHEST_PX = 1.0, 1e9
+
+
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """N distant lights: unit vectors from the surface towards them, and relative intensities.
+    """N lights: unit vectors from the surface towards them, relative intensities, and positions.
 
     Parameters
     ----------
     directions
         (N, 3) vectors towards the lights, normalised here. All must be above the surface (z > 0).
+        Those of near lights are seen from the middle of the frame.
     intensities
         (N,) relative intensities; an image is divided by its light's intensity. All are 1 if none
-        are given; ps4_robust then estimates them from the images.
+        are given; ps4_robust then estimates them from the images. Those of near lights are the
+        intensities at the middle of the frame.
+    positions_px
+        (N, 3) positions of near lights in pixels of the image at the part, relative to the middle
+        of the frame; None for distant lights. `near` takes the directions from them.
 
     Attributes
     ----------
@@ -44,13 +54,15 @@ class Lighting:
     Raises
     ------
     InputError
-        For another shape, a zero or non-finite vector, a light at or below the horizon, or an
-        intensity that is not positive.
+        For another shape, a zero or non-finite vector, a light at or below the horizon, an
+        intensity that is not positive, or a position that is nearer than 1 px, farther than 1e9 px
+        or not in the direction of its light.
     """
 
     directions: npt.NDArray[np.float64]
     intensities: npt.NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     intensities_given: bool = field(init=False)
+    positions_px: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         directions = _numbers(self.directions, "light directions")
@@ -84,6 +96,9 @@ class Lighting:
         # Far beyond what one exposure can show; float32 holds the gains and their squares.
         if not ((intensities >= 1e-6) & (intensities <= 1e6)).all():
             raise InputError("light intensities must be positive numbers from 1e-6 to 1e6")
+        if self.positions_px is not None:
+            positions, directions = _positions(self.positions_px, directions)
+            object.__setattr__(self, "positions_px", positions)
         directions.flags.writeable = False
         intensities.flags.writeable = False
         object.__setattr__(self, "directions", directions)
@@ -99,6 +114,22 @@ class Lighting:
         [0.0, 90.0, 180.0, 270.0]
         """
         return cls.from_angles(tilts_deg, slant_deg)
+
+    @classmethod
+    def near(
+        cls, positions_px: npt.ArrayLike, intensities: npt.ArrayLike | None = None
+    ) -> Lighting:
+        """Lights at (N, 3) positions in pixels, relative to the middle of the frame.
+
+        Examples
+        --------
+        >>> lighting = Lighting.near([[300, 0, 400], [0, 300, 400], [-300, 0, 400]])
+        >>> lighting.directions[0].tolist()
+        [0.6, 0.0, 0.8]
+        """
+        positions = _numbers(positions_px, "light positions")
+        given = np.empty(0) if intensities is None else _numbers(intensities, "light intensities")
+        return cls(positions, given, positions)
 
     @classmethod
     def from_angles(
@@ -124,10 +155,12 @@ class Lighting:
             isinstance(other, Lighting)
             and np.array_equal(self.directions, other.directions)
             and np.array_equal(self.intensities, other.intensities)
+            and _bytes(self.positions_px) == _bytes(other.positions_px)
         )
 
     def __hash__(self) -> int:
-        return hash((self.directions.tobytes(), self.intensities.tobytes()))
+        arrays = self.directions, self.intensities, self.positions_px
+        return hash(tuple(map(_bytes, arrays)))
 
     @property
     def tilts_deg(self) -> npt.NDArray[np.float64]:
@@ -142,7 +175,10 @@ class Lighting:
         return _rounded(np.degrees(np.arctan2(across, self.directions[:, 2])))
 
     def within(self, degrees: float, other: Lighting) -> bool:
-        """Whether `other` has as many lights, each within `degrees` of its counterpart."""
+        """Whether `other` has as many lights, each within `degrees` of its counterpart.
+
+        Near lights are compared as seen from the middle of the frame.
+        """
         if len(self) != len(other):
             return False
         cosines = np.clip((self.directions * other.directions).sum(axis=1), -1.0, 1.0)
@@ -171,6 +207,35 @@ def _numbers(values: npt.ArrayLike, name: str) -> npt.NDArray[np.float64]:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} {values!r} are not all numbers") from error
+
+
+def _positions(
+    positions_px: npt.ArrayLike, directions: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Checked positions, and the exact directions towards them."""
+    positions = _numbers(positions_px, "light positions") + 0.0
+    if positions.shape != directions.shape:
+        raise InputError(
+            f"light positions have shape {positions.shape} for {len(directions)} lights; give one "
+            "(x, y, z) row in px per light"
+        )
+    distances = np.linalg.norm(positions, axis=1)
+    if not ((distances >= _NEAREST_PX) & (distances <= _FARTHEST_PX)).all():
+        raise InputError(
+            f"a light stands {distances.min():g} to {distances.max():g} px from the middle of the "
+            f"frame; near lights stand {_NEAREST_PX:g} to {_FARTHEST_PX:g} px away"
+        )
+    exact = positions / distances[:, None]
+    if np.abs(exact - directions).max() > 1e-6:
+        raise InputError(
+            "light directions and positions disagree; give the positions only (Lighting.near)"
+        )
+    positions.flags.writeable = False
+    return positions, exact
+
+
+def _bytes(array: npt.NDArray[np.float64] | None) -> bytes:
+    return b"" if array is None else array.tobytes()
 
 
 def _rounded(degrees: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -39,26 +39,32 @@ class LightingRecord(_Record):
     """Unit vectors towards the lights (x right, y up, z to the camera) and their intensities.
 
     `intensities_given` is as for `Lighting`. Older sets do not hold it; intensities other than 1
-    always count as given.
+    always count as given. `positions_px` are those of near lights, and None for distant ones.
     """
 
     directions: tuple[Vector, ...] = Field(min_length=1)
     intensities: tuple[FiniteFloat, ...]
     intensities_given: bool = False
+    positions_px: tuple[Vector, ...] | None = None
 
     @classmethod
     def of(cls, lighting: Lighting) -> Self:
         """Make the record of a `Lighting`."""
+        positions = lighting.positions_px
         return cls(
             directions=tuple((x, y, z) for x, y, z in lighting.directions.tolist()),
             intensities=tuple(lighting.intensities.tolist()),
             intensities_given=lighting.intensities_given,
+            positions_px=positions if positions is None else tuple(map(tuple, positions.tolist())),
         )
 
     def to_lighting(self) -> Lighting:
         """Return the `Lighting` of the record."""
         given = self.intensities_given or any(each != 1.0 for each in self.intensities)
-        return Lighting(np.array(self.directions), np.array(self.intensities if given else ()))
+        positions = None if self.positions_px is None else np.array(self.positions_px)
+        return Lighting(
+            np.array(self.directions), np.array(self.intensities if given else ()), positions
+        )
 
 
 class FrameRecord(_Record):

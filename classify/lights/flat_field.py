@@ -54,6 +54,13 @@ class FlatField:
         strengths: FloatArray = np.exp(np.clip(logarithms, low, high))
         return strengths
 
+    def times(self, factors: npt.ArrayLike) -> "FlatField":
+        """The flat field of lights that are stronger by (N,) factors."""
+        logarithms = np.log(np.asarray(factors, np.float64))
+        coefficients = self.coefficients.copy()
+        coefficients[:, 0, 0] += logarithms
+        return FlatField(coefficients, self.bounds + logarithms[:, None])
+
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
         """Divide each image, less the ambient image, by the strength of its light.
 

@@ -12,7 +12,6 @@ from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.flat_field import FlatField
 from classify.threads import STRIP_PX, run_on_rows
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
@@ -72,7 +71,7 @@ class Problem:
     lighting: Lighting
     full_scale: float | None
     sensor_noise: SensorNoise | None
-    fall_off: FlatField | None = None  # by which the images were divided
+    saturation: np.float32  # the pixel value of saturated pixels
     on_progress: Callable[[float], None] | None = None
 
     @property
@@ -90,14 +89,6 @@ class Problem:
         """(N,) factors from pixel values to units of the albedo."""
         scale = 1.0 if self.full_scale is None else self.full_scale
         return (1.0 / (scale * self.lighting.intensities)).astype(np.float32)
-
-    @property
-    def saturation(self) -> np.float32:
-        """Pixel value from which on a pixel is saturated."""
-        full_scale = np.inf if self.full_scale is None else self.full_scale
-        if self.fall_off is not None:
-            return self.fall_off.saturation(full_scale)
-        return np.float32(full_scale)
 
     @cached_property
     def sigma(self) -> float:

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
-from classify.lighting import Lighting
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
@@ -54,7 +53,7 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     balanced, lighting, corrections = problem, problem.lighting, np.ones(4, np.float32)
     if not lighting.intensities_given:
         corrections = level_corrections(lit, problem.gains, problem.variance, lighting)
-        lighting = Lighting(lighting.directions, 1 / corrections)
+        lighting = replace(lighting, intensities=1 / corrections)
         # A new problem would estimate the noise again, which is the same for equal lights.
         if np.any(corrections != 1.0):
             balanced = replace(problem, lighting=lighting)

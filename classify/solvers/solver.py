@@ -1,6 +1,7 @@
 """`photometric_stereo`: images under known lights to a `SurfaceEstimate`."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +13,7 @@ from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import fall_off
+from classify.lights.flat_field import FlatField
 from classify.methods import METHODS, Method, default_method
 from classify.surface.estimate import SurfaceEstimate
 
@@ -61,6 +63,7 @@ def photometric_stereo(
     ambient: npt.NDArray[Any] | None = None,
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
+    flat_field: FlatField | None = None,
     planar: bool = False,
     mask: npt.NDArray[np.bool_] | None = None,
     on_progress: Callable[[float], None] | None = None,
@@ -88,6 +91,9 @@ def photometric_stereo(
         is a fraction of it. Without it nothing is marked, and the albedo is in pixel values.
     noise
         Of the sensor that took the images. Without it the noise is estimated from the images.
+    flat_field
+        The logarithm of the image of a white matt sheet under each light, from a calibration. The
+        images are divided by it; the intensities of `lighting` are in it and not used.
     planar
         The part is flat but for its texture: divide out the fall-off and the levels of near lights
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
@@ -134,12 +140,19 @@ def photometric_stereo(
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
     used = lighting
-    found = fall_off(stack, lighting, full_scale, mask) if planar else None
+    saturation = np.float32(np.inf if full_scale is None else full_scale)
+    if flat_field is not None:
+        flat_field = _facing(flat_field, lighting)
+        stack = flat_field.divide(stack, float(saturation))
+        saturation = flat_field.saturation(float(saturation))
+        used = replace(lighting, intensities=np.ones(len(lighting)))
+    found = fall_off(stack, used, float(saturation), mask) if planar else None
     if found is not None:
-        stack = found.divide(stack, full_scale)
+        stack = found.divide(stack, float(saturation))
+        saturation = found.saturation(float(saturation))
         # What remains of the levels of the LEDs is not estimated again.
-        used = Lighting(lighting.directions, lighting.intensities)
-    problem = Problem(stack, used, full_scale, noise, found, on_progress)
+        used = replace(used, intensities=used.intensities)
+    problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
     maps = _SOLVERS[chosen](problem)
     surface = SurfaceEstimate(
         p=maps.p,
@@ -152,6 +165,7 @@ def photometric_stereo(
         full_scale=full_scale,
         lighting=maps.lighting,
         planar=planar,
+        flat_field=flat_field,
         fall_off=found,
         led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,
@@ -159,3 +173,17 @@ def photometric_stereo(
         repaired=maps.repaired,
     )
     return surface if mask is None else surface.within(mask)
+
+
+def _facing(flat_field: FlatField, lighting: Lighting) -> FlatField:
+    """The flat field of a sheet that faces each light, with the same mean of the lights.
+
+    The sheet faced the camera: its images are proportional to the z of the directions.
+    """
+    if len(flat_field.coefficients) != len(lighting):
+        raise InputError(
+            f"the flat field is of {len(flat_field.coefficients)} lights, the images are of "
+            f"{len(lighting)}; give that of these lights"
+        )
+    cosines = lighting.directions[:, 2]
+    return flat_field.times(np.exp(np.log(cosines).mean()) / cosines)

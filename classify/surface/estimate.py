@@ -47,12 +47,14 @@ class SurfaceEstimate:
         Name of the solver.
     images, ambient, full_scale
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
-        as they were given or, for a planar part, divided by the fall-off; None for an estimate that
+        as they were given or divided by `flat_field` and `fall_off`; None for an estimate that
         does not come from a solver.
     lighting
         The N lights of these images, with the intensities that were used.
     planar
         Whether the part was solved as planar: then a tilt or bow of it is not in the slopes.
+    flat_field
+        That of a calibration, by which the images were divided.
     fall_off
         By which the images of a planar part were divided; None where too little of it was lit.
     led_levels
@@ -80,6 +82,7 @@ class SurfaceEstimate:
     full_scale: float | None = None
     lighting: Lighting | None = None
     planar: bool = False
+    flat_field: FlatField | None = None
     fall_off: FlatField | None = None
     led_levels: npt.NDArray[np.float64] | None = None
     left_out: npt.NDArray[np.uint8] | None = None
@@ -145,8 +148,9 @@ class SurfaceEstimate:
         """(H, W) bool, true where any image reached full scale."""
         stack, _ = self._stack_and_lights
         limit = np.inf if self.full_scale is None else self.full_scale
-        if self.fall_off is not None:
-            limit = float(self.fall_off.saturation(limit))
+        for divided_by in (self.flat_field, self.fall_off):
+            if divided_by is not None:
+                limit = float(divided_by.saturation(limit))
         saturated: npt.NDArray[np.bool_] = stack.images.max(axis=0) >= limit
         return saturated
 

@@ -1,5 +1,7 @@
 """Axes, tilt, slant and their signs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -64,6 +66,48 @@ def test_lights_of_equal_directions_and_intensities_are_equal() -> None:
     assert same == lighting
     assert hash(same) == hash(lighting)
     assert len({lighting, same, ring, Lighting.ring(45.0), Lighting.ring(40.0)}) == 3
+
+
+@given(st.lists(st.tuples(degrees, slants, st.floats(2.0, 1e6)), min_size=1, max_size=9))
+def test_near_lights_have_the_directions_of_their_positions(
+    lights: list[tuple[float, float, float]],
+) -> None:
+    tilts, slant, distances = np.array(lights).T
+    distant = Lighting.from_angles(tilts, slant)
+    near = Lighting.near(distances[:, None] * distant.directions)
+    np.testing.assert_allclose(near.directions, distant.directions, atol=1e-12)
+    assert near.positions_px is not None
+    np.testing.assert_allclose(np.linalg.norm(near.positions_px, axis=1), distances)
+    assert near.within(1e-3, distant)
+    assert not near.intensities_given
+    brighter = replace(near, intensities=np.full(len(near), 2.0))
+    assert np.array_equal(brighter.positions_px, near.positions_px)
+    assert brighter == Lighting.near(near.positions_px, brighter.intensities)
+    assert hash(near) == hash(Lighting.near(near.positions_px))
+    assert near not in (distant, brighter, Lighting.near(2.0 * near.positions_px))
+
+
+@pytest.mark.parametrize(
+    ("positions_px", "message"),
+    [
+        ([[3.0, 4.0]], "shape"),
+        ([[300.0, 0.0, np.nan]], "not finite"),
+        ([[0.1, 0.0, 0.2]], "0.223607 to 0.223607 px"),
+        ([[300.0, 0.0, -400.0]], "below the horizon"),
+        ([["far", 0.0, 1.0]], "not all numbers"),
+    ],
+)
+def test_an_impossible_position_is_an_error(positions_px: list, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Lighting.near(positions_px)
+
+
+def test_directions_other_than_those_of_the_positions_are_an_error() -> None:
+    near = Lighting.near(500.0 * Lighting.ring(45.0).directions)
+    with pytest.raises(InputError, match="disagree"):
+        replace(near, directions=Lighting.ring(40.0).directions)
+    with pytest.raises(InputError, match=r"shape \(3, 3\) for 4 lights"):
+        replace(near, positions_px=near.positions_px[:3])
 
 
 def test_lighting_cannot_be_changed_and_keeps_a_copy() -> None:

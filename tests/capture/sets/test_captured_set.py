@@ -1,12 +1,13 @@
 """Captured sets as values: validation and solving."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture import CapturedSet, capture_set
-from classify import Method
+from classify import Lighting, Method
 from classify.errors import InputError
 from rig import Rig
 
@@ -48,6 +49,15 @@ def test_nothing_is_valid_or_in_shadow_outside_the_mask(
     np.testing.assert_array_equal(part.q, np.where(mask, whole.q, 0.0))
     np.testing.assert_array_equal(part.shadow_mask, whole.shadow_mask & mask)
     np.testing.assert_array_equal(part.specular, whole.specular & mask)
+
+
+def test_a_saved_set_keeps_the_positions_of_its_lights(
+    made_set: Callable[..., CapturedSet], tmp_path: Path
+) -> None:
+    lighting = Lighting.near(700.0 * Lighting.ring(40.0).directions, [1.0, 0.9, 1.0, 1.1])
+    captured = made_set(np.zeros((4, 3, 2), np.uint16), lighting=lighting)
+    captured.save(tmp_path / "near.ome.tif")
+    assert CapturedSet.load(tmp_path / "near.ome.tif").lighting == lighting
 
 
 def test_a_mask_has_the_shape_of_the_images_and_a_name(

@@ -124,7 +124,7 @@ def test_the_result_does_not_depend_on_threads_or_strips() -> None:
     values = WHITE * shading(*waves(0.6)) + rng.normal(0, 2.0, (4, SIDE, SIDE))
     values[rng.random(values.shape) < 0.2] = 0.0
     stack = ImageStack(values.astype(np.float32), None)
-    problem = Problem(stack, RING, full_scale=None, sensor_noise=SensorNoise(1e9, 2.0))
+    problem = Problem(stack, RING, None, SensorNoise(1e9, 2.0), np.float32(np.inf))
     whole = solve_ps4_robust(problem)
     set_thread_count(3)
     strips = solve_ps4_robust(problem, strip_px=2 * SIDE)
