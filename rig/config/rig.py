@@ -83,6 +83,32 @@ class RigConfig(Section):
         return self
 
     @model_validator(mode="after")
+    def _one_led_level_each(self) -> Self:
+        levels, count = len(self.simulation.led_levels), len(self.lights.tilts_deg)
+        if levels not in (0, count):
+            raise ValueError(
+                f"simulation.led_levels has {levels} levels for {count} LEDs; give one each"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _hot_pixels_fit(self) -> Self:
+        pixels = self.camera.width_px * self.camera.height_px
+        if self.simulation.hot_pixels > pixels // 2:
+            raise ValueError(
+                f"simulation.hot_pixels = {self.simulation.hot_pixels} of {pixels} pixels; lower it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _size_has_a_scale(self) -> Self:
+        if self.simulation.placement.size_mm is not None and self.simulation.mm_per_px is None:
+            raise ValueError(
+                "simulation.placement.size_mm needs simulation.mm_per_px; give the size of a pixel"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _watchdog_waits_for_frames(self) -> Self:
         period_ms = 1000.0 / self.camera.frame_rate_hz
         needed_ms = self.lights.settle_ms + 3.0 * period_ms + self.camera.exposure_ms

@@ -9,6 +9,7 @@ from .section import Degrees, Section
 
 PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
 
 class Placement(Section):
@@ -17,19 +18,24 @@ class Placement(Section):
     Attributes
     ----------
     surface
-        A synthetic texture such as rock, a bundled material, or a material folder.
+        A synthetic texture such as rock, a bundled material, a material folder, or a calibration
+        target: plate, mirror_sphere, matte_sphere, checkerboard, lens_cap.
     rotate_deg
         Anticlockwise rotation of the surface about the centre of the frame.
     shift_px
         Shift of the frame's centre over the periodic surface (x right, y up), before the rotation.
     seed
-        Seed of the noise, and of the realisation of a synthetic texture.
+        Seed of the noise, and of the realisation of a synthetic texture or of a plate.
+    size_mm
+        Diameter of a sphere, 20 by default, or side of a square of the checkerboard, 5 by default;
+        needs `SimulationConfig.mm_per_px`, without which they are shares of the frame.
     """
 
     surface: str = "rock"
     rotate_deg: Degrees = 0.0
     shift_px: tuple[Shift, Shift] = Field(default=(0.0, 0.0), strict=False)
     seed: int = Field(default=1, ge=0, lt=2**63)
+    size_mm: float | None = Field(default=None, ge=1e-3, le=1e4)
 
 
 class SimulationConfig(Section):
@@ -41,6 +47,19 @@ class SimulationConfig(Section):
         ``virtual``, on which a set takes milliseconds, or ``real``.
     ambient
         Ambient light as a share of one LED at full level.
+    led_distance_px
+        Distance of the LEDs from the centre of the field; None for distant lights. Near LEDs are
+        points that shine by Lambert's law about an axis to the centre of the field.
+    led_levels
+        True levels of the LEDs, which the rig is not told, times `lights.intensities`; 1 if empty.
+    vignetting_percent
+        Light missing in the corners of the frame.
+    response_gamma
+        The camera's pixel values are the linear ones, as shares of full scale, to 1 / gamma.
+    hot_pixels
+        Number of pixels, at places of the camera, that read 10 to 100 % of full scale too much.
+    mm_per_px
+        Size of a pixel on the part, for the sizes of spheres and of the checkerboard.
     led_rise_ms, led_fall_ms
         10 to 90 % times of the LEDs.
     controller_turn_us
@@ -61,6 +80,12 @@ class SimulationConfig(Section):
 
     clock: Literal["virtual", "real"] = "virtual"
     ambient: float = Field(default=0.02, ge=0.0, le=1.0)
+    led_distance_px: float | None = Field(default=None, ge=16.0, le=1e6)
+    led_levels: tuple[LedLevel, ...] = Field(default=(), strict=False)
+    vignetting_percent: float = Field(default=0.0, ge=0.0, le=90.0)
+    response_gamma: float = Field(default=1.0, ge=0.2, le=5.0)
+    hot_pixels: int = Field(default=0, ge=0, le=10_000)
+    mm_per_px: float | None = Field(default=None, ge=1e-5, le=100.0)
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0)
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0)
     controller_turn_us: tuple[PassTime, PassTime] = Field(default=(50.0, 200.0), strict=False)

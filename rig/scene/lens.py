@@ -19,7 +19,7 @@ class Lens:
         Standard deviation of the Gaussian by which images out of focus are blurred.
     vignetting
         Share of light missing in the corners of the frame; it grows with the squared distance
-        from the centre.
+        from the centre, in pixels.
     """
 
     blur_px: float = 0.0
@@ -35,6 +35,12 @@ class Lens:
         if self.blur_px > 0.0:
             blurred = cv2.GaussianBlur(ideal, (0, 0), self.blur_px)
             image = np.asarray(blurred, np.float32)
-        rows, cols = (np.linspace(-1.0, 1.0, side, dtype=np.float32) for side in ideal.shape)
+        sides = np.array(ideal.shape, np.float64)
+        # 1 for a square; then the corners are at (1, 1).
+        scales = (sides / np.sqrt(np.mean(sides**2))).astype(np.float32)
+        rows, cols = (
+            scale * np.linspace(-1.0, 1.0, side, dtype=np.float32)
+            for side, scale in zip(ideal.shape, scales, strict=True)
+        )
         darker = np.float32(0.5 * self.vignetting) * (rows[:, None] ** 2 + cols**2)
         return np.asarray(image * (1.0 - darker), np.float32)

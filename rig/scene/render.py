@@ -13,7 +13,7 @@ from classify.errors import InputError
 from classify.lighting import Lighting
 from classify.relief.shadows import cast_shadow
 
-from .surfaces import FloatImage, PeriodicSurface, SurfacePatch
+from .surfaces import FloatImage, Surface, SurfacePatch
 
 AMBIENT = 0.02
 """Default ambient light as a share of the light of one LED: what a shrouded rig lets in."""
@@ -84,6 +84,7 @@ def render_scene(
     margin_px: int = 0,
     *,
     led_distance_px: npt.ArrayLike = DISTANT,
+    lobe_exponent: float = 0.0,
     gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
@@ -94,7 +95,7 @@ def render_scene(
         Surface of (H + 2 margin_px, W + 2 margin_px).
     lighting
         Lights, fixed to the rig: they do not rotate with the surface. Directions and intensities
-        of near lights are those at the centre of the frame, at the mean height.
+        of near lights are those at the centre of the frame, at the patch's `plane_px`.
     ambient
         Level of the even light that reaches every point without shading: albedo * ambient.
     margin_px
@@ -103,6 +104,9 @@ def render_scene(
         Distance of the lights, which are points, from the centre of the frame: one for all, or
         (N,). Every pixel then has its own light directions, and light falls off with the square of
         the distance. Cast shadows have the direction of the light at the centre.
+    lobe_exponent
+        Power of the cosine from the axis of a near light, which points at the centre of the frame,
+        by which it shines: 0 is isotropic, 1 an LED that follows Lambert's law.
     gloss
         None for a matt surface.
 
@@ -123,8 +127,11 @@ def render_scene(
     images = np.empty((len(lighting), *p.shape), np.float32)
     shadowed = np.empty(images.shape, np.bool_)
     distances_px = np.broadcast_to(np.asarray(led_distance_px, np.float64), len(lighting))
+    above_plane = height - (height.mean() if patch.plane_px is None else patch.plane_px)
     for index, direction in enumerate(lighting.directions):
-        towards, fall_off = _point_light(direction, float(distances_px[index]), height)
+        towards, fall_off = _point_light(
+            direction, float(distances_px[index]), above_plane, lobe_exponent
+        )
         image = _cosine(p, q, towards)
         np.less_equal(image, 0.0, out=shadowed[index])
         shadowed[index] |= cast_shadow(patch.height, direction)[rows, cols]
@@ -137,7 +144,7 @@ def render_scene(
 
 
 def render_frame(
-    surface: PeriodicSurface,
+    surface: Surface,
     lighting: Lighting,
     size_px: int,
     rotate_deg: float = 0.0,
@@ -146,6 +153,7 @@ def render_frame(
     *,
     magnification: float = 1.0,
     led_distance_px: npt.ArrayLike = DISTANT,
+    lobe_exponent: float = 0.0,
     gloss: Gloss | None = None,
 ) -> SceneImages:
     """Render a square frame of a surface, shifted and rotated, with shadows from outside it.
@@ -157,15 +165,22 @@ def render_frame(
     margin_px = min(math.ceil(magnification * reach_px), size_px)
     patch = surface.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
     return render_scene(
-        patch, lighting, ambient, margin_px, led_distance_px=led_distance_px, gloss=gloss
+        patch,
+        lighting,
+        ambient,
+        margin_px,
+        led_distance_px=led_distance_px,
+        lobe_exponent=lobe_exponent,
+        gloss=gloss,
     )
 
 
 def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
     """Distance of an LED, in pixels, at which its light falls off by a share across a frame.
 
-    The share, 0 to below 1, is that by which a level white surface is darker at the far end of the
-    frame's middle line, along the light's azimuth, than at the near end.
+    The LED is isotropic (`lobe_exponent` 0). The share, 0 to below 1, is that by which a level
+    white surface is darker at the far end of the frame's middle line, along the light's azimuth,
+    than at the near end.
 
     Raises
     ------
@@ -185,7 +200,10 @@ def led_distance_for(fall_off: float, slant_deg: float, size_px: int) -> float:
 
 
 def _point_light(
-    direction: npt.NDArray[np.float64], distance_px: float, height: FloatImage
+    direction: npt.NDArray[np.float64],
+    distance_px: float,
+    height: FloatImage,
+    lobe_exponent: float,
 ) -> tuple[Vector, FloatImage | np.float32]:
     """Unit vector towards a light from every point, and its strength relative to the centre."""
     if math.isinf(distance_px):
@@ -194,13 +212,17 @@ def _point_light(
     rows, cols = height.shape
     x = direction[0] * distance_px - (np.arange(cols) - 0.5 * (cols - 1))
     y = direction[1] * distance_px - (0.5 * (rows - 1) - np.arange(rows))[:, None]
-    z = direction[2] * distance_px - (height - height.mean())
+    z = direction[2] * distance_px - height
     if not (distance_px > 0.0 and z.min() > 0.0):
         raise InputError(f"lights {distance_px:g} px away are not above the whole surface")
     distance = np.sqrt(x * x + y * y + z * z)
+    fall_off = (distance_px / distance) ** 2
+    if lobe_exponent != 0.0:
+        from_axis = (direction[0] * x + direction[1] * y + direction[2] * z) / distance
+        fall_off = fall_off * np.maximum(from_axis, 0.0) ** lobe_exponent
     x, y, z, fall_off = (
         np.asarray(each, np.float32)
-        for each in (x / distance, y / distance, z / distance, (distance_px / distance) ** 2)
+        for each in (x / distance, y / distance, z / distance, fall_off)
     )
     return (x, y, z), fall_off
 

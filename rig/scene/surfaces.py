@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -25,13 +26,35 @@ MAX_SIDE_PX = 8192
 class SurfacePatch:
     """A piece of surface in front of the camera, one surface pixel per camera pixel.
 
-    The images are (H, W) float32; for their units see `PeriodicSurface`.
+    The images are (H, W) float32; for their units see `PeriodicSurface`. The positions of near
+    lights refer to the height `plane_px`, or to the mean height if it is None.
     """
 
     height: FloatImage
     p: FloatImage
     q: FloatImage
     albedo: FloatImage
+    plane_px: float | None = None
+
+
+class Surface(Protocol):
+    """Something that can be put below the camera: a texture or a calibration target.
+
+    `relief_px` bounds the relief outside the frame, which may cast shadows into it. For the
+    parameters of `patch` see `PeriodicSurface.patch`.
+    """
+
+    @property
+    def relief_px(self) -> float: ...
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch: ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,7 +149,13 @@ class Simulation:
     ) -> tuple[LitScene, Sensor]:
         if isinstance(camera, SimulatedCameraConfig):
             placement = self._config.simulation.placement
-            return self._renderer.render(placement), SensorModel(bit_depth=camera.bits)
+            simulated = self._config.simulation
+            sensor = SensorModel(
+                bit_depth=camera.bits,
+                response_gamma=simulated.response_gamma,
+                hot_pixels=simulated.hot_pixels,
+            )
+            return self._renderer.render(placement), sensor
         # Imported here, so that other rigs open without tifffile.
         from .recorded_set import read_recorded_set
 

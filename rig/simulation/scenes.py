@@ -2,26 +2,33 @@
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from threading import Lock
+
+import numpy as np
 
 from classify.errors import InputError
 from rig.config.rig import RigConfig
 from rig.config.simulation import Placement
+from rig.scene.lens import Lens
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import SceneImages, render_frame
-from rig.scene.surfaces import PeriodicSurface
+from rig.scene.render import DISTANT, SceneImages, render_frame
+from rig.scene.surfaces import Surface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
+from rig.scene.targets import TARGETS, Sphere, target_named
 
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000
+# A bare LED chip follows Lambert's law.
+_LED_LOBE_EXPONENT = 1.0
 
 
 def surface_names() -> tuple[str, ...]:
-    """Names of built-in surfaces: the four of the thesis, then bundled materials.
+    """Names of built-in textures: the four of the thesis, then bundled materials.
 
-    The other names in `SYNTHETIC_TEXTURES` need no material folder either.
+    The other names in `SYNTHETIC_TEXTURES`, and the calibration targets in `TARGETS`, need no
+    material folder either.
     """
     return (*SYNTHETIC_NAMES, *bundled_materials())
 
@@ -67,7 +74,7 @@ class SceneRenderer:
     def __init__(self, config: RigConfig, cache: SceneCache = _SHARED_CACHE) -> None:
         self._config = config
         self._cache = cache
-        self._surface: tuple[tuple[object, ...], PeriodicSurface] | None = None
+        self._surface: tuple[tuple[object, ...], Surface] | None = None
 
     def render(self, placement: Placement) -> SceneImages:
         """The scene of a placed surface, in the size of the camera's frames.
@@ -75,30 +82,54 @@ class SceneRenderer:
         Raises
         ------
         InputError
-            If the surface is neither a name nor a readable material folder.
+            If the surface is neither a name nor a readable material folder, or a target does not
+            fit into the frame.
         """
-        name = placement.surface
-        if name not in SYNTHETIC_TEXTURES and name not in bundled_materials():
+        if placement.surface not in (*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS):
             return self._render(placement)
-        camera, ambient = self._config.camera, self._config.simulation.ambient
-        key = (placement, self._config.lights, camera.width_px, camera.height_px, ambient)
+        camera, simulated = self._config.camera, self._config.simulation
+        optics = (
+            simulated.ambient,
+            simulated.led_distance_px,
+            simulated.led_levels,
+            simulated.vignetting_percent,
+            simulated.mm_per_px,
+        )
+        key = (placement, self._config.lights, camera.width_px, camera.height_px, optics)
         return self._cache.get(key, lambda: self._render(placement))
 
     def _render(self, placement: Placement) -> SceneImages:
-        camera = self._config.camera
+        camera, simulated = self._config.camera, self._config.simulation
         size_px = max(camera.width_px, camera.height_px)
+        surface = self._surface_of(placement, size_px)
+        distance_px = simulated.led_distance_px
         scene = render_frame(
-            self._surface_of(placement, size_px),
+            surface,
             self._config.lights.lighting,
             size_px,
             placement.rotate_deg,
             placement.shift_px,
-            self._config.simulation.ambient,
+            simulated.ambient,
+            led_distance_px=DISTANT if distance_px is None else distance_px,
+            lobe_exponent=_LED_LOBE_EXPONENT,
+            gloss=surface.gloss if isinstance(surface, Sphere) else None,
         )
-        return scene.cropped(camera.height_px, camera.width_px)
+        if isinstance(surface, Sphere):
+            scene = surface.reflecting_room(scene, simulated.ambient)
+        scene = scene.cropped(camera.height_px, camera.width_px)
+        if simulated.led_levels:
+            levels = np.array(simulated.led_levels, np.float32)
+            scene = replace(scene, lights=scene.lights * levels[:, None, None])
+        if simulated.vignetting_percent:
+            scene = Lens(vignetting=0.01 * simulated.vignetting_percent).images(scene)
+        return scene
 
-    def _surface_of(self, placement: Placement, size_px: int) -> PeriodicSurface:
-        name = placement.surface
+    def _surface_of(self, placement: Placement, size_px: int) -> Surface:
+        name, camera = placement.surface, self._config.camera
+        if name in TARGETS:
+            field_px = (camera.height_px, camera.width_px)
+            mm_per_px = self._config.simulation.mm_per_px
+            return target_named(name, field_px, placement.seed, mm_per_px, placement.size_mm)
         key: tuple[object, ...] = (name,)
         if name in SYNTHETIC_TEXTURES:
             key = (name, placement.seed, size_px)
@@ -114,7 +145,7 @@ def _bytes_of(scene: SceneImages) -> int:
     return sum((array if array.base is None else array.base).nbytes for array in arrays)
 
 
-def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
+def _load(name: str, seed: int, size_px: int) -> Surface:
     if name in SYNTHETIC_TEXTURES:
         return synthetic_surface(name, seed, tile_side_px(size_px))
     bundled = bundled_materials()
@@ -124,6 +155,6 @@ def _load(name: str, seed: int, size_px: int) -> PeriodicSurface:
     if not folder.is_dir():
         raise InputError(
             f"surface {name!r} is neither a material folder nor one of "
-            + ", ".join((*SYNTHETIC_TEXTURES, *bundled))
+            + ", ".join((*SYNTHETIC_TEXTURES, *bundled, *TARGETS))
         )
     return load_material(folder)

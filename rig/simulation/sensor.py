@@ -34,6 +34,12 @@ class SensorModel:
         default fills 85 % of the well in 20 ms.
     black_level_fraction
         Offset of the converter as a fraction of its range, so that noise around zero is not cut.
+    response_gamma
+        The linear values, black level included, are raised to 1 / gamma as shares of full scale.
+        The properties below, and the noise, are those of the linear values.
+    hot_pixels
+        Number of pixels that add 10 to 100 % of the full well at any exposure. Their places depend
+        on the number and the size of the frame only.
     """
 
     bit_depth: int = 12
@@ -41,6 +47,8 @@ class SensorModel:
     read_noise_e: float = 5.0
     white_e_per_ms: float = 425.0
     black_level_fraction: float = 1.0 / 64.0
+    response_gamma: float = 1.0
+    hot_pixels: int = 0
 
     @property
     def full_scale_dn(self) -> int:
@@ -80,10 +88,27 @@ class SensorModel:
         """
         signal = self.expose_unclipped(light_ms, rng)
         signal += np.float32(self.black_level_dn + 0.5)
+        if self.hot_pixels:
+            pixels, excess_dn = self._hot_pixels(signal.size)
+            signal.flat[pixels] += excess_dn
+        if self.response_gamma != 1.0:
+            share = np.maximum(signal - np.float32(0.5), 0.0) / np.float32(self.full_scale_dn)
+            signal = share ** np.float32(1.0 / self.response_gamma)
+            signal *= np.float32(self.full_scale_dn)
+            signal += np.float32(0.5)
         np.clip(signal, 0, self.full_scale_dn, out=signal)
         if self.bit_depth == 8:
             return signal.astype(np.uint8)
         return signal.astype(np.uint16)
+
+    def _hot_pixels(
+        self, pixel_count: int
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+        """Flat indices of the hot pixels, and the linear values that they add."""
+        rng = np.random.default_rng((self.hot_pixels, pixel_count))
+        pixels = rng.choice(pixel_count, self.hot_pixels, replace=False)
+        shares = rng.uniform(0.1, 1.0, self.hot_pixels)
+        return pixels, (shares * self.full_well_e / self.gain_e_per_dn).astype(np.float32)
 
     def expose_unclipped(
         self, light_ms: npt.NDArray[np.float32], rng: np.random.Generator

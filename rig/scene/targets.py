@@ -1,0 +1,264 @@
+"""Calibration targets below the simulated camera: plate, spheres, checkerboard, lens cap.
+
+A target is placed like a texture: its centre is at `shift_px` = (0, 0), and it rotates about the
+centre of the frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+
+from .power_spectra import mulvaney
+from .random_fields import gaussian
+from .render import Gloss, SceneImages
+from .surfaces import FloatImage, PeriodicSurface, Surface, SurfacePatch
+
+TARGETS = ("plate", "mirror_sphere", "matte_sphere", "checkerboard", "lens_cap")
+CHECKERBOARD_CORNERS = (9, 6)
+"""Inner corners of the checkerboard along x and y, as OpenCV counts them."""
+SPHERE_MM, SQUARE_MM = 20.0, 5.0
+"""Default diameter of a sphere, and side of a square: a common ball bearing, and the example of
+``ps4rig calibrate scale``."""
+
+# Reflectances of a sheet of paper, of the matt ball, and of black card.
+_WHITE, _BLACK = 0.9, 0.05
+# Spread of a sheet's reflectance between pixels, and of its slopes: those of office paper.
+_GRAIN, _GRAIN_SLOPE = 0.015, 0.01
+_SHEET_SLOPE = 0.01  # 0.6 degrees: a card that is not quite flat on the stage
+_DUST_SPACING_PX = 80.0
+_TILE_PX = 512
+# Of a sphere's diameter, and of the width of a board without a scale: share of the shorter side.
+_SPHERE_SHARE, _BOARD_SHARE = 0.6, 0.8
+# An LED of 5 mm at 110 mm appears under a radius of 1.3 degrees; its image on the ball is the lobe
+# of normals within half of that, as bright as a white surface that faces the LED.
+_MIRROR = Gloss(strength=1.0, exponent=2.0 / math.radians(1.3) ** 2)
+_CHROME = 0.6  # reflectance of polished chrome or steel
+# Light of an LED that comes back from the walls of the shroud.
+_WALLS = 0.01
+# Rays that go down more steeply than this hit the card: it reaches two radii beyond the ball.
+_CARD_BELOW_Z = -math.sin(math.atan(0.5))
+
+
+def target_named(
+    name: str,
+    field_px: tuple[int, int],
+    seed: int,
+    mm_per_px: float | None = None,
+    size_mm: float | None = None,
+) -> Surface:
+    """Make a calibration target for a frame.
+
+    Parameters
+    ----------
+    name
+        One of `TARGETS`.
+    field_px
+        Height and width of the frame.
+    seed
+        Seed of the grain and the dust of a plate.
+    mm_per_px
+        Size of a pixel on the part. Without it a sphere and the checkerboard are shares of the
+        frame.
+    size_mm
+        Diameter of a sphere, or side of a square; `SPHERE_MM` and `SQUARE_MM` by default.
+
+    Raises
+    ------
+    InputError
+        If a sphere or the corners of the board do not fit into the frame.
+    """
+    if name == "plate":
+        return Plate(seed)
+    if name == "lens_cap":
+        return Checkerboard(1.0, white=0.0, black=0.0)
+    board = name == "checkerboard"
+    default_px = min(field_px) * (_BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if board else
+                                  _SPHERE_SHARE)  # fmt: skip
+    default_mm = SQUARE_MM if board else SPHERE_MM
+    size_px = default_px if mm_per_px is None else (size_mm or default_mm) / mm_per_px
+    width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if board else size_px
+    if not (width_px < min(field_px) and size_px >= 2.0):
+        raise InputError(
+            f"surface {name}: {width_px:.0f} px wide in a frame of {field_px[1]} x {field_px[0]} "
+            "px; set simulation.mm_per_px or simulation.placement.size_mm"
+        )
+    if board:
+        return Checkerboard(size_px)
+    return Sphere(0.5 * size_px, mirror=name == "mirror_sphere")
+
+
+class Plate:
+    """A white matt sheet with grain and dust, slightly tilted; all of it turns with the sheet.
+
+    Every seed is another sheet.
+    """
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        height = gaussian(mulvaney(0.2))(rng, _TILE_PX)
+        sheet = PeriodicSurface.from_height(height, np.ones_like(height), "plate")
+        height *= _GRAIN_SLOPE / max(float(sheet.p.std()), float(sheet.q.std()))
+        albedo = _WHITE * (1.0 + _GRAIN * rng.standard_normal(height.shape)) * _dust(rng)
+        self._grain = PeriodicSurface.from_height(height, albedo, "plate").band_limited()
+
+    @property
+    def relief_px(self) -> float:
+        """Height of the grain; the tilt of a plane casts no shadow."""
+        return self._grain.relief_px
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch:
+        """A piece of the sheet; the centre of the frame is in the plane of the part."""
+        grain = self._grain.patch(size_px, rotate_deg, shift_px, margin_px, magnification)
+        angle = math.radians(rotate_deg)
+        p, q = (np.float32(_SHEET_SLOPE * f(angle)) for f in (math.cos, math.sin))
+        x, y = _from_centre(size_px + 2 * margin_px)
+        return SurfacePatch(grain.height + p * x + q * y, grain.p + p, grain.q + q, grain.albedo)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball at rest on black card, whose plane is that of the part, seen from straight above."""
+
+    radius_px: float
+    mirror: bool
+
+    @property
+    def relief_px(self) -> float:
+        """0, because a sphere outside the frame is not rendered."""
+        return 0.0
+
+    @property
+    def gloss(self) -> Gloss | None:
+        """The images of the LEDs on a mirror."""
+        return _MIRROR if self.mirror else None
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch:
+        """The upper half of the ball, which stands on a pillar where the lower half would be."""
+        x, y = _on_target(size_px, rotate_deg, shift_px, margin_px, magnification)
+        squared = self.radius_px**2 - x * x - y * y
+        ball = squared > 0.0
+        # The height of the upper half; a pixel at the outline would have an infinite slope.
+        z = np.where(ball, np.sqrt(np.maximum(squared, 1e-4 * self.radius_px**2)), np.inf)
+        height = np.where(ball, self.radius_px + z, 0.0) * magnification
+        cos, sin = math.cos(math.radians(rotate_deg)), math.sin(math.radians(rotate_deg))
+        p, q = (cos * -x - sin * -y) / z, (sin * -x + cos * -y) / z
+        albedo = np.where(ball, 0.0 if self.mirror else _WHITE, _BLACK)
+        images = [each.astype(np.float32) for each in (height, p, q, albedo)]
+        return SurfacePatch(images[0], images[1], images[2], images[3], plane_px=0.0)
+
+    def reflecting_room(self, scene: SceneImages, ambient: float) -> SceneImages:
+        """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card.
+
+        The room is brighter towards +y, has a window, and gets a little light from each LED. The
+        rim of the ball reflects the card, as bright as the card beside it but for the loss in the
+        mirror.
+        """
+        if not self.mirror:
+            return scene
+        towards_z = 1.0 / (1.0 + scene.p**2 + scene.q**2)  # squared, of the normal
+        # The direction that a pixel sees: 2 (n . v) n - v with v = (0, 0, 1).
+        x, y, z = -2.0 * scene.p * towards_z, -2.0 * scene.q * towards_z, 2.0 * towards_z - 1.0
+        room = 1.0 + 0.5 * y + 3.0 * ((abs(x + 0.6) < 0.15) & (abs(y - 0.5) < 0.2))
+        room = np.where(z > math.cos(math.radians(8.0)), 0.1, room)  # the lens of the camera
+        ball, card = scene.albedo == 0.0, z < _CARD_BELOW_Z
+        lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
+        lights = np.where(card, lit_card, np.float32(_WALLS) * room.astype(np.float32))
+        dark = np.where(card, _BLACK, room).astype(np.float32)
+        seen = np.float32(_CHROME) * ball
+        return replace(
+            scene,
+            lights=scene.lights + seen * lights,
+            ambient=scene.ambient + seen * np.float32(ambient) * dark,
+        )
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """Black squares on a flat white sheet, `CHECKERBOARD_CORNERS` inner corners."""
+
+    square_px: float
+    white: float = _WHITE
+    black: float = _BLACK
+
+    @property
+    def relief_px(self) -> float:
+        """0: the board is flat."""
+        return 0.0
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch:
+        """The board, whose edges are blurred by one pixel so that they are between pixels."""
+        axes = _on_target(size_px, rotate_deg, shift_px, margin_px, magnification)
+        sign, inside = np.ones(()), np.ones((), np.bool_)
+        for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
+            # Squares from the middle of the board; corners are at whole numbers.
+            at = along / self.square_px + 0.5 * (corners - 1)
+            to_edge_px = (0.5 - np.abs(np.mod(at, 1.0) - 0.5)) * self.square_px * magnification
+            side = np.where(np.mod(np.floor(at), 2.0) == 0.0, 1.0, -1.0)
+            sign = sign * side * np.minimum(2.0 * to_edge_px, 1.0)
+            inside = inside & (at > -1.0) & (at < corners)
+        share = np.where(inside, 0.5 + 0.5 * sign, 1.0)
+        albedo = np.asarray(self.black + (self.white - self.black) * share, np.float32)
+        flat = np.zeros_like(albedo)
+        return SurfacePatch(flat, flat, flat, albedo)
+
+
+def _dust(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Share of light that specks of dust leave, (_TILE_PX, _TILE_PX)."""
+    image = np.ones((_TILE_PX, _TILE_PX))
+    count = round((_TILE_PX / _DUST_SPACING_PX) ** 2)
+    near = np.arange(-8, 9)
+    for row, col in rng.uniform(0.0, _TILE_PX, (count, 2)):
+        radius_px, depth = rng.uniform(0.7, 2.0), rng.uniform(0.2, 0.7)
+        rows, cols = near + round(row), near + round(col)
+        squared = (rows[:, None] - row) ** 2 + (cols - col) ** 2
+        part = np.ix_(rows % _TILE_PX, cols % _TILE_PX)
+        image[part] *= 1.0 - depth * np.exp(-0.5 * squared / radius_px**2)
+    return image
+
+
+def _from_centre(side_px: int) -> tuple[FloatImage, FloatImage]:
+    """Coordinates of pixels from the centre of the frame: x (1, side) and y (side, 1)."""
+    x = np.arange(side_px, dtype=np.float32) - np.float32(0.5 * (side_px - 1))
+    return x[None, :], -x[:, None]
+
+
+def _on_target(
+    size_px: int,
+    rotate_deg: float,
+    shift_px: tuple[float, float],
+    margin_px: int,
+    magnification: float,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Coordinates on the target of each pixel: R(-rotate) x / magnification + shift."""
+    x, y = (
+        each.astype(np.float64) / magnification for each in _from_centre(size_px + 2 * margin_px)
+    )
+    cos, sin = math.cos(math.radians(rotate_deg)), math.sin(math.radians(rotate_deg))
+    return cos * x + sin * y + shift_px[0], cos * y - sin * x + shift_px[1]
