@@ -1,0 +1,113 @@
+"""The parts of a calibration as plain values and arrays, and back."""
+
+from dataclasses import fields, is_dataclass
+from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import TypeAdapter
+
+from classify import Lighting
+from classify.calibration.calibration import Calibration
+from classify.errors import InputError
+
+Array = npt.NDArray[Any]
+Values = dict[str, Any]
+
+PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
+PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
+
+
+def taken_apart(part: Any) -> tuple[Values, dict[str, Array]]:
+    """Return the plain values and the arrays of a part, each by the path of its field.
+
+    A part is a dataclass of numbers, texts, arrays, None and further dataclasses.
+    """
+    values: Values = {}
+    arrays: dict[str, Array] = {}
+
+    def take(owner: Any, path: str) -> None:
+        for field in fields(owner):
+            value, name = getattr(owner, field.name), path + field.name
+            # Intensities that are all 1 because none were given.
+            absent = isinstance(owner, Lighting) and field.name == "intensities"
+            if not field.init or (absent and not owner.intensities_given):
+                continue
+            if isinstance(value, np.ndarray):
+                arrays[name] = value
+            elif is_dataclass(value):
+                take(value, name + ".")
+            else:
+                values[name] = list(value) if isinstance(value, tuple) else value
+
+    take(part, "")
+    return values, arrays
+
+
+def put_together(name: PartName, values: Values, arrays: dict[str, Array]) -> Any:
+    """Return the part of `taken_apart`.
+
+    Raises
+    ------
+    InputError
+        If a field is missing, unknown, or not of its type; the message names it.
+    """
+    left = {*values, *arrays}
+
+    def put(kind: Any, path: str) -> Any:
+        given: dict[str, Any] = {}
+        hints = get_type_hints(kind)
+        for field in fields(kind):
+            hint, field_path = hints[field.name], path + field.name
+            if not field.init:
+                continue
+            if field_path in arrays:
+                given[field.name] = _checked_array(arrays[field_path], hint, field_path)
+            elif field_path in values:
+                given[field.name] = _checked_value(values[field_path], hint, field_path)
+            elif any(each.startswith(field_path + ".") for each in left):
+                given[field.name] = put(_part_of(hint, is_dataclass, field_path), field_path + ".")
+            left.discard(field_path)
+        try:
+            return kind(**given)
+        except TypeError as error:  # a field without default is missing
+            raise InputError(f"{path or name}: {error}") from error
+
+    part = put(_part_of(get_type_hints(Calibration)[name], is_dataclass, name), "")
+    if left:
+        raise InputError(f"field {min(left)!r} is unknown")
+    return part
+
+
+def _part_of(hint: Any, wanted: Any, path: str) -> Any:
+    """The first of the alternatives of `hint` for which `wanted` is true."""
+    for each in (hint, *get_args(hint)):
+        if wanted(each):
+            return each
+    raise InputError(f"field {path} is of another kind")
+
+
+def _is_array(hint: Any) -> bool:
+    origin: Any = get_origin(hint)
+    return origin is np.ndarray
+
+
+def _checked_array(array: Array, hint: Any, path: str) -> Array:
+    kind = _part_of(hint, _is_array, path)
+    dtype = get_args(get_args(kind)[1])[0]
+    if array.dtype != np.dtype(dtype) or (array.dtype.kind == "f" and not np.isfinite(array).all()):
+        raise InputError(f"field {path} is {array.dtype}, or contains NaN; wanted is {dtype}")
+    return array
+
+
+def _checked_value(value: Any, hint: Any, path: str) -> Any:
+    arrays_or_parts = any(is_dataclass(each) or _is_array(each) for each in (hint, *get_args(hint)))
+    if value is None and type(None) in get_args(hint):
+        return None
+    if arrays_or_parts:
+        raise InputError(f"field {path} is of another kind")
+    adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
+    try:
+        return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
+    except ValueError as error:
+        raise InputError(f"field {path} is {value!r}") from error

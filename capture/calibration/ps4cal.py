@@ -1,0 +1,176 @@
+"""The ``.ps4cal`` file: a calibration as an `array_archive`, each part with its record."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final, Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, JsonValue
+
+from capture.errors import CalibrationError
+from classify.array_archive import ArchiveKind, ArrayArchive, open_archive, write_archive
+from classify.calibration.calibration import Calibration
+from classify.errors import InputError
+from rig.set_file import fields_sha256
+
+from .parts import PART_NAMES, PartName, put_together, taken_apart
+from .setting import Setting
+
+SUFFIX = ".ps4cal"
+VERSION: Final = 1
+_KIND = ArchiveKind(
+    noun="calibration",
+    header="calibration.json",
+    versions=(VERSION,),
+    if_missing="make one with ps4rig calibrate",
+    remedy="calibrate again",
+    error=CalibrationError,
+    # A million hot pixels take 8 MB, and every other part less than 20 kB.
+    max_bytes=64 * 2**20,
+    max_header_bytes=2**20,
+)
+_DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PartRecord(_Record):
+    """When and how a part was measured.
+
+    Attributes
+    ----------
+    date
+        UTC, ISO 8601.
+    quality, figures
+        How good it is, in words and in numbers by name; units are in the names.
+    source
+        ``captured``, or the names of the sets or images that were given.
+    """
+
+    date: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    setting: Setting
+    quality: str
+    figures: dict[str, FiniteFloat] = Field(default_factory=dict)
+    source: tuple[str, ...]
+    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+
+
+class _PartHeader(_Record):
+    """A part without its arrays, for which their hashes stand."""
+
+    record: PartRecord
+    values: dict[str, JsonValue]
+    arrays: dict[str, str]
+
+
+class _Header(_Record):
+    format: Literal["ps4cal"] = "ps4cal"
+    version: Literal[1] = VERSION
+    parts: dict[PartName, _PartHeader]
+    sha256: str = ""
+
+    def hashed(self) -> Self:
+        """Return the header with the hash over all other fields."""
+        return self.model_copy(update={"sha256": self.own_sha256()})
+
+    def own_sha256(self) -> str:
+        """The hash over all other fields, and so over the arrays."""
+        return fields_sha256(self.model_dump(mode="json", exclude={"sha256"}))
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationFile:
+    """A calibration with the records of its parts.
+
+    Attributes
+    ----------
+    records
+        By the name of the part; every part has one.
+    hash
+        SHA-256 by which a set names this calibration. It covers parts and records.
+    """
+
+    calibration: Calibration = field(default_factory=Calibration)
+    records: Mapping[PartName, PartRecord] = field(default_factory=dict)
+    hash: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.hash:
+            object.__setattr__(self, "hash", self._encoded()[0].sha256)
+
+    def with_part(self, name: PartName, part: Any, record: PartRecord) -> CalibrationFile:
+        """Return this calibration with one part added or replaced."""
+        return CalibrationFile(
+            replace(self.calibration, **{name: part}), {**self.records, name: record}
+        )
+
+    def write(self, path: Path) -> None:
+        """Write the file, whole or not at all; an existing one is replaced.
+
+        Raises
+        ------
+        InputError
+            If the name does not end in ``.ps4cal``, or the file cannot be written.
+        """
+        if path.suffix != SUFFIX:
+            raise InputError(f"{path}: let the name of a calibration end in {SUFFIX}")
+        header, arrays = self._encoded()
+        write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
+
+    @classmethod
+    def read(cls, path: Path) -> CalibrationFile:
+        """Read a calibration.
+
+        Raises
+        ------
+        CalibrationError
+            If the file is missing, cut, changed since it was written, not a calibration, or of
+            another version; the message names it.
+        """
+        with open_archive(path, _KIND) as archive:
+            header = archive.header(_Header)
+            if header.sha256 != header.own_sha256():
+                raise archive.error("its fields do not match their SHA-256: the file was changed")
+            parts = {name: _part(archive, name, part) for name, part in header.parts.items()}
+        records = {name: part.record for name, part in header.parts.items()}
+        return cls(Calibration(**parts), records, header.sha256)
+
+    def _encoded(self) -> tuple[_Header, dict[str, npt.NDArray[Any]]]:
+        """The header, and the arrays by their names in the file."""
+        parts: dict[PartName, _PartHeader] = {}
+        members: dict[str, npt.NDArray[Any]] = {}
+        for name in PART_NAMES:
+            part = getattr(self.calibration, name)
+            if part is None:
+                continue
+            values, arrays = taken_apart(part)
+            hashes = {key: _sha256(array) for key, array in arrays.items()}
+            parts[name] = _PartHeader(record=self.records[name], values=values, arrays=hashes)
+            members |= {f"{name}/{key}": array for key, array in arrays.items()}
+        return _Header(parts=parts).hashed(), members
+
+
+def _part(archive: ArrayArchive, name: PartName, header: _PartHeader) -> Any:
+    arrays = {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in header.arrays}
+    for key, array in arrays.items():
+        if _sha256(array) != header.arrays[key]:
+            raise archive.error(f"{name}/{key} does not match its SHA-256: the file was changed")
+    try:
+        return put_together(name, dict(header.values), arrays)
+    except InputError as error:
+        raise archive.error(f"{name}: {error}") from error
+
+
+def _sha256(array: npt.NDArray[Any]) -> str:
+    plain = np.ascontiguousarray(array)
+    about = f"{plain.dtype.str} {array.shape} ".encode()
+    return hashlib.sha256(about + plain.tobytes()).hexdigest()

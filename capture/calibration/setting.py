@@ -1,0 +1,166 @@
+"""The setting of a rig for which a part of a calibration holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from capture.sets.captured_set import CapturedSet
+from capture.sets.metadata import SetMetadata, Vector
+from rig import CameraInfo, Rig
+
+from .parts import PartName
+
+# Exposures that cameras read back are rounded, as in capture/acquisition/hardware_set.py.
+_SAME_EXPOSURE = 0.02
+# Words in the names of V4L2 controls that change the pixel value of the same light.
+_GAIN_CONTROLS = ("gain", "gamma", "brightness", "contrast", "black_level", "iso", "backlight")
+# What a part depends on, beside the camera and its frame. README.md gives the reasons.
+_DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
+_DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
+_DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
+
+Side = Annotated[int, Field(ge=1, le=32768)]
+
+
+class Setting(BaseModel):
+    """Camera, frame and lights of one set or one measurement; None for what is not known.
+
+    Attributes
+    ----------
+    rig_name, camera
+        Name of the rig, and kind and name of its camera.
+    crop
+        Part of the photographs that was kept, as in a set's metadata.
+    exposure_ms, gain
+        Exposure, and controls of the camera that change the pixel value of the same light.
+    gamma
+        Response of photographs that was undone when they were imported.
+    light_directions, led_levels_percent
+        The lights as configured, in order, and the drive levels of their LEDs.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    simulated: bool
+    rig_name: str | None
+    camera: str | None
+    width_px: Side
+    height_px: Side
+    crop: tuple[int, int, int, int] | None = None
+    bit_depth: int = Field(ge=1, le=16)
+    exposure_ms: FiniteFloat | None
+    gain: dict[str, FiniteFloat] = Field(default_factory=dict)
+    gamma: str = "linear"
+    light_directions: tuple[Vector, ...] = Field(max_length=255)
+    led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
+
+    @classmethod
+    def of_set(cls, captured: CapturedSet) -> Self:
+        """Return the setting of a captured or imported set."""
+        return cls.of_metadata(captured.metadata, captured.images.shape[1:])
+
+    @classmethod
+    def of_metadata(cls, metadata: SetMetadata, shape: tuple[int, ...]) -> Self:
+        """Return the setting of a set with images of `shape` (rows, columns)."""
+        camera = metadata.camera
+        is_known = camera is not None and camera.kind != "replay"
+        return cls(
+            simulated=metadata.simulated,
+            rig_name=metadata.rig_name,
+            camera=f"{camera.kind} {camera.name}" if camera is not None and is_known else None,
+            width_px=shape[1],
+            height_px=shape[0],
+            crop=metadata.crop,
+            bit_depth=metadata.bit_depth,
+            exposure_ms=None if camera is None else camera.exposure_ms,
+            gain={} if camera is None else _gain(camera.controls),
+            gamma=metadata.gamma,
+            light_directions=metadata.lighting.directions,
+            led_levels_percent=tuple(
+                record.led_level_percent for record in metadata.images if record.light is not None
+            ),
+        )
+
+    @classmethod
+    def of_rig(cls, rig: Rig) -> Self:
+        """Return the setting of an open rig."""
+        info: CameraInfo = rig.camera.info
+        levels = rig.lights.state().levels_percent[: len(rig.lighting)]
+        return cls(
+            simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
+            rig_name=rig.config.name,
+            camera=None if info.kind == "replay" else f"{info.kind} {info.name}",
+            width_px=info.width_px,
+            height_px=info.height_px,
+            bit_depth=info.bit_depth,
+            exposure_ms=1000.0 * info.exposure_s,
+            gain=_gain(dict(info.controls)),
+            light_directions=tuple((x, y, z) for x, y, z in rig.lighting.directions.tolist()),
+            led_levels_percent=tuple(levels),
+        )
+
+    def differences(self, other: Setting, part: PartName) -> list[str]:
+        """What of `other` makes a `part` that was measured at this setting wrong, in words."""
+        return list(self._differences(other, part))
+
+    def _differences(self, other: Setting, part: PartName) -> Iterator[str]:
+        if self.simulated != other.simulated:
+            yield "one is simulated and the other is not"
+        for name, ours, theirs in (
+            ("rig", self.rig_name, other.rig_name),
+            ("camera", self.camera, other.camera),
+        ):
+            if ours is not None and theirs is not None and ours != theirs:
+                yield f"{name} {theirs!r} instead of {ours!r}"
+        if (self.width_px, self.height_px) != (other.width_px, other.height_px):
+            yield f"{other._size} instead of {self._size}"
+        elif self.crop != other.crop:
+            yield f"crop {other.crop} instead of {self.crop}"
+        if part in _DEPENDS_ON_PIXEL_VALUES:
+            if self.bit_depth != other.bit_depth:
+                yield f"{other.bit_depth} bit instead of {self.bit_depth}"
+            if self.gamma != other.gamma:
+                yield f"photographs taken as {other.gamma} instead of {self.gamma}"
+            for name in sorted(self.gain.keys() & other.gain.keys()):
+                if self.gain[name] != other.gain[name]:
+                    yield f"control {name} at {other.gain[name]:g} instead of {self.gain[name]:g}"
+        if part in _DEPENDS_ON_EXPOSURE and self.exposure_ms and other.exposure_ms:
+            change = abs(other.exposure_ms / self.exposure_ms - 1.0)
+            if change > _SAME_EXPOSURE:
+                yield f"exposure {other.exposure_ms:g} ms instead of {self.exposure_ms:g} ms"
+        if part in _DEPENDS_ON_LIGHTS:
+            yield from self._other_lights(other)
+
+    def _other_lights(self, other: Setting) -> Iterator[str]:
+        ours, theirs = np.array(self.light_directions), np.array(other.light_directions)
+        if len(ours) != len(theirs):
+            yield f"{len(theirs)} lights instead of {len(ours)}"
+        elif (np.argmax(theirs @ ours.T, axis=1) != np.arange(len(ours))).any():
+            yield "lights in another order"
+        elif None not in (*self.led_levels_percent, *other.led_levels_percent) and (
+            self.led_levels_percent != other.led_levels_percent
+        ):
+            yield (
+                f"LEDs driven at {_listed(other.led_levels_percent)} instead of "
+                f"{_listed(self.led_levels_percent)} %"
+            )
+
+    @property
+    def _size(self) -> str:
+        return f"{self.width_px} x {self.height_px} px"
+
+
+def _gain(controls: dict[str, Any]) -> dict[str, float]:
+    return {
+        name: float(value)
+        for name, value in controls.items()
+        if isinstance(value, int | float) and any(word in name for word in _GAIN_CONTROLS)
+    }
+
+
+def _listed(levels: tuple[int | None, ...]) -> str:
+    return ", ".join(map(str, levels))

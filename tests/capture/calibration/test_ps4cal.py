@@ -1,0 +1,214 @@
+"""The ``.ps4cal`` file: written calibrations are read back, edited and cut ones refused."""
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from capture.calibration.parts import PART_NAMES, put_together, taken_apart
+from capture.calibration.ps4cal import VERSION, CalibrationFile, PartRecord
+from capture.calibration.setting import Setting
+from capture.errors import CalibrationError
+from classify import InputError, Lighting, SensorNoise
+from classify.calibration.calibration import Calibration
+from classify.calibration.dark import Dark
+from classify.calibration.lights import CalibratedLights
+from classify.calibration.noise import Noise
+from classify.calibration.response import Response
+from classify.calibration.scale import Scale
+from classify.lights.flat_field import FlatField
+
+RING = Lighting.ring(45.0)
+SETTING = Setting(
+    simulated=False,
+    rig_name="left",
+    camera="v4l2 Camera",
+    width_px=640,
+    height_px=480,
+    bit_depth=12,
+    exposure_ms=8.0,
+    gain={"gain": 4.0},
+    light_directions=tuple(map(tuple, RING.directions.tolist())),
+    led_levels_percent=(100, 100, 100, 100),
+)
+RECORD = PartRecord(setting=SETTING, quality="gut: 0,3 %", figures={"x": 1.0}, source=("captured",))
+COEFFICIENTS = np.random.default_rng(1).normal(0.0, 0.1, (4, 5, 5))
+EXAMPLE = Calibration(
+    dark=Dark(3.5, 0.7, np.array([[1, 2], [30, 4]], np.int32), None, 4095.0),
+    response=Response(np.linspace(0.0, 1.0, 257) ** 2.2, 0.01, linear=False),
+    noise=Noise(SensorNoise(2.5, 3.0, 1.0), 0.02),
+    flat_field=FlatField(COEFFICIENTS, np.tile([-0.5, 0.5], (4, 1))),
+    lights=CalibratedLights(RING, "plate", np.full(4, 0.2), None, 0.01, 1.2),
+    scale=Scale(0.05, 0.001, np.eye(3), None, 0.1),
+)
+
+
+def example() -> CalibrationFile:
+    return CalibrationFile(EXAMPLE, dict.fromkeys(PART_NAMES, RECORD))
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.ps4cal"
+    example().write(path)
+    return path
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def write_members(path: Path, content: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+
+
+def edited(path: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
+    """The same file with its header changed by `edit`."""
+    content = members(path)
+    header = json.loads(content["calibration.json"])
+    edit(header)
+    write_members(path, content | {"calibration.json": json.dumps(header).encode()})
+    return path
+
+
+def assert_refused(path: Path, cause: str = ".") -> None:
+    with pytest.raises(CalibrationError, match=cause) as caught:
+        CalibrationFile.read(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def assert_same(ours: Any, theirs: Any) -> None:
+    assert type(ours) is type(theirs)
+    if is_dataclass(ours):
+        for field in fields(ours):
+            assert_same(getattr(ours, field.name), getattr(theirs, field.name))
+    elif isinstance(ours, np.ndarray):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-15, strict=True)
+    else:
+        assert ours == theirs
+
+
+def test_a_calibration_is_read_as_it_was_written(saved: Path) -> None:
+    read = CalibrationFile.read(saved)
+    assert_same(read.calibration, EXAMPLE)
+    assert read.hash == example().hash
+    assert read.records == example().records
+    assert read.records["dark"].setting == SETTING
+
+
+def test_a_part_is_added_or_replaced_and_the_others_stay(saved: Path) -> None:
+    file = CalibrationFile.read(saved)
+    scale = Scale(0.1, 0.002, np.eye(3), np.zeros(5), 0.3)
+    changed = file.with_part("scale", scale, RECORD)
+    changed.write(saved)
+    read = CalibrationFile.read(saved)
+    assert read.hash == changed.hash != file.hash
+    assert_same(read.calibration.scale, scale)
+    assert_same(read.calibration.lights, EXAMPLE.lights)
+    alone = CalibrationFile().with_part("scale", scale, RECORD)
+    alone.write(saved)
+    assert CalibrationFile.read(saved).calibration.dark is None
+
+
+@given(
+    intensities=st.none() | st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3),
+    offset=st.floats(0.0, 254.0),
+    ambient=st.none() | st.floats(-1.0, 9.0),
+    hot=st.lists(st.tuples(st.integers(0, 999), st.integers(0, 999)), max_size=5),
+)
+def test_any_part_is_the_same_after_it_was_taken_apart(intensities, offset, ambient, hot) -> None:
+    ring = Lighting.ring(40.0, (0, 100, 200))
+    lighting = Lighting(ring.directions, [] if intensities is None else intensities)
+    lights = CalibratedLights(lighting, "list", np.zeros(3), np.ones(3), 0.0, None)
+    assert_same(put_together("lights", *taken_apart(lights)), lights)
+    dark = Dark(offset, 1.0, np.array(hot, np.int32).reshape(-1, 2), ambient, 255.0)
+    assert_same(put_together("dark", *taken_apart(dark)), dark)
+
+
+@pytest.mark.parametrize(
+    ("edit", "cause"),
+    [
+        (lambda h: h.update(version=VERSION + 1), "version 2, this program reads 1; use a newer"),
+        (lambda h: h.update(version=0), "version 0, this program reads 1; calibrate again"),
+        (lambda h: h.update(format="zip"), "header field format"),
+        (lambda h: h.update(more=1), "header field 'more'"),
+        (lambda h: h["parts"].pop("dark"), "do not match their SHA-256"),
+        (lambda h: h["parts"]["dark"]["values"].update(offset=2.0), "do not match their SHA-256"),
+        (lambda h: h["parts"]["scale"]["record"].update(date="2020-01-01"), "SHA-256"),
+        (lambda h: h["parts"]["dark"]["record"]["setting"].update(exposure_ms=9.0), "SHA-256"),
+        (lambda h: h["parts"].update(colour=h["parts"]["dark"]), "header field parts.colour"),
+        (lambda h: h.update(sha256="0" * 64), "do not match their SHA-256"),
+        (lambda h: h.pop("sha256"), "do not match their SHA-256"),
+    ],
+)
+def test_an_edited_header_is_refused(saved: Path, edit: Any, cause: str) -> None:
+    assert_refused(edited(saved, edit), cause)
+
+
+def test_an_edited_array_is_refused(saved: Path) -> None:
+    stream = io.BytesIO()
+    np.save(stream, 1.001 * COEFFICIENTS)
+    name = "flat_field/coefficients.npy"
+    write_members(saved, members(saved) | {name: stream.getvalue()})
+    assert_refused(saved, "flat_field/coefficients does not match its SHA-256")
+    without = {key: data for key, data in members(saved).items() if key != name}
+    write_members(saved, without)
+    assert_refused(saved, "holds no flat_field/coefficients.npy")
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_a_cut_or_changed_file_is_refused_or_the_same(saved: Path, data: st.DataObject) -> None:
+    example().write(saved)
+    content = saved.read_bytes()
+    place = data.draw(st.integers(0, len(content) - 1))
+    if data.draw(st.booleans()):
+        saved.write_bytes(content[:place])
+        assert_refused(saved)
+        return
+    saved.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+    try:  # bytes of the zip that say nothing, such as times, may differ
+        read = CalibrationFile.read(saved)
+    except CalibrationError:
+        return
+    assert read.hash == example().hash
+    assert_same(read.calibration, EXAMPLE)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "cause"),
+    [
+        ("noise", {"sensor.gain_e_per_dn": 1.0}, "missing"),
+        ("noise", {"sensor.gain_e_per_dn": "x"}, "field sensor.gain_e_per_dn is 'x'"),
+        ("noise", {"sensor": None, "error": 0.0}, "sensor is of another kind"),
+        ("dark", {"offset": float("nan")}, "field offset is nan"),
+        ("lights", {"source": "guess"}, "field source is 'guess'"),
+        ("scale", {"more": 1.0}, "missing|unknown"),
+    ],
+)
+def test_a_wrong_field_of_a_part_is_named(name: Any, values: dict[str, Any], cause: str) -> None:
+    with pytest.raises(InputError, match=cause):
+        put_together(name, values, {})
+
+
+def test_no_file_and_another_file_say_what_to_do(tmp_path: Path, saved: Path) -> None:
+    assert_refused(tmp_path / "none.ps4cal", "no such calibration; make one with ps4rig calibrate")
+    other = tmp_path / "other.ps4cal"
+    other.write_bytes(b"not a zip")
+    assert_refused(other, "not a readable calibration .*; calibrate again")
+    write_members(other, {"library.json": b"{}"})
+    assert_refused(other, "holds no calibration.json; this is not a ps4rig calibration")
+    with pytest.raises(InputError, match=r"end in \.ps4cal"):
+        example().write(tmp_path / "rig.zip")
