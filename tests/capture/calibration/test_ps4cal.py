@@ -203,7 +203,7 @@ def test_a_wrong_field_of_a_part_is_named(name: Any, values: dict[str, Any], cau
         put_together(name, values, {})
 
 
-def test_no_file_and_another_file_say_what_to_do(tmp_path: Path, saved: Path) -> None:
+def test_no_file_and_another_file_say_what_to_do(tmp_path: Path) -> None:
     assert_refused(tmp_path / "none.ps4cal", "no such calibration; make one with ps4rig calibrate")
     other = tmp_path / "other.ps4cal"
     other.write_bytes(b"not a zip")
