@@ -6,6 +6,7 @@ gives halved and doubled; ``tests/classify/classifiers/test_joint_constants.py``
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -154,11 +155,17 @@ def _channels(polar: FloatMap, density_floor: npt.NDArray[np.float64]) -> FloatM
     channels = np.stack(
         [np.log(relief), np.log(albedo), polar[..., 2, :, :] / np.sqrt(relief * albedo)], axis=-3
     )
-    # Radii in bins of 128 px segments; those of other segments differ in the last rings alone.
-    bins = np.minimum(np.geomspace(2.0, 0.98 * 64.0, RADII), _CAP_BINS)
-    weights = np.outer(_CHANNEL_WEIGHTS, bins)
-    channels *= np.sqrt(weights / weights.sum()).astype(np.float32)[..., None]
+    channels *= _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)[..., None]
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
+
+
+@lru_cache(maxsize=8)
+def _root_weights(channel_weights: tuple[float, ...], cap_bins: float) -> FloatMap:
+    # Radii in bins of 128 px segments; those of other segments differ in the last rings alone.
+    bins = np.minimum(polar_radii_px(128), cap_bins)
+    weights = np.outer(channel_weights, bins)
+    roots: FloatMap = np.sqrt(weights / weights.sum()).astype(np.float32)
+    return roots
 
 
 def blur_curve(
@@ -175,10 +182,12 @@ def blur_curve(
     means = _channels(polar, parameters["density_floor"]).sum(axis=-1) / np.sqrt(polar.shape[-1])
     rings = spectral_unit(parameters) * (means[1:] - means[0])
     whitening = local_unit(parameters) * parameters["whitening"]
-    frame = statistics_rows(observation.statistics, parameters)[0]
-    local = np.zeros((len(rings), len(frame)))
-    for row, statistics in zip(local, blurred, strict=False):
-        row[:] = whitening @ (statistics_rows(statistics, parameters)[0] - frame)
+    local = np.zeros((len(rings), len(whitening)))
+    if blurred:
+        frame, *others = (
+            statistics_rows(each, parameters)[0] for each in (observation.statistics, *blurred)
+        )
+        local[:] = [whitening @ (other - frame) for other in others]
     return np.concatenate([rings, local], axis=1, dtype=np.float32)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -131,11 +132,13 @@ def noise_of_images(
         groups = min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES))
         # Equal brightness is one group, whatever the order of the pixels.
         ends = energies.size * np.arange(1, groups + 1) // groups - 1
-        group = np.searchsorted(np.sort(brightness)[ends], brightness)
-        sizes = np.bincount(group, minlength=groups)
+        edges = [-math.inf, *np.sort(brightness)[ends].tolist()]
+        members = [(low < brightness) & (brightness <= high) for low, high in pairwise(edges)]
+        sizes = [int(np.count_nonzero(each)) for each in members]
         return min(
-            _variance(energies[group == index], freedom, rounding**2)
-            for index in np.flatnonzero(sizes >= sizes.max() // 2)
+            _variance(energies.compress(each), freedom, rounding**2)
+            for each, size in zip(members, sizes, strict=True)
+            if size >= max(max(sizes) // 2, 1)
         )
 
     residual, brightness, in_light = sampled(sample_pixels(shape, _MAX_SAMPLES))

@@ -1,6 +1,7 @@
 """Pixels that stand for a whole frame, without preference for a side or a direction."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -8,6 +9,7 @@ import numpy.typing as npt
 IndexArray = npt.NDArray[np.intp]
 
 
+@lru_cache(maxsize=32)
 def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexArray:
     """Flat indices of about `most` pixels, evenly spread over the frame without its margin.
 

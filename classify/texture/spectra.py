@@ -163,6 +163,7 @@ def _wave_directions(side: int) -> FloatMap:
     return np.asarray(directions, np.float32)
 
 
+@lru_cache(maxsize=8)
 def polar_radii_px(side: int) -> npt.NDArray[np.float64]:
     """(R,) radii of the polar grid in DFT bins of a segment."""
     return np.geomspace(_FIRST_BIN, _LAST_NYQUIST * side / 2.0, RADII)
