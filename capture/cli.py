@@ -14,6 +14,7 @@ import typer
 from classify.errors import InputError, Ps4rigError
 
 from .commands import info, sets, studies, textures
+from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
@@ -35,6 +36,7 @@ app.command("evaluate")(textures.evaluate_)
 app.command()(info.info)
 app.command()(studies.reproduce)
 app.command()(studies.bench)
+app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(rig_app, name="rig")
 
 

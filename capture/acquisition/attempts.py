@@ -35,6 +35,7 @@ from .light_checks import (
     check_images,
     check_order,
     check_retake,
+    check_target,
     retake_reasons,
 )
 from .light_images import images_under
@@ -46,7 +47,9 @@ MAX_AVERAGE = 1024
 MAX_ATTEMPTS = 3
 
 
-def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> CapturedSet:
+def capture_set(
+    rig: Rig, label: str | None = None, *, average: int = 1, is_target: bool = False
+) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
     A frame counts only if its exposure began after the controller's acknowledge and the settle
@@ -63,6 +66,8 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         Class of the part, if known.
     average
         Frames per image. The mean of several is stretched to 16 bits.
+    is_target
+        The part is a calibration target: no image is rejected for its brightness or shading.
 
     Raises
     ------
@@ -84,7 +89,7 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            captured = _attempt(rig, label, average, failures)
+            captured = _attempt(rig, label, average, is_target, failures)
             rig.lights.off()
             return captured
         except (SetRejected, HardwareError) as error:
@@ -99,7 +104,11 @@ def capture_set(rig: Rig, label: str | None = None, *, average: int = 1) -> Capt
 
 
 def _attempt(
-    rig: Rig, label: str | None, average: int, failures: Sequence[Ps4rigError]
+    rig: Rig,
+    label: str | None,
+    average: int,
+    is_target: bool,
+    failures: Sequence[Ps4rigError],
 ) -> CapturedSet:
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
@@ -118,7 +127,7 @@ def _attempt(
         full_scale,
         image_noise(camera, info.bit_depth, full_scale, average),
     )
-    checks = _check(rig, images, average, history)
+    checks = check_target(images) if is_target else _check(rig, images, average, history)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,

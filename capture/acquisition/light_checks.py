@@ -10,6 +10,7 @@ import numpy as np
 
 from capture.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
+from capture.sets.metadata import ChecksRecord
 from classify.errors import InputError
 from classify.lights.agreement import LightAgreement, image_difference, light_agreement
 from classify.lights.order import light_order
@@ -92,6 +93,29 @@ def check_ambient(images: LightImages) -> float | None:
             "changed; shield the rig, then run ps4rig rig doctor"
         )
     return change
+
+
+def check_target(images: LightImages) -> ChecksRecord:
+    """Check the images of a calibration target only for what no target explains.
+
+    Lights are unequal and near before they are calibrated, a mirror sphere is dark but for its
+    highlight, and a sheet has no shading. The procedures of the calibration judge these.
+
+    Raises
+    ------
+    SetRejected
+        If two images hold the same frame, or the ambient light changed.
+    """
+    _refuse_equal(images)
+    bright = float(images.signals().max()) >= MIN_SIGNAL_SHARE * images.full_scale
+    return ChecksRecord(
+        ambient_change=check_ambient(images) if bright else None,
+        redundancy_residual=None,
+        light_levels=None,
+        light_levels_error=None,
+        retaken=False,
+        light_order="undecided",
+    )
 
 
 def check_agreement(images: LightImages) -> LightAgreement | None:

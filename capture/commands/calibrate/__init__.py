@@ -1,0 +1,14 @@
+"""``ps4rig calibrate``: one file per command, registered here; `flow` is what they share."""
+
+import typer
+
+__all__ = ["calibrate_app"]
+
+calibrate_app = typer.Typer()
+
+
+@calibrate_app.callback(invoke_without_command=True)
+def _options(context: typer.Context) -> None:
+    """Measure a rig with a white sheet, a sphere or a checkerboard, and keep it in one file."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())

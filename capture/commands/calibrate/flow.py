@@ -1,0 +1,180 @@
+"""What the commands of `calibrate` share: targets, their sets, and the file that keeps a part."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from capture.console import complain, out, print_json
+from capture.outputs import check_output
+from classify.errors import InputError
+
+if TYPE_CHECKING:
+    from capture.calibration.parts import PartName
+    from capture.calibration.ps4cal import CalibrationFile, PartRecord
+    from capture.sets.captured_set import CapturedSet
+    from rig import Rig
+
+CalibrationPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CAL",
+        help="Calibration file, NAME.ps4cal. One that exists gets this part added or replaced.",
+    ),
+]
+RigToCalibrate = Annotated[
+    str | None, typer.Option("--rig", help="'sim', or a rig.toml.", metavar="RIG")
+]
+FromSets = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--from",
+        help="Captured or imported set of the target instead of a rig, or a folder of them. Repeat "
+        "the option for more placements.",
+        metavar="SET",
+    ),
+]
+Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target is in place.")]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a procedure puts below the camera.
+
+    Attributes
+    ----------
+    what
+        Its name after "put", such as "a white matt sheet".
+    surface
+        The same for the simulated rig; see `rig.Placement`.
+    size_mm
+        Diameter of a sphere or side of a square of the checkerboard, as in `rig.Placement`.
+    """
+
+    what: str
+    surface: str
+    size_mm: float | None = None
+
+
+def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
+    """Return the calibration that a part will be added to: that at `path`, or an empty one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or exists and cannot be read.
+    """
+    from capture.calibration.ps4cal import SUFFIX, CalibrationFile
+
+    check_output(path, suffix=SUFFIX, inputs=inputs, force=True)
+    return CalibrationFile.read(path) if path.exists() else CalibrationFile()
+
+
+def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
+    """Return the sets of ``--from``, and their names for the record of a part."""
+    from capture.sets.archive import find_sets
+    from capture.sets.captured_set import CapturedSet
+
+    paths = find_sets(places)
+    return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
+
+
+def target_sets(
+    rig: str | None,
+    given: Sequence[Path] | None,
+    target: Target,
+    *,
+    rotations_deg: Sequence[float] = (0.0,),
+    average: int = 1,
+    yes: bool = False,
+) -> tuple[list[CapturedSet], tuple[str, ...]]:
+    """Return sets of a target and their source: those of ``--from``, or captured by a rig.
+
+    Parameters
+    ----------
+    rotations_deg
+        One set is captured for each placement. The simulated rig rotates the target to these
+        angles, a person is asked to turn it.
+
+    Raises
+    ------
+    InputError
+        If both a rig and sets are given, or none of them.
+    """
+    from rig import open_rig
+
+    if (rig is None) == (not given):
+        raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
+    if given:
+        return sets_given(given)
+    assert rig is not None
+    with open_rig(rig) as opened:
+        return list(captured_targets(opened, target, rotations_deg, average, yes)), ("captured",)
+
+
+def captured_targets(
+    rig: Rig, target: Target, rotations_deg: Sequence[float], average: int = 1, yes: bool = False
+) -> Iterator[CapturedSet]:
+    """Yield a set of a target for each of its placements."""
+    from capture.acquisition.attempts import capture_set
+
+    for number, rotate_deg in enumerate(rotations_deg):
+        place_target(rig, target, rotate_deg, again=number > 0, yes=yes)
+        yield capture_set(rig, average=average, is_target=True)
+
+
+def place_target(
+    rig: Rig, target: Target, rotate_deg: float = 0.0, *, again: bool = False, yes: bool = False
+) -> None:
+    """Put a target below the camera; without a simulated rig a person does it, and is asked.
+
+    Raises
+    ------
+    InputError
+        If nobody can be asked.
+    """
+    simulation = rig.simulation
+    if simulation is not None and simulation.placement is not None:
+        change = {"surface": target.surface, "rotate_deg": rotate_deg, "size_mm": target.size_mm}
+        simulation.place(simulation.placement.model_copy(update=change))
+    elif not yes:
+        what = f"turn and move {target.what}" if again else f"put {target.what} under the camera"
+        ask(f"{what}, then press Enter")
+
+
+def ask(request: str) -> None:
+    """Print a request on stderr and wait for Enter; InputError if nobody can answer."""
+    print(f"ps4rig: {request}: ", end="", file=sys.stderr, flush=True)
+    if not sys.stdin.readline():
+        raise InputError(f"nobody could be asked to {request}; give --yes if this is done")
+
+
+def keep_part(
+    path: Path,
+    file: CalibrationFile,
+    name: PartName,
+    part: Any,
+    record: PartRecord,
+    *,
+    json: bool,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Write the calibration with a part added or replaced, and print how good the part is."""
+    kept = file.with_part(name, part, record)
+    kept.write(path)
+    for warning in warnings:
+        complain(f"warning: {path}: {warning}")
+    if json:
+        about = {"quality": record.quality, "figures": record.figures, "source": record.source}
+        said = {"calibration": str(path), "part": name, "warnings": [*warnings]}
+        print_json({**said, **about, "calibration_id": kept.hash})
+        return
+    done = "replaced" if name in file.records else "added"
+    out.print(f"{path}: {name.replace('_', ' ')} {done}. {record.quality}", soft_wrap=True)
+    for figure, value in record.figures.items():
+        out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)

@@ -1,0 +1,97 @@
+"""What the commands of `calibrate` share: targets, their sets, and keeping a part."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
+from capture.calibration.setting import Setting
+from capture.commands.calibrate.flow import (
+    Target,
+    calibration_at,
+    keep_part,
+    place_target,
+    target_sets,
+)
+from capture.errors import CalibrationError
+from classify import InputError
+from classify.calibration.scale import Scale
+from rig import Rig
+
+SHEET = Target("a white matt sheet", "plate")
+SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
+
+
+@pytest.fixture
+def rig_toml(tmp_path: Path) -> Path:
+    """A simulated rig whose LEDs are near and unequal."""
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "[lights]\nport = 'simulated'\n[camera]\nwidth_px = 64\nheight_px = 64\n"
+        "[simulation]\nled_distance_px = 320\nled_levels = [1.0, 0.9, 1.0, 0.8]\n"
+    )
+    return path
+
+
+def test_a_simulated_rig_places_the_target_of_each_set_by_itself(rig_toml: Path) -> None:
+    sets, source = target_sets(str(rig_toml), None, SHEET, rotations_deg=(0.0, 90.0))
+    assert source == ("captured",)
+    assert [each.metadata.placement.surface for each in sets] == ["plate", "plate"]
+    assert [each.metadata.placement.rotate_deg for each in sets] == [0.0, 90.0]
+
+
+def test_sets_are_taken_from_files_and_folders(rig_toml: Path, tmp_path: Path) -> None:
+    sets, _ = target_sets(str(rig_toml), None, SHEET)
+    (tmp_path / "sets").mkdir()
+    for name in ("a.ome.tif", "b.ome.tif"):
+        sets[0].save(tmp_path / "sets" / name)
+    read, source = target_sets(None, [tmp_path / "sets"], SHEET)
+    assert source == ("a.ome.tif", "b.ome.tif")
+    np.testing.assert_array_equal(read[1].images, sets[0].images)
+
+
+def test_a_rig_or_sets_are_needed_and_not_both(tmp_path: Path) -> None:
+    for rig, given in ((None, None), ("sim", [tmp_path])):
+        with pytest.raises(InputError, match="give --rig RIG to capture the target, or --from SET"):
+            target_sets(rig, given, SHEET)
+
+
+def test_a_person_is_asked_to_place_the_target(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(rig.simulation, "placement", None)  # as with a real rig
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    place_target(rig, SHEET)
+    assert "put a white matt sheet under the camera, then press Enter" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"turn and move a white matt sheet.*give --yes"):
+        place_target(rig, SHEET, again=True)
+    place_target(rig, SHEET, yes=True)
+
+
+def test_a_part_is_added_then_replaced_and_others_stay(
+    rig: Rig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rig.ps4cal"
+    setting = Setting.of_rig(rig)
+    record = PartRecord(setting=setting, quality="Good.", figures={"mm_per_px": 0.05}, source=())
+    file = calibration_at(path)
+    keep_part(path, file, "scale", SCALE, record, json=False)
+    assert "scale added. Good.\n  mm per px: 0.05\n" in capsys.readouterr().out
+    keep_part(path, calibration_at(path), "scale", SCALE, record, json=False)
+    assert "scale replaced. Good." in capsys.readouterr().out
+    keep_part(path, calibration_at(path), "scale", SCALE, record, json=True, warnings=["worn"])
+    printed = capsys.readouterr()
+    assert "warning" in printed.err
+    assert json.loads(printed.out)["calibration_id"] == CalibrationFile.read(path).hash
+
+
+def test_a_file_that_is_no_calibration_is_never_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "notes.ps4cal"
+    path.write_text("notes")
+    with pytest.raises(CalibrationError, match="not a readable calibration"):
+        calibration_at(path)
+    with pytest.raises(InputError, match=r"must end in \.ps4cal"):
+        calibration_at(tmp_path / "rig.toml")
