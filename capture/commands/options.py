@@ -53,8 +53,8 @@ Rig = Annotated[
 Surface = Annotated[
     str | None,
     typer.Option(
-        help="A material folder or a name: rock, sand, malv, ogil and more. A wrong name lists "
-        "them all.",
+        help="A material folder or a name: rock, sand, malv, ogil and more, or a calibration "
+        "target: plate, mirror_sphere, matte_sphere, checkerboard. A wrong name lists them all.",
         rich_help_panel=SIMULATION,
         metavar="NAME|DIR",
     ),

@@ -35,8 +35,8 @@ class Lens:
         if self.blur_px > 0.0:
             blurred = cv2.GaussianBlur(ideal, (0, 0), self.blur_px)
             image = np.asarray(blurred, np.float32)
-        sides = np.array(ideal.shape, np.float64)
-        # 1 for a square; then the corners are at (1, 1).
+        sides = np.array(ideal.shape, np.float64) - 1.0
+        # Coordinates whose squared length is 2 in the corners.
         scales = (sides / np.sqrt(np.mean(sides**2))).astype(np.float32)
         rows, cols = (
             scale * np.linspace(-1.0, 1.0, side, dtype=np.float32)
