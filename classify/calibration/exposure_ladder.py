@@ -1,0 +1,305 @@
+"""The response of a camera from a ladder of exposures of one still, evenly lit scene.
+
+Block p of the scene gives the light a_p t in the exposure time t. With g the linear light at a
+pixel value, g(v) = c + a_p t for all blocks and exposures, where c is the offset of the camera. So
+g follows from the values up to a scale, without knowledge of the scene (after Debevec and Malik,
+"Recovering High Dynamic Range Radiance Maps from Photographs", SIGGRAPH 1997, and Mitsunaga and
+Nayar, "Radiometric Self Calibration", CVPR 1999, here with known exposures). Ambient light that
+does not change is light of the scene.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+from scipy.optimize import lsq_linear
+
+from classify.errors import CalibrationRejected, InputError
+
+from .response import STEPS, Response
+
+FloatArray = npt.NDArray[np.float64]
+
+# Cubic pieces between the lowest and the highest value. With 8, gamma and sRGB curves come out
+# within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
+_PIECES, _DEGREE = 8, 3
+# Weight of the differences between neighbouring pieces relative to the residuals. An even sheet has
+# few levels: with less weight the curve follows a wrong exposure, with more it is one cubic
+# polynomial (tests/classify/calibration/test_exposure_ladder.py has both).
+_SMOOTHNESS = 3e-3
+# The fit is repeated with weights from its own slope; gamma curves need four rounds.
+_ROUNDS, _SETTLED = 12, 1e-7
+_LEAST_SLOPE = 0.02  # of the mean slope, so that no weight is without bound
+# Range of the exponent by which the curve goes on beyond the measured values.
+_EXPONENTS = (0.25, 4.0)
+# Fewer exposures than the spline has coefficients would be fitted whatever they are.
+LEAST_EXPOSURES = 6
+_LEAST_RATIO = 4.0
+# Share of full scale that the ladder must reach; the curve above is a continuation.
+_LEAST_TOP = 0.7
+# A response of gamma 4 rises by 30 % of its highest value over the least ratio of exposures;
+# automatic exposure keeps the value.
+_LEAST_RISE = 0.2
+# Share of full scale by which a value may fall at a longer exposure: more than noise of means.
+_FALL = 0.005
+# Shares of full scale. One exposure that is 10 % wrong gives median residuals of 0.5 to 1.2 %, one
+# kept by the camera 0.1 % at most (the same test). Blocks scatter by noise: with a larger rms
+# residual the curve is no better than the 0.5 % asked for.
+_MAX_MEDIAN, _MAX_ERROR = 0.002, 0.005
+# The solved slopes change by less than 0.1 degrees if this departure from a straight line is left
+# (tests/classify/calibration/test_exposure_ladder.py). It counts if it also exceeds the error by
+# three standard errors.
+_NEGLIGIBLE, _SIGNIFICANT = 0.002, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class ExposureLadder:
+    """A response with what else the ladder shows.
+
+    Attributes
+    ----------
+    response
+        The response.
+    departure
+        Largest distance of the curve from a straight line, as a share of full scale.
+    offset
+        Pixel value without light, to which shorter and shorter exposures tend.
+    lowest, highest
+        Range of the pixel values that the ladder covers; the curve beyond them is a continuation.
+    """
+
+    response: Response
+    departure: float
+    offset: float
+    lowest: float
+    highest: float
+
+
+def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float) -> ExposureLadder:
+    """Fit the response to the values of a scene at several exposures.
+
+    Parameters
+    ----------
+    values
+        (E, n) mean values of n blocks of the scene; NaN where pixels are clipped. Blocks of
+        different brightness, as by the fall-off of a light over a white sheet, give more levels.
+    exposures_ms
+        (E,) exposure times.
+    full_scale
+        Pixel value of saturation.
+
+    Raises
+    ------
+    InputError
+        For another shape, or exposures or full scale that are not positive.
+    CalibrationRejected
+        If no response explains the values; the message names the cause.
+    """
+    values, times = np.asarray(values, np.float64), np.asarray(exposures_ms, np.float64)
+    if values.ndim != 2 or times.shape != values.shape[:1]:
+        raise InputError(
+            f"{values.shape} values for {times.shape} exposures; give (E, n) values and (E,) times"
+        )
+    if not (full_scale > 0.0 and np.isfinite(times).all() and (times > 0.0).all()):
+        raise InputError(f"full scale {full_scale:g}, exposures {times.tolist()}: not positive")
+    order = np.argsort(times, kind="stable")
+    times, levels = times[order], values[order] / full_scale
+    levels = np.where(levels < 1.0, levels, np.nan)
+    # A block with one exposure alone says nothing.
+    levels = levels[:, np.isfinite(levels).sum(axis=0) > 1]
+    _check_levels(levels, times)
+    fit = _Fit.of(levels, times)
+    if not fit.is_consistent:
+        raise CalibrationRejected(_cause(levels, times, fit))
+    error = fit.error
+    curve, offset = fit.curve()
+    inside = (fit.lowest <= _GRID) & (fit.highest >= _GRID)
+    line = np.polyval(np.polyfit(_GRID[inside], curve[inside], 1), _GRID)
+    departure = float(np.abs(curve - line)[inside].max())
+    linear = departure <= max(_NEGLIGIBLE, _SIGNIFICANT * error)
+    return ExposureLadder(
+        Response(_GRID if linear else curve, error, linear),
+        departure,
+        full_scale * offset,
+        full_scale * fit.lowest,
+        full_scale * fit.highest,
+    )
+
+
+_GRID = np.linspace(0.0, 1.0, STEPS + 1)
+
+
+def _check_levels(levels: FloatArray, times: FloatArray) -> None:
+    """Reject values that show no response at all."""
+    usable = np.isfinite(levels).any(axis=1)
+    if not usable.any():
+        raise CalibrationRejected(
+            "every exposure is saturated or black; use shorter or longer exposures, or close or "
+            "open the aperture"
+        )
+    seen = np.unique(times[usable])
+    if len(seen) < LEAST_EXPOSURES or seen[-1] < _LEAST_RATIO * seen[0]:
+        raise CalibrationRejected(
+            f"{len(seen)} different exposures from {seen[0]:g} to {seen[-1]:g} ms are neither "
+            f"saturated nor black; give at least {LEAST_EXPOSURES}, the longest "
+            f"{_LEAST_RATIO:g} times the shortest"
+        )
+    rises = np.diff(levels, axis=0)
+    steps = np.array([np.nan if np.isnan(each).all() else np.nanmedian(each) for each in rises])
+    if np.nanmin(steps) < -_FALL:
+        worst = int(np.nanargmin(steps))
+        raise CalibrationRejected(
+            f"the values fall by {-steps[worst]:.1%} of full scale where the exposure rises from "
+            f"{times[worst]:g} to {times[worst + 1]:g} ms; the light changes, or the camera's gain "
+            "or exposure is automatic: turn that off and keep other light away"
+        )
+    top = float(np.nanmax(levels))
+    rise = float(np.nanmax(np.nanmax(levels, axis=0) - np.nanmin(levels, axis=0)))
+    if rise < _LEAST_RISE * top:
+        raise CalibrationRejected(
+            f"the values do not follow the exposure: they rise by {rise:.1%} of full scale from "
+            f"{seen[0]:g} to {seen[-1]:g} ms; turn off the camera's automatic exposure and gain"
+        )
+    if top < _LEAST_TOP:
+        raise CalibrationRejected(
+            f"the brightest value is {top:.0%} of full scale at {seen[-1]:g} ms; the response "
+            f"above {_LEAST_TOP:.0%} must be seen: use longer exposures, or open the aperture"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A monotone cubic spline through the levels, which are shares of full scale.
+
+    Attributes
+    ----------
+    spline
+        Linear light at a level above that at `lowest`; 1 at `highest`.
+    lowest, highest
+        Range of the levels.
+    base
+        Light at `lowest`, without the offset of the camera.
+    strengths
+        (n,) light of each block per unit of exposure time.
+    residuals
+        (E, n) differences of the levels from the fit; NaN where a level is.
+    """
+
+    spline: BSpline
+    lowest: float
+    highest: float
+    base: float
+    strengths: FloatArray
+    residuals: FloatArray
+
+    @classmethod
+    def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
+        """Least squares of the residuals in the levels, by weights from the slope of the curve."""
+        seen = np.isfinite(levels)
+        lowest, highest = float(np.nanmin(levels)), float(np.nanmax(levels))
+        knots = np.linspace(lowest, highest, _PIECES + 1)
+        knots = np.pad(knots, _DEGREE, mode="edge")
+        pieces = _PIECES + _DEGREE
+        # Sums of B-splines from one to the last: with factors of 0 or more they never fall.
+        steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
+        filled = np.where(seen, levels, lowest)
+        terms = np.concatenate([np.ones((*levels.shape, 1)), steps(filled)], axis=-1)
+        slopes_of = steps.derivative()(filled)
+        times = times / times.max()
+        smooth = np.zeros((_PIECES - 1, pieces))
+        middles = (knots[_DEGREE:-_DEGREE][1:] + knots[_DEGREE:-_DEGREE][:-1]) / 2.0
+        cubes = ((highest - lowest) / _PIECES) ** 3 * steps.derivative(3)(middles)
+        smooth[:, 1:] = _SMOOTHNESS * np.diff(cubes, axis=0)
+        scale = np.r_[0.0, np.ones(pieces - 1)][None] * 1e3  # the spline rises to 1
+        target = np.r_[np.zeros(pieces + len(smooth)), 1e3]
+        bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
+        slopes, found = np.full(levels.shape, 1.0 / (highest - lowest)), np.zeros(pieces)
+        for _ in range(_ROUNDS):
+            weights = seen / slopes / np.sqrt(seen.sum())
+            # The strength of each block is that of least squares, and is eliminated.
+            by_time = np.square(weights) * times[:, None]
+            shares = np.einsum("en,enq->nq", by_time, terms)
+            shares /= (by_time * times[:, None]).sum(axis=0)[:, None]
+            rows = weights[..., None] * (terms - times[:, None, None] * shares)
+            upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
+            system = np.concatenate([upper, smooth, scale])
+            before, found = found, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
+            least = _LEAST_SLOPE / (highest - lowest)
+            slopes = np.maximum(slopes_of @ found[1:], least)
+            if np.abs(found - before).max() < _SETTLED:
+                break
+        strengths = shares @ found
+        residuals = (terms @ found - times[:, None] * strengths) / slopes
+        residuals[~seen] = np.nan
+        spline = BSpline(knots, np.r_[0.0, np.cumsum(found[1:])], _DEGREE)
+        return cls(spline, lowest, highest, float(found[0]), strengths, residuals)
+
+    @property
+    def error(self) -> float:
+        """Root mean square residual, as a share of full scale."""
+        return float(np.sqrt(np.nanmean(np.square(self.residuals))))
+
+    @property
+    def medians(self) -> FloatArray:
+        """(E,) median residual of each exposure; 0 where it has no levels."""
+        medians = np.zeros(len(self.residuals))
+        seen = np.isfinite(self.residuals).any(axis=1)
+        medians[seen] = np.nanmedian(self.residuals[seen], axis=1)
+        return medians
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether one curve explains all exposures."""
+        return bool(np.abs(self.medians).max() <= _MAX_MEDIAN and self.error <= _MAX_ERROR)
+
+    def exposure_of(self, levels: FloatArray) -> float:
+        """The exposure, relative to the longest, that explains (n,) levels of the blocks."""
+        light = self.base + self.spline(np.clip(levels, self.lowest, self.highest))
+        return float(np.nanmedian(light / self.strengths))
+
+    def curve(self) -> tuple[FloatArray, float]:
+        """(257,) curve from 0 to 1, and the level without light.
+
+        Only differences of light are measured. The curve is placed so that it goes on below the
+        lowest level as a power of the level, with the exponent of the lowest quarter.
+        """
+        lowest, highest = self.lowest, self.highest
+        slope = self.spline.derivative()
+        near, far = lowest + np.array([0.02, 0.25]) * (highest - lowest)
+        bend = np.log(float(slope(far)) / float(slope(near))) / np.log(far / near)
+        exponent = np.clip(1.0 + bend, *_EXPONENTS)
+        bottom = lowest * float(slope(lowest)) / exponent
+        top = bottom + 1.0
+        light = bottom + self.spline(np.clip(_GRID, lowest, highest))
+        below, above = lowest > _GRID, highest < _GRID
+        light[below] = bottom * (_GRID[below] / lowest) ** exponent
+        light[above] = top * (_GRID[above] / highest) ** (highest * float(slope(highest)) / top)
+        # Rounding may have made the spline fall by some 1e-16.
+        light = np.maximum.accumulate(np.maximum(light, 0.0))
+        dark = float(np.interp((bottom - self.base) / light[-1], light / light[-1], _GRID))
+        return light / light[-1], dark
+
+
+def _cause(levels: FloatArray, times: FloatArray, fit: _Fit) -> str:
+    """Describe why no curve explains the values: one exposure is wrong, or none in particular."""
+    seen = np.flatnonzero(np.isfinite(levels).any(axis=1))
+    # The wrong exposure is the one without which the others agree best.
+    best = fit
+    for left_out in seen if len(seen) > LEAST_EXPOSURES else ():
+        kept = np.delete(np.arange(len(times)), left_out)
+        enough = np.isfinite(levels[kept]).sum(axis=0) > 1
+        rest = _Fit.of(levels[np.ix_(kept, enough)], times[kept])
+        if rest.is_consistent and rest.error < best.error:
+            best = rest
+            acted = rest.exposure_of(levels[left_out, enough]) * times[kept].max()
+            cause = (
+                f"an exposure of {times[left_out]:g} ms acts as one of {acted:.3g} ms; the camera "
+                "does not keep its exposure, or the light flickers"
+            )
+    if best is not fit:
+        return cause
+    return (
+        f"no response explains the values: they depart by up to {np.abs(fit.medians).max():.1%} of "
+        "full scale from the best; the camera's exposure or gain is automatic, or the light changes"
+    )

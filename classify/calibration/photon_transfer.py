@@ -1,0 +1,169 @@
+"""The noise of a linear camera by photon transfer: temporal variance against mean.
+
+Shot noise has a variance that is proportional to the light: variance = read^2 + 1/12 +
+(mean - black) / gain, with 1/12 from rounding (EMVA 1288, linear camera model). A camera that is
+not linear does not obey it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import CalibrationRejected
+from classify.images.noise import SensorNoise
+
+from .block_levels import BlockLevels
+from .noise import Noise
+
+FloatArray = npt.NDArray[np.float64]
+
+# Below this variance rounding does not add 1/12 (EMVA 1288 demands 0.24 DN^2). There it may still
+# add 0.01 more or less: exp(-2 pi^2 V) (4 V + 1 / pi^2), the first harmonic of rounding.
+_LEAST_VARIANCE, _ROUNDING_ERROR = 0.24, 0.01
+_ROUNDING_VARIANCE = 1.0 / 12.0
+# EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
+_HIGHEST = 0.7
+# Groups of blocks of similar mean, which are compared with the line. Fewer are no proof of it.
+_GROUPS, _LEAST_GROUPS = 12, 4
+# The levels must span this part of the range, or the slope is that of a short piece.
+_LEAST_SPAN = 0.2
+# rms departure of the groups from the line, as a share of the variance: 0.6 % at most for linear
+# cameras, 2.6 % and more for a gamma of 1.1 or 0.9 (test_photon_transfer.py).
+_MAX_ERROR = 0.02
+_ROUNDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class PhotonTransfer:
+    """Noise of a camera with the standard errors of its constants.
+
+    Attributes
+    ----------
+    noise
+        The noise; its `error` is the rms departure of groups of levels from the line.
+    gain_error
+        Standard error of the gain, as a share of it.
+    read_noise_error_dn
+        Standard error of the read noise in pixel values; None for one from dark frames.
+    """
+
+    noise: Noise
+    gain_error: float
+    read_noise_error_dn: float | None
+
+
+def photon_transfer(
+    levels: Sequence[BlockLevels],
+    black_level_dn: float,
+    full_scale: float,
+    dark_noise_dn: float | None = None,
+) -> PhotonTransfer:
+    """Fit gain and read noise to the levels of several exposures of a still scene.
+
+    The camera must be linear, which `response_of` decides: with a gamma of 2 all variances are
+    equal, and lie on a line too.
+
+    Parameters
+    ----------
+    levels
+        Of frames at several exposures.
+    black_level_dn
+        Pixel value without light.
+    full_scale
+        Pixel value of saturation.
+    dark_noise_dn
+        Temporal standard deviation without light, from dark frames. The read noise follows from it
+        unless rounding hides it, and otherwise from the line.
+
+    Raises
+    ------
+    CalibrationRejected
+        If the levels are too few, or do not lie on a line: the camera is not linear, or the noise
+        is lost in the rounding of its pixel values.
+    """
+    means = np.concatenate([each.means for each in levels]) - black_level_dn
+    variances = np.concatenate([each.variances for each in levels])
+    freedom = np.concatenate([np.full(each.means.shape, each.freedom) for each in levels])
+    highest = _HIGHEST * (full_scale - black_level_dn)
+    usable = means <= highest  # false for NaN
+    means, variances, freedom = means[usable], variances[usable], freedom[usable]
+    known = None
+    if dark_noise_dn is not None and dark_noise_dn**2 >= _LEAST_VARIANCE:
+        known = dark_noise_dn**2
+    # Noise of the variances must not select them: at first by their mean, then by the line.
+    selected = _smoothed(means, variances) >= _LEAST_VARIANCE
+    for _ in range(2):
+        seen = means[selected]
+        if len(seen) < _GROUPS or np.ptp(seen) < _LEAST_SPAN * highest:
+            raise CalibrationRejected(
+                f"the noise has a variance of at most {variances.max(initial=0.0):.2g} in pixel "
+                f"values, where rounding hides it below {_LEAST_VARIANCE:g}, or too few levels are "
+                "lit; use a camera format with more bits, or longer exposures"
+            )
+        line, covariance = _fit(seen, variances[selected], freedom[selected], known)
+        error = _departure(seen, variances[selected], line)
+        selected = line[0] + line[1] * means >= _LEAST_VARIANCE
+    if not (line[1] > 0.0 and error <= _MAX_ERROR):
+        raise CalibrationRejected(
+            f"the variance departs by {error:.0%} from a line in the mean: the camera is not "
+            "linear or reduces noise itself, or the light flickers"
+        )
+    read_noise = np.sqrt(max(0.0, float(line[0]) - _ROUNDING_VARIANCE))
+    read_error = None
+    if known is None:
+        # That of a root, or near 0 the root of the error.
+        variance_error = float(np.hypot(np.sqrt(covariance[0, 0]), _ROUNDING_ERROR))
+        read_error = min(variance_error / max(2.0 * read_noise, 1e-12), np.sqrt(variance_error))
+    sensor = SensorNoise(float(1.0 / line[1]), float(read_noise), black_level_dn)
+    gain_error = float(np.sqrt(covariance[1, 1]) / line[1])
+    return PhotonTransfer(Noise(sensor, error), gain_error, read_error)
+
+
+def _fit(
+    means: FloatArray, variances: FloatArray, freedom: FloatArray, known: float | None
+) -> tuple[FloatArray, FloatArray]:
+    """Intercept and slope with their covariance; `known` is the intercept, None to fit it.
+
+    A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
+    """
+    terms = np.stack([np.ones_like(means), means])
+    line: FloatArray = np.zeros(2)
+    expected = np.maximum(variances, _LEAST_VARIANCE)
+    for _ in range(_ROUNDS):
+        weights = freedom / (2.0 * np.square(expected))
+        covariance = np.zeros((2, 2))
+        if known is None:
+            covariance[:] = np.linalg.inv(terms * weights @ terms.T)
+            line = covariance @ (terms * weights @ variances)
+        else:
+            covariance[1, 1] = 1.0 / (weights @ np.square(means))
+            line = np.array([known, covariance[1, 1] * (weights * means @ (variances - known))])
+        expected = np.maximum(line @ terms, _LEAST_VARIANCE)
+    # The scatter beyond that of the variances themselves, as of flickering light.
+    excess = float(np.mean(np.square(variances - line @ terms) * weights))
+    return line, covariance * max(1.0, excess)
+
+
+def _smoothed(means: FloatArray, variances: FloatArray) -> FloatArray:
+    """(n,) mean variance of the blocks of similar mean."""
+    order = np.argsort(means)
+    parts = np.array_split(order, min(_GROUPS**2, max(1, len(order))))
+    smooth = np.empty_like(variances)
+    for part in parts:
+        smooth[part] = variances[part].mean() if part.size else 0.0
+    return smooth
+
+
+def _departure(means: FloatArray, variances: FloatArray, line: FloatArray) -> float:
+    """Root mean square over groups of similar mean of the relative departure of their variance."""
+    ends = np.linspace(means.min(), means.max(), _GROUPS + 1)[1:-1]
+    group = np.searchsorted(ends, means)
+    sizes = np.bincount(group, minlength=_GROUPS)
+    measured = np.bincount(group, variances, _GROUPS)
+    expected = np.bincount(group, line[0] + line[1] * means, _GROUPS)
+    filled = sizes > 0
+    if np.count_nonzero(filled) < _LEAST_GROUPS:
+        return np.inf
+    return float(np.sqrt(np.mean(np.square(measured[filled] / expected[filled] - 1.0))))

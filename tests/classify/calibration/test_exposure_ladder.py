@@ -1,0 +1,152 @@
+"""The response of cameras with known curves, and ladders that have none."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from classify import Lighting
+from classify.calibration.exposure_ladder import response_of
+from classify.errors import CalibrationRejected, InputError
+
+from .simulated_ladder import EXPOSURES_MS, FULL, Curve, gamma, ladder, srgb
+
+LEVELS = np.linspace(0.0, 1.0, 257)
+# Asked for, as a share of full scale.
+WITHIN = 0.005
+
+
+def light_at_levels(curve: Curve) -> np.ndarray:
+    light = np.linspace(0.0, 1.0, 10_001)
+    return np.interp(LEVELS, curve(light), light)
+
+
+def error_of(curve: Curve, **scene: float) -> float:
+    found = response_of(ladder(curve, **scene), EXPOSURES_MS, FULL)
+    assert not found.response.linear
+    measured = found.lowest <= FULL * LEVELS
+    return float(np.abs(found.response.curve - light_at_levels(curve))[measured].max())
+
+
+@given(st.floats(1.2, 3.0), st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
+def test_a_gamma_curve_is_found(exponent: float, black: float, fall_off: float) -> None:
+    assert error_of(gamma(exponent), black=black, fall_off=fall_off) < WITHIN
+
+
+@given(st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
+def test_the_srgb_curve_is_found(black: float, fall_off: float) -> None:
+    assert error_of(srgb, black=black, fall_off=fall_off) < WITHIN
+
+
+@given(st.floats(-0.6, 0.6), st.floats(0.0, 1.0), st.floats(0.3, 0.6))
+def test_differences_of_light_follow_any_smooth_rising_curve(
+    bend: float, middle: float, fall_off: float
+) -> None:
+    # Only differences of light are in the images: the curve is known up to a straight line.
+    def curve(light: np.ndarray) -> np.ndarray:
+        return light + bend * light * (1.0 - light) * (1.0 - 0.8 * (1.0 - 2.0 * middle) * light)
+
+    values = ladder(curve, fall_off=fall_off)
+    found = response_of(values, EXPOSURES_MS, FULL)
+    measured = (found.lowest <= FULL * LEVELS) & (found.highest >= FULL * LEVELS)
+    true, fitted = light_at_levels(curve)[measured], found.response.curve[measured]
+    line = np.polyval(np.polyfit(fitted, true, 1), fitted)
+    assert np.abs(line - true).max() < WITHIN
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
+def test_a_linear_camera_is_said_to_be_linear(seed: int, black: float, fall_off: float) -> None:
+    values = ladder(lambda light: light, fall_off, black, seed=seed)
+    found = response_of(values, EXPOSURES_MS, FULL)
+    assert found.response.linear
+    assert found.departure < 0.001
+    assert found.offset == pytest.approx(FULL * black, abs=0.1)
+    np.testing.assert_array_equal(found.response.curve, LEVELS)
+
+
+@pytest.mark.parametrize("black", [0.0, 1 / 64])
+def test_the_offset_of_a_gamma_camera_is_found(black: float) -> None:
+    found = response_of(ladder(gamma(2.2), black=black), EXPOSURES_MS, FULL)
+    assert found.offset == pytest.approx(FULL * black ** (1 / 2.2), abs=3.0)
+
+
+def test_more_ambient_light_changes_nothing() -> None:
+    # It grows with the exposure like the light of the LED.
+    curves = [
+        response_of(ladder(gamma(2.2), fall_off), EXPOSURES_MS, FULL).response.curve
+        for fall_off in (0.2, 0.5)
+    ]
+    np.testing.assert_allclose(curves[0], curves[1], atol=2e-3)
+
+
+def test_the_departure_that_counts_as_linear_costs_little() -> None:
+    # A parabola of 0.2 % of full scale, left in the images of a rough matt surface.
+    rng = np.random.default_rng(1)
+    normals = rng.normal(size=(3, 40, 40)) * 0.3
+    normals[2] = 1.0
+    normals /= np.linalg.norm(normals, axis=0)
+    ring = Lighting.ring(slant_deg=45.0)
+    images = np.maximum(0.8 * np.tensordot(ring.directions, normals, 1), 0.02)
+    bent = images + 4.0 * 0.002 * images * (1.0 - images)
+    true, found = (
+        np.tensordot(np.linalg.pinv(ring.directions), each, 1) for each in (images, bent)
+    )
+    cosine = (true * found).sum(0) / np.linalg.norm(true, axis=0) / np.linalg.norm(found, axis=0)
+    assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).mean() < 0.1
+
+
+@pytest.mark.parametrize("curve", [lambda light: light, gamma(2.2)])
+@pytest.mark.parametrize("fall_off", [0.01, 0.1, 0.4])
+@pytest.mark.parametrize("wrong", [5, 8, 12])
+def test_one_exposure_that_the_camera_does_not_keep_is_named(
+    curve: Curve, fall_off: float, wrong: int
+) -> None:
+    said_ms = EXPOSURES_MS.copy()
+    said_ms[wrong] *= 1.1
+    with pytest.raises(CalibrationRejected, match=f"exposure of {said_ms[wrong]:g} ms acts as"):
+        response_of(ladder(curve, fall_off), said_ms, FULL)
+
+
+def test_automatic_exposure_is_refused() -> None:
+    values = np.full((len(EXPOSURES_MS), 8), 150.0)
+    with pytest.raises(CalibrationRejected, match="do not follow the exposure"):
+        response_of(values, EXPOSURES_MS, FULL)
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 99))
+def test_gain_that_changes_by_itself_is_refused(seed: int) -> None:
+    gain = np.random.default_rng(seed).uniform(0.8, 1.0, len(EXPOSURES_MS))
+    with pytest.raises(CalibrationRejected, match=r"automatic|does not keep"):
+        response_of(ladder(lambda light: light) * gain[:, None], EXPOSURES_MS, FULL)
+
+
+def test_values_that_fall_at_a_longer_exposure_are_refused() -> None:
+    values = ladder(gamma(2.2))
+    values[-3] *= 0.8
+    with pytest.raises(CalibrationRejected, match="values fall by"):
+        response_of(values, EXPOSURES_MS, FULL)
+
+
+@pytest.mark.parametrize(
+    ("values", "match"),
+    [
+        (np.full((len(EXPOSURES_MS), 8), np.nan), "every exposure is saturated"),
+        (ladder(lambda light: light) * 0.5, "brightest value is"),
+        (np.where(np.arange(len(EXPOSURES_MS))[:, None] < 5, ladder(srgb), np.nan), "5 different"),
+    ],
+)
+def test_too_little_to_see_is_refused(values: np.ndarray, match: str) -> None:
+    with pytest.raises(CalibrationRejected, match=match):
+        response_of(values, EXPOSURES_MS, FULL)
+
+
+@pytest.mark.parametrize(
+    ("shape", "times", "full_scale"),
+    [((3, 4), np.ones(2), 255.0), ((4,), np.ones(4), 255.0), ((1, 1), -np.ones(1), 255.0)],
+)
+def test_values_of_another_shape_are_an_input_error(
+    shape: tuple[int, ...], times: np.ndarray, full_scale: float
+) -> None:
+    with pytest.raises(InputError):
+        response_of(np.ones(shape), times, full_scale)
