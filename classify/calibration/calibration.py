@@ -1,9 +1,24 @@
 """`Calibration`: everything that is known of one rig at one setting."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.images.noise import SensorNoise
+from classify.images.stack import ImageStack
+from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField
 
+from .correction import (
+    linear,
+    offset_in_light,
+    undistorted,
+    undistorted_mask,
+    without_hot_pixels,
+    without_offset,
+)
 from .dark import Dark
 from .lights import CalibratedLights
 from .noise import Noise
@@ -21,3 +36,86 @@ class Calibration:
     flat_field: FlatField | None = None
     lights: CalibratedLights | None = None
     scale: Scale | None = None
+
+    def corrected(self, stack: ImageStack, full_scale: float) -> ImageStack:
+        """Return the images as an ideal camera would have taken them under the same lights.
+
+        Hot pixels are replaced by the median of their good neighbours, pixel values are made linear
+        in light, the offset of the camera is subtracted where there is no ambient image, which
+        contains it, and the distortion of the lens is removed. Saturated pixels stay at
+        `full_scale`. The flat field is not applied: the solver divides by it.
+
+        Parameters
+        ----------
+        stack
+            Images of the camera. Without anything to correct they are returned themselves.
+        full_scale
+            Pixel value of saturation.
+
+        Raises
+        ------
+        InputError
+            If a hot pixel is outside of the frame.
+        """
+        if self.dark is not None and self.dark.hot_pixels.size:
+            hot = self.dark.hot_pixels
+            if (hot >= stack.shape).any():
+                raise InputError(
+                    f"a hot pixel of the calibration is beyond {stack.shape[1]} x {stack.shape[0]} "
+                    "px; use a calibration of this frame"
+                )
+            ambient = None if stack.ambient is None else without_hot_pixels(stack.ambient, hot)
+            stack = ImageStack(without_hot_pixels(stack.images, hot), ambient)
+        response = self._applied_response
+        if response is not None:
+            stack = linear(stack, response, full_scale)
+        if self._subtracts_offset(stack.ambient is not None):
+            assert self.dark is not None
+            offset = offset_in_light(self.dark, response, full_scale)
+            stack = ImageStack(without_offset(stack.images, offset, full_scale), None)
+        if self.scale is not None and self.scale.distortion is not None:
+            stack = undistorted(stack, self.scale, full_scale)
+        return stack
+
+    def corrected_mask(self, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return an (H, W) mask of the frame that fits images which are `corrected`."""
+        if self.scale is None or self.scale.distortion is None:
+            return mask
+        return undistorted_mask(mask, self.scale)
+
+    def lighting_of(self, configured: Lighting) -> Lighting:
+        """Return the measured lights, with the intensities of those that were configured.
+
+        Raises
+        ------
+        InputError
+            For another number of lights.
+        """
+        if self.lights is None:
+            return configured
+        measured = self.lights.lighting
+        if len(measured) != len(configured):
+            raise InputError(
+                f"the calibration is of {len(measured)} lights, the images are of "
+                f"{len(configured)}; use a calibration of these lights"
+            )
+        given = configured.intensities if configured.intensities_given else np.empty(0)
+        return replace(measured, intensities=given)
+
+    def noise_of(self, sensor: SensorNoise | None, *, has_ambient: bool) -> SensorNoise | None:
+        """Return the noise of `corrected` images from that of the camera's; None if unknown.
+
+        The variance of pixel values says nothing of what a curved response makes of them.
+        """
+        if sensor is None or self._applied_response is not None:
+            return None
+        if self._subtracts_offset(has_ambient):
+            return replace(sensor, black_level_dn=0.0)
+        return sensor
+
+    @property
+    def _applied_response(self) -> Response | None:
+        return None if self.response is None or self.response.linear else self.response
+
+    def _subtracts_offset(self, has_ambient: bool) -> bool:
+        return self.dark is not None and self.dark.offset > 0.0 and not has_ambient
