@@ -71,9 +71,10 @@ def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStac
 
     def remap(image: Array) -> Array:
         moved = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        saturated = (image >= full_scale).astype(np.uint8)
+        # Not of bytes, in which a small weight would be rounded to 0.
+        saturated = (image >= full_scale).astype(np.float32)
         if saturated.any():
-            moved[cv2.remap(255 * saturated, *maps, cv2.INTER_LINEAR) > 0] = image.max()
+            moved[cv2.remap(saturated, *maps, cv2.INTER_LINEAR) > 0.0] = image.max()
         return np.asarray(moved, image.dtype)
 
     ambient = None if stack.ambient is None else remap(stack.ambient)

@@ -130,7 +130,7 @@ def test_distortion_is_removed_with_the_mask_and_saturation(dtype: type) -> None
     assert saturated.any()
     assert corrected[inner & ~saturated].max() <= 4000
     errors = np.abs(corrected.astype(float) - straight)[inner & ~saturated]
-    assert errors.max() < 2.0  # less than a tenth of a pixel
+    assert errors.max() <= 1.0  # a twentieth of a pixel
     mask = Calibration(scale=scale).corrected_mask(distorted < FULL)
     assert (mask[inner] == ~saturated[inner]).mean() > 0.99
 
