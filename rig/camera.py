@@ -10,6 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+EXPOSURE_LAG_FRAMES = 3
+"""Frames after a change of the exposure that may have the old one: sensors take a new value at the
+next frame or the one after it, USB cameras one later."""
+
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
@@ -101,6 +105,17 @@ class Camera(Protocol):
     @property
     def info(self) -> CameraInfo:
         """Properties of every frame."""
+
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """Shortest and longest exposure that `set_exposure` takes; equal if it is fixed."""
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure of later frames; `info` then has the one that was set.
+
+        Frames in the queue and up to `EXPOSURE_LAG_FRAMES` more may have the old exposure. Raises
+        `CameraError` if the camera does not keep the value.
+        """
 
     def read(self, timeout_s: float) -> Frame:
         """The next frame; raises `CameraError` if none arrives within `timeout_s`."""

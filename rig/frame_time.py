@@ -1,7 +1,7 @@
-"""Exposure start of a frame from its driver's time stamp."""
+"""Exposure of a frame: its start from the driver's time stamp, and its limits."""
 
 from .config.camera import StampedCameraConfig
-from .errors import ConfigError
+from .errors import CameraError, ConfigError
 
 
 def exposure_start_s(
@@ -43,4 +43,14 @@ def require_measured_mode(config: StampedCameraConfig) -> None:
             f"camera.timing_measured_at = {config.timing_measured_at!r}, but the camera is set to "
             f"{config.mode!r}; run ps4rig rig latency again, or remove timing_measured_at, "
             "timestamp_offset_ms, timestamp_uncertainty_ms and readout_ms"
+        )
+
+
+def require_exposure(exposure_ms: float, range_ms: tuple[float, float]) -> None:
+    """Raise a `CameraError` for an exposure outside of a camera's range."""
+    shortest_ms, longest_ms = range_ms
+    # Rounding may put the longest one, a frame period, above itself.
+    if not shortest_ms * (1.0 - 1e-9) <= exposure_ms <= longest_ms * (1.0 + 1e-9):
+        raise CameraError(
+            f"exposure of {exposure_ms:g} ms; the camera takes {shortest_ms:g} to {longest_ms:g} ms"
         )

@@ -12,6 +12,7 @@ import numpy as np
 from .camera import CameraInfo, Frame, Pixels
 from .config.camera import OpencvCameraConfig
 from .errors import CameraError, ControlError, ControlFault
+from .frame_time import require_exposure
 from .v4l2.camera_list import device_path
 
 # Assumed if the backend does not report its buffers: the most that OpenCV's V4L2 backend has.
@@ -49,6 +50,7 @@ class OpencvCamera:
 
     def __init__(self, config: OpencvCameraConfig) -> None:
         self._config = config
+        self._exposure_ms = config.exposure_ms
         self._path = device_path(config.device)
         opened_s = time.monotonic()
         self._video = _opened(self._path)
@@ -77,7 +79,7 @@ class OpencvCamera:
             height_px=config.height_px,
             bit_depth=8,
             frame_period_s=1.0 / config.frame_rate_hz,
-            exposure_s=config.exposure_ms / 1e3,
+            exposure_s=self._exposure_ms / 1e3,
             # In the driver, in the queue, and in the thread.
             queue_length=self._buffers + 2,
             controls={
@@ -90,6 +92,23 @@ class OpencvCamera:
                 }
             },
         )
+
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """One unit of the control to a frame period; OpenCV does not report the true range."""
+        if self._config.fixed_exposure:
+            return self._exposure_ms, self._exposure_ms
+        return 1.0 / _EXPOSURE_UNITS_PER_MS, 1e3 / self._config.frame_rate_hz
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure in steps of 0.1 ms; OpenCV's value of it must agree."""
+        require_exposure(exposure_ms, self.exposure_range_ms)
+        if self._config.fixed_exposure:
+            return
+        units = max(1, round(exposure_ms * _EXPOSURE_UNITS_PER_MS))
+        if faults := self._set("EXPOSURE", units):
+            raise ControlError(self._path, *faults)
+        self._exposure_ms = units / _EXPOSURE_UNITS_PER_MS
 
     def read(self, timeout_s: float) -> Frame:
         """The oldest frame that OpenCV has, or the next one to arrive."""
@@ -104,7 +123,7 @@ class OpencvCamera:
             with suppress(queue.Full):
                 self._frames.put_nowait(grabbed)
             raise CameraError(str(grabbed)) from grabbed
-        exposure_s = self._config.exposure_ms / 1e3
+        exposure_s = self._exposure_ms / 1e3
         pixels, arrived_s = grabbed
         self._arrived_s.append(arrived_s)
         start_s = self._arrived_s[0] - exposure_s - 1.0 / self._config.frame_rate_hz

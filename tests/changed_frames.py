@@ -15,6 +15,13 @@ class _ChangedCamera:
     def info(self) -> CameraInfo:
         return self.camera.info
 
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        return self.camera.exposure_range_ms
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        self.camera.set_exposure(exposure_ms)
+
     def read(self, timeout_s: float) -> Frame:
         while (frame := self.change(self.camera.read(timeout_s))) is None:
             pass

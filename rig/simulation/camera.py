@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from firmware_sim import Clock, SimulatedBoard
 from rig.camera import CameraInfo, Frame
 from rig.errors import CameraError
+from rig.frame_time import require_exposure
 
 from .exposures import TRANSFER_S, Exposures
 from .sensor import RecordedPixels, Sensor
@@ -20,6 +21,7 @@ from .sensor import RecordedPixels, Sensor
 _BUFFERS = 4
 # Time after the exposure for which the processor is left to a controller that switches then.
 _SWITCH_S = 0.001
+_SHORTEST_EXPOSURE_MS = 0.02  # of common industrial cameras
 
 
 class LitScene(Protocol):
@@ -30,6 +32,24 @@ class LitScene(Protocol):
 
     @property
     def ambient(self) -> npt.NDArray[np.float32]: ...
+
+
+@dataclass(frozen=True)
+class CoveredLens:
+    """The scene of a camera with its lens covered."""
+
+    led_count: int
+    shape: tuple[int, ...]
+
+    @property
+    def lights(self) -> npt.NDArray[np.float32]:
+        """(N, H, W) zeros."""
+        return np.broadcast_to(np.float32(0.0), (self.led_count, *self.shape))
+
+    @property
+    def ambient(self) -> npt.NDArray[np.float32]:
+        """(H, W) zeros."""
+        return np.broadcast_to(np.float32(0.0), self.shape)
 
 
 @dataclass(frozen=True)
@@ -120,6 +140,19 @@ class SimulatedCamera:
             black_level_dn=self.sensor.black_level_dn,
             controls=controls,
         )
+
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """Shortest and longest exposure; the same for the pixels of a recorded set."""
+        shutter = self.exposures.shutter
+        if isinstance(self.sensor, RecordedPixels):
+            return 1e3 * shutter.exposure_s, 1e3 * shutter.exposure_s
+        return _SHORTEST_EXPOSURE_MS, 1e3 * (shutter.period_s - shutter.readout_s)
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure of all frames that have not been read."""
+        require_exposure(exposure_ms, self.exposure_range_ms)
+        self.exposures.shutter = replace(self.exposures.shutter, exposure_s=exposure_ms / 1e3)
 
     def replace_scene(self, scene: LitScene, seed: int) -> None:
         """Exchange the part below the camera; frames in the queue still show the old one."""

@@ -47,6 +47,15 @@ class FaultyCamera:
         """Properties of every frame."""
         return self._camera.info
 
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """Shortest and longest exposure of the camera."""
+        return self._camera.exposure_range_ms
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure of the camera."""
+        self._camera.set_exposure(exposure_ms)
+
     def read(self, timeout_s: float) -> Frame:
         """The next frame that no fault drops."""
         if self._again is not None:

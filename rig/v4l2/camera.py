@@ -9,12 +9,22 @@ import numpy as np
 from rig.camera import CameraInfo, Frame, FrameFlag, Pixels
 from rig.config.camera import V4l2CameraConfig
 from rig.errors import CameraError
-from rig.frame_time import exposure_start_s, require_measured_mode, start_known_to_s
+from rig.frame_time import (
+    exposure_start_s,
+    require_exposure,
+    require_measured_mode,
+    start_known_to_s,
+)
 
 from .camera_list import device_path
 from .controls import list_controls, read_control
 from .device import Capture, V4l2Device, VideoFormat
-from .measurement_mode import check_measurement_mode, set_measurement_mode
+from .measurement_mode import (
+    check_measurement_mode,
+    exposure_range_ms,
+    set_exposure,
+    set_measurement_mode,
+)
 from .pixel_formats import PIXEL_FORMATS, decode
 from .written_frames import WrittenFrames
 
@@ -53,11 +63,10 @@ class V4l2Camera:
             self._queue_length = device.claim(_BUFFERS)
             if config.timestamp_marks == "writer":
                 self._written = WrittenFrames(time.monotonic(), self._period_s)
-            mode = set_measurement_mode(device, config)
+            self._mode = set_measurement_mode(device, config)
             device.start()
             # Some cameras load their own settings when they start to stream.
-            check_measurement_mode(device, mode)
-            self._exposure_s = mode.exposure_s
+            check_measurement_mode(device, self._mode)
             self._controls = _record(device, self._format, config)
         except BaseException:
             self._device.close()
@@ -74,12 +83,24 @@ class V4l2Camera:
             height_px=self._config.height_px,
             bit_depth=self._pixel_format.bit_depth,
             frame_period_s=self._period_s,
-            exposure_s=self._exposure_s,
+            exposure_s=self._mode.exposure_s,
             queue_length=self._queue_length,
             readout_s=None if readout_ms is None else readout_ms / 1e3,
             start_known_to_s=start_known_to_s(self._config),
             controls=self._controls,
         )
+
+    @property
+    def exposure_range_ms(self) -> tuple[float, float]:
+        """Shortest and longest exposure that fits into a frame."""
+        shortest_ms, longest_ms = exposure_range_ms(self._device, self._config)
+        return shortest_ms, max(shortest_ms, min(longest_ms, 1e3 * self._period_s))
+
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Change the exposure, in steps of 0.1 ms, and read it back."""
+        require_exposure(exposure_ms, self.exposure_range_ms)
+        if not self._config.fixed_exposure:
+            self._mode = set_exposure(self._device, self._mode, exposure_ms)
 
     def read(self, timeout_s: float) -> Frame:
         """The oldest frame in the queue, or the next one to arrive.
@@ -92,13 +113,13 @@ class V4l2Camera:
             capture.marks_exposure_start,
             self._config,
             self._period_s,
-            self._exposure_s,
+            self._mode.exposure_s,
         )
         return Frame(
             pixels=self._decoded(capture),
             bit_depth=self._pixel_format.bit_depth,
             exposure_start_s=start_s,
-            exposure_end_s=start_s + self._exposure_s,
+            exposure_end_s=start_s + self._mode.exposure_s,
             sequence=capture.sequence,
             flags=FrameFlag.CORRUPT if capture.is_corrupt else FrameFlag.GOOD,
         )

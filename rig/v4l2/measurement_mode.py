@@ -68,6 +68,30 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> Measur
     return mode
 
 
+def exposure_range_ms(device: V4l2Device, config: V4l2CameraConfig) -> tuple[float, float]:
+    """Shortest and longest exposure of the camera; the same if its exposure is fixed."""
+    control = None if config.fixed_exposure else find_control(device, abi.CID_EXPOSURE_ABSOLUTE)
+    if control is None:
+        return config.exposure_ms, config.exposure_ms
+    units = max(1, control.minimum), control.maximum
+    return units[0] / EXPOSURE_UNITS_PER_MS, units[1] / EXPOSURE_UNITS_PER_MS
+
+
+def set_exposure(device: V4l2Device, mode: MeasurementMode, exposure_ms: float) -> MeasurementMode:
+    """Change the exposure of a streaming camera, and read it back with every other control.
+
+    Raises
+    ------
+    ControlError
+        If the camera has no such exposure, or a control does not keep its value.
+    """
+    control, units = _set_exposure_time(device, exposure_ms)
+    others = tuple(each for each in mode.settings if each[0].id != control.id)
+    changed = MeasurementMode((*others, (control, units)), units / (1e3 * EXPOSURE_UNITS_PER_MS))
+    check_measurement_mode(device, changed)
+    return changed
+
+
 def check_measurement_mode(device: V4l2Device, mode: MeasurementMode) -> None:
     """Read every control again; raise a `ControlError` that names all that changed."""
     if faults := _changed(device, mode):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rig import CameraError, FrameFlag, Rig
+from rig.camera import EXPOSURE_LAG_FRAMES
 
 PATIENCE_S = 20.0
 
@@ -88,3 +89,24 @@ def test_close_may_be_called_twice_and_ends_the_frames(rig: Rig) -> None:
     rig.camera.close()
     with pytest.raises(CameraError):
         rig.camera.read(PATIENCE_S)
+
+
+def test_the_exposure_can_be_changed_within_the_range_of_the_camera(rig: Rig) -> None:
+    camera = rig.camera
+    shortest_ms, longest_ms = camera.exposure_range_ms
+    configured_ms = 1e3 * camera.info.exposure_s
+    assert shortest_ms <= configured_ms <= longest_ms
+    with pytest.raises(CameraError, match=r"the camera takes .* to .* ms"):
+        camera.set_exposure(1.5 * longest_ms)
+    rig.lights.select(0)
+    half_ms = max(shortest_ms, 0.5 * configured_ms)
+    levels = []
+    for exposure_ms in (configured_ms, half_ms, configured_ms):
+        camera.set_exposure(exposure_ms)
+        assert camera.info.exposure_s == pytest.approx(exposure_ms / 1e3)
+        for _ in range(camera.info.queue_length + EXPOSURE_LAG_FRAMES + 1):
+            frame = camera.read(PATIENCE_S)
+        levels.append(float(frame.pixels.mean()) - (camera.info.black_level_dn or 0.0))
+    if half_ms < configured_ms:
+        assert levels[1] == pytest.approx(0.5 * levels[0], rel=0.02)
+    assert levels[2] == pytest.approx(levels[0], rel=0.02)

@@ -16,7 +16,12 @@ from rig.errors import ControlError
 from rig.v4l2 import abi
 from rig.v4l2.controls import list_controls
 from rig.v4l2.device import V4l2Device
-from rig.v4l2.measurement_mode import check_measurement_mode, set_measurement_mode
+from rig.v4l2.measurement_mode import (
+    check_measurement_mode,
+    exposure_range_ms,
+    set_exposure,
+    set_measurement_mode,
+)
 
 AUTO, TIME = abi.CID_EXPOSURE_AUTO, abi.CID_EXPOSURE_ABSOLUTE
 PRIORITY = abi.CID_EXPOSURE_AUTO_PRIORITY
@@ -263,3 +268,29 @@ def test_all_controls_that_change_later_are_named() -> None:
     assert [fault.seen for fault in raised.value.faults] == [
         f"control {seen}" for _, seen in STUBBORN
     ]
+
+
+def test_the_exposure_changes_within_the_range_of_its_control() -> None:
+    camera = FakeCamera(usual_knobs())
+    mode = set_measurement_mode(camera, config(exposure_ms=20.0))
+    assert exposure_range_ms(camera, config()) == (0.3, 204.7)
+    changed = set_exposure(camera, mode, 5.0)
+    assert camera.knobs[TIME].value == 50
+    assert changed.exposure_s == pytest.approx(0.005)
+    check_measurement_mode(camera, changed)
+    with pytest.raises(ControlError, match=r"takes 0\.3 to 204\.7 ms"):
+        set_exposure(camera, changed, 300.0)
+
+
+def test_an_exposure_that_is_not_kept_is_an_error() -> None:
+    camera = FakeCamera(usual_knobs())
+    mode = set_measurement_mode(camera, config(exposure_ms=20.0))
+    camera.knobs[TIME].stubborn = True
+    with pytest.raises(ControlError, match="exposure_time_absolute"):
+        set_exposure(camera, mode, 5.0)
+
+
+def test_a_fixed_exposure_has_no_range() -> None:
+    knobs = usual_knobs()
+    del knobs[TIME]
+    assert exposure_range_ms(FakeCamera(knobs), config(fixed_exposure=True)) == (20.0, 20.0)
