@@ -13,6 +13,7 @@ from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 from .sampling import IndexArray, sample_pixels
+from .stack import ImageStack
 
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
@@ -87,12 +88,7 @@ def noise_of_sensor(
     return math.sqrt(variance * float(np.mean(np.square(gains, dtype=np.float64))))
 
 
-def noise_of_images(
-    images: npt.NDArray[Any],
-    ambient: npt.NDArray[Any] | None,
-    gains: npt.NDArray[np.float32],
-    lighting: Lighting,
-) -> float:
+def noise_of_images(stack: ImageStack, gains: npt.NDArray[np.float32], lighting: Lighting) -> float:
     """Standard deviation of a pixel, in units of images times gains.
 
     N lights leave N - 3 combinations in which a Lambertian surface without shadow cancels out,
@@ -108,20 +104,17 @@ def noise_of_images(
     combination of this kind: then only the rounding of the pixel values is known.
     """
     rounding = 0.0
-    if images.dtype.kind != "f":
+    if stack.images.dtype.kind != "f":
         rounding = float(gains.max()) * math.sqrt(_ROUNDING_VARIANCE)
     freedom = len(lighting) - 3
     if freedom < 1:
         return rounding
     # The left null space of L, as orthonormal rows.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
-    shape = images.shape[1:]
-    planes = images.reshape(len(images), -1)
+    shape = stack.shape
 
     def sampled(pixels: IndexArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        values = planes.take(pixels, axis=1).astype(np.float32)
-        if ambient is not None:
-            values -= ambient.ravel().take(pixels).astype(np.float32)
+        values = stack.values_at(pixels)
         values *= gains[:, None]
         in_light = values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
         return cancelling @ values, values.sum(axis=0), in_light

@@ -64,12 +64,25 @@ class ImageStack:
             return np.zeros((1, self.shape[1]), self.images.dtype)
         return self.ambient
 
+    def raw_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+        """(N, n) values of pixels with these flat indices."""
+        return self.images.reshape(len(self.images), -1).take(pixels, 1).astype(np.float32)
+
     def values_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
         """(N, n) values less ambient light of pixels with these flat indices."""
-        values = self.images.reshape(len(self.images), -1).take(pixels, 1).astype(np.float32)
+        values = self.raw_at(pixels)
         if self.ambient is not None:
             values -= self.ambient.ravel().take(pixels).astype(np.float32)
         return values
+
+    def whole(self) -> ImageStack:
+        """The stack with its images as `raw_at` and `float_rows` give them."""
+        return self
+
+    def rows(self, first: int, last: int) -> ImageStack:
+        """Some rows of the frame, as contiguous float32."""
+        images, dark = self.float_rows(first, last)
+        return ImageStack(images, None if self.ambient is None else dark)
 
     def float_rows(
         self, first: int, last: int

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
 from classify.images.sampling import IndexArray, symmetric_samples
+from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -117,7 +118,7 @@ def light_agreement(
     sigma = 0.0
     if noise is None:
         gains = (1.0 / lighting.intensities).astype(np.float32)
-        sigma = noise_of_images(images, ambient, gains, lighting)
+        sigma = noise_of_images(ImageStack(images, ambient), gains, lighting)
     compared = partial(_compare, images, ambient, lighting, null, full_scale, noise or sigma)
     step = max(1, math.ceil(math.sqrt(rows * columns / _MAX_SAMPLES)))
     grid = compared(symmetric_samples(rows, step), symmetric_samples(columns, step))

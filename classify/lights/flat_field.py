@@ -1,6 +1,7 @@
 """Strength of each light over a plane, as a polynomial, and the division of images by it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -67,23 +68,63 @@ class FlatField:
         The result is float32, and the ambient image is in it as before. Pixels that reach
         `full_scale` get the value `saturation`.
         """
-        images = np.empty(stack.images.shape, np.float32)
-        x, y = coordinates(np.arange(stack.shape[0]), np.arange(stack.shape[1]), stack.shape)
-        terms = self.coefficients.shape[1]
-        factors = np.zeros((len(images), len(y), TERMS), np.float32)
-        factors[..., :terms] = -powers(y, terms) @ self.coefficients
-        x = x.astype(np.float32)
-        bounds = -self.bounds[:, ::-1].astype(np.float32)
-        full_scale = np.inf if full_scale is None else full_scale
-        saturation, top = np.float32(full_scale), self.saturation(full_scale)
+        return DividedStack(stack.images, stack.ambient, self, full_scale).whole()
 
-        def multiply(first: int, last: int) -> None:
-            block, dark = stack.float_rows(first, last)
-            _multiply(first, block, dark, factors, bounds, x, saturation, top, images)
 
-        run_on_rows(multiply, stack.shape)
-        ambient = None if stack.ambient is None else stack.ambient.astype(np.float32)
+@dataclass(frozen=True, eq=False)
+class DividedStack(ImageStack):
+    """Images that are divided by a flat field where they are read; see `FlatField.divide`.
+
+    A copy of five megapixels takes longer to write than to make again while it is in the cache.
+
+    Attributes
+    ----------
+    images, ambient
+        As they were taken.
+    flat_field, full_scale
+        By which they are divided, and the value of saturated pixels before, None if not known.
+    """
+
+    flat_field: FlatField
+    full_scale: float | None
+
+    def whole(self) -> ImageStack:
+        images = np.empty(self.images.shape, np.float32)
+
+        def write(first: int, last: int) -> None:
+            images[:, first:last] = self.float_rows(first, last)[0]
+
+        run_on_rows(write, self.shape)
+        ambient = None if self.ambient is None else self.ambient.astype(np.float32)
         return ImageStack(images, ambient)
+
+    def raw_at(self, pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.float32]:
+        raw = super().raw_at(pixels)
+        dark = np.zeros(1, np.float32)
+        if self.ambient is not None:
+            dark = self.ambient.ravel().take(pixels).astype(np.float32)
+        _multiply_at(pixels, raw, dark, *self._division)
+        return raw
+
+    def float_rows(
+        self, first: int, last: int
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        block, dark = super().float_rows(first, last)
+        _multiply(first, block, dark, *self._division)
+        return block, dark
+
+    @cached_property
+    def _division(self) -> tuple[Array, Array, Array, np.float32, np.float32]:
+        """The last arguments of the kernels."""
+        field, shape = self.flat_field, self.shape
+        x, y = coordinates(np.arange(shape[0]), np.arange(shape[1]), shape)
+        terms = field.coefficients.shape[1]
+        factors = np.zeros((len(field.coefficients), len(y), TERMS), np.float32)
+        factors[..., :terms] = -powers(y, terms) @ field.coefficients
+        bounds = -field.bounds[:, ::-1].astype(np.float32)
+        saturation = np.inf if self.full_scale is None else self.full_scale
+        top = field.saturation(saturation)
+        return factors, bounds, x.astype(np.float32), np.float32(saturation), top
 
 
 @kernel
@@ -100,11 +141,11 @@ def exponential(e: np.float32) -> np.float32:
 @kernel
 def _multiply(
     first: int, images: Array, dark: Array, factors: Array, bounds: Array, x: Array,
-    saturation: np.float32, top: np.float32, product: Array,
+    saturation: np.float32, top: np.float32,
 ) -> None:  # fmt: skip
-    """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`.
+    """Multiply each image, less `dark`, by exp of a polynomial of x within `bounds`, in place.
 
-    `images` and `dark` begin at the row `first` of `product`. `factors` (N, H, 7) are the factors
+    `images` and `dark` begin at the row `first` of the frame. `factors` (N, H, 7) are the factors
     of the polynomial in each row. Pixels that reach `saturation` get `top`.
     """
     rows, columns = images.shape[1:]
@@ -114,12 +155,40 @@ def _multiply(
             dark_row = dark[min(r, len(dark) - 1)]
             c0, c1, c2, c3, c4, c5, c6 = factors[k, first + r]
             for c in range(columns):
-                e = c3 + x[c] * (c4 + x[c] * (c5 + x[c] * c6))
-                e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * e))
-                factor = exponential(min(max(e, low), high))
+                factor = _factor(x[c], c0, c1, c2, c3, c4, c5, c6, low, high)
                 raw = images[k, r, c]
                 value = dark_row[c] + (raw - dark_row[c]) * factor
-                product[k, first + r, c] = value if raw < saturation else top
+                images[k, r, c] = value if raw < saturation else top
+
+
+@kernel
+def _multiply_at(
+    pixels: Array, values: Array, dark: Array, factors: Array, bounds: Array, x: Array,
+    saturation: np.float32, top: np.float32,
+) -> None:  # fmt: skip
+    """As `_multiply`, of (N, n) values of pixels with these flat indices."""
+    columns = len(x)
+    for k in range(values.shape[0]):
+        low, high = bounds[k]
+        for n in range(len(pixels)):
+            r, c = divmod(pixels[n], columns)
+            c0, c1, c2, c3, c4, c5, c6 = factors[k, r]
+            factor = _factor(x[c], c0, c1, c2, c3, c4, c5, c6, low, high)
+            raw, zero_light = values[k, n], dark[min(n, len(dark) - 1)]
+            value = zero_light + (raw - zero_light) * factor
+            values[k, n] = value if raw < saturation else top
+
+
+@kernel
+def _factor(
+    x: np.float32, c0: np.float32, c1: np.float32, c2: np.float32, c3: np.float32,
+    c4: np.float32, c5: np.float32, c6: np.float32, low: np.float32, high: np.float32,
+) -> np.float32:  # fmt: skip
+    """Exp of a polynomial of x within two bounds."""
+    e = c3 + x * (c4 + x * (c5 + x * c6))
+    e = c0 + x * (c1 + x * (c2 + x * e))
+    factor: np.float32 = exponential(min(max(e, low), high))
+    return factor
 
 
 def coordinates(

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.images.sampling import sample_pixels
+from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -125,18 +126,11 @@ class LitSamples:
     values: FloatArray
 
     @classmethod
-    def of(
-        cls,
-        images: npt.NDArray[Any],
-        ambient: npt.NDArray[Any] | None,
-        gains: FloatArray,
-        saturation: float,
-    ) -> Self:
+    def of(cls, stack: ImageStack, gains: FloatArray, saturation: float) -> Self:
         """Take the samples, without pixels that reach the value `saturation`."""
-        pixels = sample_pixels(images.shape[1:], _MAX_SAMPLES)
-        raw = images.reshape(4, -1).take(pixels, 1).astype(np.float32)
-        dark = np.float32(0.0) if ambient is None else ambient.ravel()[pixels].astype(np.float32)
-        values = (raw - dark) * gains[:, None]
+        pixels = sample_pixels(stack.shape, _MAX_SAMPLES)
+        raw = stack.raw_at(pixels)
+        values = stack.values_at(pixels) * gains[:, None]
         lit = np.flatnonzero(
             (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
             & (raw.max(axis=0) < saturation)

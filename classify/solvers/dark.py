@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from classify.images.stack import ImageStack
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
-from classify.threads import run_on_rows
 
+from .in_fill import LOST
 from .problem import Maps, Problem
 
 # A light is missing if it is below the shadow limit, and below the prediction by so many standard
@@ -18,7 +18,9 @@ _BEYOND_NOISE = 3.0
 _LARGEST_ALBEDO = 3.0
 
 
-def judge_dark_pixels(problem: Problem, maps: Maps) -> npt.NDArray[np.intp]:
+def judge_dark_pixels(
+    problem: Problem, stack: ImageStack, maps: Maps, first: int, last: int
+) -> None:
     """Invalidate dark pixels whose values are not those of a surface in all its lights.
 
     A pixel that is dark beside the rest of the frame (`Problem.dark_level`) gets much of its light
@@ -26,36 +28,28 @@ def judge_dark_pixels(problem: Problem, maps: Maps) -> npt.NDArray[np.intp]:
     missing light is no evidence of shadow, and the others do not show a slope. The problem must
     hold the intensities with which the maps were solved.
 
-    Returns
-    -------
-    The flat indices of these pixels.
+    Only rows from `first` to before `last` are judged, of maps that were solved from `stack`.
     """
     largest = _LARGEST_ALBEDO * problem.dark_level / problem.directions[:, 2].mean()
     # The prediction from the other lights is noisy as well: 2 sigma of the difference for four.
     lights = len(problem.lighting)
     noise = np.float32(_BEYOND_NOISE * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
-    columns = problem.shape[1]
-    found: dict[int, npt.NDArray[np.intp]] = {}
-    p, q, albedo, valid = (plane.ravel() for plane in (maps.p, maps.q, maps.albedo, maps.valid))
-
-    def judge(first: int, last: int) -> None:
-        rows = slice(first * columns, last * columns)
-        maybe = albedo[rows] < largest
-        if not maybe.any():
-            return
-        pixels = rows.start + np.flatnonzero(maybe & valid[rows])
-        values = problem.stack.values_at(pixels) * problem.gains[:, None]
-        dark = values.mean(axis=0) < problem.dark_level
-        pixels, values = pixels[dark], values[:, dark]
-        rho = albedo[pixels]
-        normals = np.stack([-p[pixels], -q[pixels], np.ones_like(rho)])
-        normals *= rho / np.sqrt(np.square(normals).sum(axis=0))
-        predicted = np.maximum(problem.directions @ normals, SHADOW_FLOOR * rho)
-        missing = (values <= SHADOW_FRACTION * predicted) & (predicted - values > noise)
-        pixels = pixels[missing.any(axis=0)]
-        p[pixels] = q[pixels] = 0.0
-        valid[pixels] = False
-        found[first] = pixels
-
-    run_on_rows(judge, problem.shape)
-    return np.concatenate([np.empty(0, np.intp), *found.values()])
+    part = maps.rows(first, last)
+    p, q, albedo, valid = (each.ravel() for each in (part.p, part.q, part.albedo, part.valid))
+    maybe = albedo < largest
+    if not maybe.any():
+        return
+    pixels = np.flatnonzero(maybe & valid)
+    values = stack.values_at(first * problem.shape[1] + pixels) * problem.gains[:, None]
+    dark = values.mean(axis=0) < problem.dark_level
+    pixels, values = pixels[dark], values[:, dark]
+    rho = albedo[pixels]
+    normals = np.stack([-p[pixels], -q[pixels], np.ones_like(rho)])
+    normals *= rho / np.sqrt(np.square(normals).sum(axis=0))
+    predicted = np.maximum(problem.directions @ normals, SHADOW_FLOOR * rho)
+    missing = (values <= SHADOW_FRACTION * predicted) & (predicted - values > noise)
+    pixels = pixels[missing.any(axis=0)]
+    p[pixels] = q[pixels] = 0.0
+    valid[pixels] = False
+    if part.unlit is not None:
+        part.unlit.ravel()[pixels] = LOST

@@ -7,12 +7,14 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.images.noise import BEYOND_NOISE, chi_squared
+from classify.images.stack import ImageStack
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT, SHADOW_FRACTION
 
 from .linear import by_fours, invert, judge_row, least_determinant, solve_lights
 from .problem import Maps, Problem, slope_noise
 from .robust import DARK, LEAK, TOLERANCE
+from .strips import solve_strips
 
 Array = npt.NDArray[Any]
 
@@ -35,14 +37,15 @@ def solve_drbohlav(problem: Problem) -> Maps:
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
     maps = problem.new_maps(left_out=dropped, highlights=highlights)
 
-    def solve(first: int, last: int) -> None:
+    def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
+        part = maps.rows(first, last)
         _drop_inconsistent(
-            *problem.stack.float_rows(first, last), *fours, problem.saturation,
+            *stack.float_rows(first, last), *fours, problem.saturation,
             problem.variance, problem.frames, least_bz, limits, weights,
-            *maps.slope_rows(first, last), dropped[first:last], highlights[first:last],
+            part.p, part.q, part.albedo, part.valid, part.left_out, part.highlights,
         )  # fmt: skip
 
-    problem.solve_rows(solve)
+    solve_strips(problem, maps, solve)
     return maps
 
 

@@ -12,7 +12,6 @@ from classify.images.sampling import sample_pixels
 from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
-from .dark import judge_dark_pixels
 from .problem import Maps, Problem
 from .relaxation import grow, neighbour_weights, relax
 from .unsolved import NO_LINE, NOT_REACHED, Unsolved, link
@@ -35,15 +34,16 @@ _FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
-def in_fill(problem: Problem, maps: Maps, unlit: npt.NDArray[np.uint8], strip_px: int) -> None:
-    """Complete the maps in place where `unlit` is not 0.
+def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
+    """Complete the maps in place where `Maps.unlit` is not 0.
 
     Pixels in two lights become valid unless one was saturated. Those in one or none get a slope
     and an albedo, but stay invalid. Nothing is filled in more than 24 px from a solved pixel (8 px
     with one light or none), nor at dark pixels that are not valid: there p = q = 0. `strip_px` is
     the number of pixels in a strip of rows.
     """
-    unlit.ravel()[judge_dark_pixels(problem, maps)] = LOST
+    unlit = maps.unlit
+    assert unlit is not None
     pixels = _pixels_to_fill(unlit, strip_px)
     if not pixels.size:
         return

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.stack import ImageStack
 from classify.lights.algebra import least_squares_weights, three_of_ring
 from classify.shadow_rule import (
     MIN_NORMAL_Z,
@@ -20,6 +21,7 @@ from classify.shadow_rule import (
 )
 
 from .problem import Maps, Problem
+from .strips import solve_strips
 
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
 # determines a normal; the limit of `algebra`.
@@ -45,15 +47,14 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
     lights, gains, _ = fours = by_fours(problem, unused)
     weights = weights[:, lights] * gains
     maps = problem.new_maps(left_out=np.broadcast_to(np.uint8(unused), problem.shape))
-    images, dark = problem.stack.images, problem.stack.dark_rows
 
-    def solve(first: int, last: int) -> None:
+    def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _linear(
-            first, last, images, dark, *fours, problem.saturation, floor, weights,
+            first, last, stack.images, stack.dark_rows, *fours, problem.saturation, floor, weights,
             maps.p, maps.q, maps.albedo, maps.valid,
         )  # fmt: skip
 
-    problem.solve_rows(solve)
+    solve_strips(problem, maps, solve)
     return maps
 
 

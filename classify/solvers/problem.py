@@ -12,7 +12,7 @@ from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.threads import STRIP_PX, run_on_rows
+from classify.lights.near_light import Shear
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
@@ -41,6 +41,9 @@ class Maps:
         bool; None where highlights follow from the prediction of the solution.
     repaired
         bool.
+    unlit
+        uint8 marks of the pixels that `in_fill` completes, 0 where it need not; None for methods
+        that do not fill in.
     lighting
         The lights with the intensities that were used.
     """
@@ -52,12 +55,19 @@ class Maps:
     left_out: npt.NDArray[np.uint8] | None
     highlights: npt.NDArray[np.bool_] | None
     repaired: npt.NDArray[np.bool_]
+    unlit: npt.NDArray[np.uint8] | None
     lighting: Lighting
 
-    def slope_rows(self, first: int, last: int) -> tuple[Array, Array, Array, Array]:
-        """Some rows of p, q, albedo and valid."""
-        rows = slice(first, last)
-        return self.p[rows], self.q[rows], self.albedo[rows], self.valid[rows]
+    def rows(self, first: int, last: int) -> "Maps":
+        """Some rows of all maps, to be written."""
+
+        def part(plane: Array | None) -> Any:
+            return None if plane is None else plane[first:last]
+
+        return Maps(
+            part(self.p), part(self.q), part(self.albedo), part(self.valid), part(self.left_out),
+            part(self.highlights), part(self.repaired), part(self.unlit), self.lighting,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +95,11 @@ class Problem:
         return self.lighting.directions.astype(np.float32)
 
     @cached_property
+    def shear(self) -> Shear | None:
+        """That of near lights; None for distant ones."""
+        return None if self.lighting.positions_px is None else Shear.of(self.lighting)
+
+    @cached_property
     def gains(self) -> FloatArray:
         """(N,) factors from pixel values to units of the albedo."""
         scale = 1.0 if self.full_scale is None else self.full_scale
@@ -94,7 +109,7 @@ class Problem:
     def sigma(self) -> float:
         """Standard deviation of an image value times its gain, at a pixel without light."""
         if self.sensor_noise is None:
-            return noise_of_images(self.stack.images, self.stack.ambient, self.gains, self.lighting)
+            return noise_of_images(self.stack, self.gains, self.lighting)
         return noise_of_sensor(self.sensor_noise, self.stack.ambient, self.gains)
 
     @cached_property
@@ -128,26 +143,14 @@ class Problem:
         left_out: npt.NDArray[np.uint8] | None = None,
         highlights: npt.NDArray[np.bool_] | None = None,
         repaired: npt.NDArray[np.bool_] | None = None,
+        unlit: npt.NDArray[np.uint8] | None = None,
     ) -> Maps:
         """Maps for a solver to write; nothing is repaired unless that map is given."""
         p, q, albedo = (np.empty(self.shape, np.float32) for _ in range(3))
         valid = np.empty(self.shape, np.bool_)
         if repaired is None:
             repaired = nowhere(self.shape)
-        return Maps(p, q, albedo, valid, left_out, highlights, repaired, self.lighting)
-
-    def solve_rows(self, solve: Callable[[int, int], None]) -> None:
-        """Call ``solve(first, last)`` for all rows in strips; tell `on_progress` the share."""
-        rows, done = self.shape[0], list[int]()
-
-        def solve_strip(first: int, last: int) -> None:
-            solve(first, last)
-            done.append(last - first)
-            if self.on_progress is not None:
-                self.on_progress(sum(done) / rows)
-
-        # As many values a strip as of four images, so that they stay in the cache.
-        run_on_rows(solve_strip, self.shape, 4 * STRIP_PX // len(self.lighting))
+        return Maps(p, q, albedo, valid, left_out, highlights, repaired, unlit, self.lighting)
 
     def noise_floor(self, weights: npt.NDArray[Any]) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""

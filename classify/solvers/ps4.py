@@ -6,11 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION
-from classify.threads import run_on_rows
 
 from .problem import Maps, Problem, nowhere
+from .strips import solve_strips
 
 Array = npt.NDArray[Any]
 
@@ -31,16 +32,15 @@ def solve_ps4(problem: Problem) -> Maps:
     if np.ptp(gains) == 0.0:
         gains, albedo_gain = np.ones_like(gains), gains[0]
     maps = problem.new_maps(highlights=nowhere(problem.shape))
-    images, dark = problem.stack.images, problem.stack.dark_rows
     null = null.astype(np.float32)
 
-    def solve(first: int, last: int) -> None:
+    def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _drop_darkest(
-            first, last, images, dark, gains, albedo_gain, problem.saturation,
+            first, last, stack.images, stack.dark_rows, gains, albedo_gain, problem.saturation,
             floor / albedo_gain, inverse, null, maps.p, maps.q, maps.albedo, maps.valid,
         )  # fmt: skip
 
-    run_on_rows(solve, problem.shape)
+    solve_strips(problem, maps, solve)
     return maps
 
 

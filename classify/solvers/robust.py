@@ -11,13 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, NO_DROPPED_LIGHT, SHADOW_FRACTION
-from classify.threads import STRIP_PX, run_on_rows
+from classify.threads import STRIP_PX
 
 from .in_fill import LOST, SATURATED, in_fill
 from .problem import Maps, Problem, slope_noise
+from .strips import correct_for_near_lights, solve_strips
 
 Array = npt.NDArray[Any]
 
@@ -48,8 +50,8 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     were not given are estimated first, and the lighting of the result holds them.
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
-    stack, shape = problem.stack, problem.shape
-    lit = LitSamples.of(stack.images, stack.ambient, problem.gains, float(problem.saturation))
+    shape = problem.shape
+    lit = LitSamples.of(problem.stack, problem.gains, float(problem.saturation))
     balanced, lighting, corrections = problem, problem.lighting, np.ones(4, np.float32)
     if not lighting.intensities_given:
         corrections = level_corrections(lit, problem.gains, problem.variance, lighting)
@@ -58,23 +60,22 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
         if np.any(corrections != 1.0):
             balanced = replace(problem, lighting=lighting)
     spread = np.float32(residual_spread(lit.values * corrections[:, None], null))
-    dropped, highlights = np.empty(shape, np.uint8), np.empty(shape, np.bool_)
-    maps = balanced.new_maps(dropped, highlights, np.zeros(shape, np.bool_))
-    maps = replace(maps, lighting=lighting)
-    unlit = np.empty(shape, np.uint8)
-    images, dark = stack.images, stack.dark_rows
+    left_out, unlit = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    highlights, repaired = np.empty(shape, np.bool_), np.zeros(shape, np.bool_)
+    maps = replace(balanced.new_maps(left_out, highlights, repaired, unlit), lighting=lighting)
     least_bz, per_residual = slope_noise(pinv), (pinv / null).astype(np.float32)
     pinv, null = pinv.astype(np.float32), null.astype(np.float32)
 
-    def solve(first: int, last: int) -> None:
+    def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _gate(
-            first, last, images, dark, balanced.gains, problem.saturation,
+            first, last, stack.images, stack.dark_rows, balanced.gains, problem.saturation,
             problem.variance, problem.frames, spread, least_bz, pinv, per_residual, null,
-            maps.p, maps.q, maps.albedo, maps.valid, dropped, highlights, unlit,
+            maps.p, maps.q, maps.albedo, maps.valid, maps.left_out, maps.highlights, maps.unlit,
         )  # fmt: skip
 
-    run_on_rows(solve, shape, strip_px)
-    in_fill(balanced, maps, unlit, strip_px)
+    solve_strips(balanced, maps, solve, strip_px)
+    in_fill(balanced, maps, strip_px)
+    correct_for_near_lights(balanced, maps)
     return maps
 
 

@@ -6,11 +6,13 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.images.stack import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from .linear import by_fours, judge_row, solve_lights
 from .problem import Maps, Problem
+from .strips import solve_strips
 
 Array = npt.NDArray[Any]
 
@@ -25,13 +27,14 @@ def solve_rushmeier(problem: Problem) -> Maps:
     fours, dropped = by_fours(problem), np.empty(problem.shape, np.uint8)
     maps = problem.new_maps(left_out=dropped)
 
-    def solve(first: int, last: int) -> None:
+    def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
+        part = maps.rows(first, last)
         _drop_extremes(
-            *problem.stack.float_rows(first, last), *fours, problem.saturation, floor, inverses,
-            *maps.slope_rows(first, last), dropped[first:last],
+            *stack.float_rows(first, last), *fours, problem.saturation, floor, inverses,
+            part.p, part.q, part.albedo, part.valid, part.left_out,
         )  # fmt: skip
 
-    problem.solve_rows(solve)
+    solve_strips(problem, maps, solve)
     return maps
 
 

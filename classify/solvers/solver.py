@@ -13,11 +13,11 @@ from classify.images.noise import SensorNoise
 from classify.images.stack import Images, ImageStack
 from classify.lighting import Lighting
 from classify.lights.fall_off import fall_off
-from classify.lights.flat_field import FlatField
+from classify.lights.flat_field import DividedStack, FlatField
+from classify.lights.near_light import sheet_of
 from classify.methods import METHODS, Method, default_method
 from classify.surface.estimate import SurfaceEstimate
 
-from .dark import judge_dark_pixels
 from .drbohlav import solve_drbohlav
 from .linear import solve_least_squares, solve_three_of_ring
 from .problem import Maps, Problem
@@ -30,27 +30,15 @@ from .rushmeier import solve_rushmeier
 _SMALLEST_DIVISOR, _LARGEST_DIVISOR = 1e-6, 1e12
 
 
-def _judged(solve: Callable[[Problem], Maps]) -> Callable[[Problem], Maps]:
-    """The solver, with dark pixels judged afterwards."""
-
-    def solve_and_judge(problem: Problem) -> Maps:
-        maps = solve(problem)
-        judge_dark_pixels(problem, maps)
-        return maps
-
-    return solve_and_judge
-
-
 _SOLVERS: Mapping[Method, Callable[[Problem], Maps]] = {
-    "ps3a": _judged(partial(solve_three_of_ring, method="ps3a")),
-    "ps3b": _judged(partial(solve_three_of_ring, method="ps3b")),
-    "ps3c": _judged(partial(solve_three_of_ring, method="ps3c")),
-    "ps3d": _judged(partial(solve_three_of_ring, method="ps3d")),
-    "ps4": _judged(solve_ps4),
-    "least_squares": _judged(solve_least_squares),
-    "rushmeier": _judged(solve_rushmeier),
-    "drbohlav": _judged(solve_drbohlav),
-    # It judges them before it fills in, by the levels that it found.
+    "ps3a": partial(solve_three_of_ring, method="ps3a"),
+    "ps3b": partial(solve_three_of_ring, method="ps3b"),
+    "ps3c": partial(solve_three_of_ring, method="ps3c"),
+    "ps3d": partial(solve_three_of_ring, method="ps3d"),
+    "ps4": solve_ps4,
+    "least_squares": solve_least_squares,
+    "rushmeier": solve_rushmeier,
+    "drbohlav": solve_drbohlav,
     "ps4_robust": solve_ps4_robust,
 }
 
@@ -68,14 +56,15 @@ def photometric_stereo(
     mask: npt.NDArray[np.bool_] | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> SurfaceEstimate:
-    """Gradients and albedo of a Lambertian surface from images under known distant lights.
+    """Gradients and albedo of a Lambertian surface from images under known lights.
 
     Parameters
     ----------
     images
         (N, H, W) uint8, uint16 or float32, linear in light, in the order of `lighting`.
     lighting
-        The N lights.
+        The N lights. Near lights (`Lighting.positions_px`) have their own direction at each pixel
+        (`classify.lights.near_light`); the part lies in the plane from which they are measured.
     method
         ``ps4_robust``, the default for four lights, uses all four at a pixel where they agree
         within the noise, leaves out the one in shadow or in a highlight where they do not, and
@@ -92,16 +81,16 @@ def photometric_stereo(
     noise
         Of the sensor that took the images. Without it the noise is estimated from the images.
     flat_field
-        The logarithm of the image of a white matt sheet under each light, from a calibration. The
-        images are divided by it; the intensities of `lighting` are in it and not used.
+        The images of a white matt sheet under these lights, from a calibration. The images are
+        divided by it; the intensities of `lighting` are in it and not used. Without it, those of
+        near lights are divided by what inverse square and Lambert's law give.
     planar
         The part is flat but for its texture: divide out the fall-off and the levels of near lights
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
     mask
         (H, W) pixels of the part. Others are not valid, and do not count in the fall-off.
     on_progress
-        Called with the share of rows solved, 0 to 1, by any thread. ``ps4`` and ``ps4_robust`` do
-        not call it: they need milliseconds.
+        Called with the share of rows solved, 0 to 1, by any thread.
 
     Raises
     ------
@@ -139,14 +128,21 @@ def photometric_stereo(
             )
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
-    used = lighting
-    saturation = np.float32(np.inf if full_scale is None else full_scale)
+    used, saturation = lighting, np.float32(np.inf if full_scale is None else full_scale)
+    divided_by = None
     if flat_field is not None:
-        flat_field = _facing(flat_field, lighting)
-        stack = flat_field.divide(stack, float(saturation))
-        saturation = flat_field.saturation(float(saturation))
+        divided_by = _facing(flat_field, lighting)
         used = replace(lighting, intensities=np.ones(len(lighting)))
-    found = fall_off(stack, used, float(saturation), mask) if planar else None
+    elif lighting.positions_px is not None:
+        even = replace(lighting, intensities=np.ones(len(lighting)))
+        divided_by = _facing(sheet_of(even, stack.shape), lighting)
+    if divided_by is not None:
+        stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
+        saturation = divided_by.saturation(float(saturation))
+    found = None
+    if planar:
+        stack = stack.whole()
+        found = fall_off(stack, used, float(saturation), mask)
     if found is not None:
         stack = found.divide(stack, float(saturation))
         saturation = found.saturation(float(saturation))
@@ -165,7 +161,8 @@ def photometric_stereo(
         full_scale=full_scale,
         lighting=maps.lighting,
         planar=planar,
-        flat_field=flat_field,
+        divided_by=None if planar else divided_by,
+        saturation=float(saturation) if planar else full_scale,
         fall_off=found,
         led_levels=None if maps.lighting is used else maps.lighting.intensities,
         left_out=maps.left_out,

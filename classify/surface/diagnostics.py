@@ -22,12 +22,17 @@ _HIGHLIGHT_DEVIATIONS = 4.0
 @kernel
 def fit_residual(
     images: Array, ambient: Array, gains: Array, weights: Array, directions: Array,
-    residual: Array,
+    plane: Array, excess: Array, x: Array, y: Array, residual: Array,
 ) -> None:  # fmt: skip
-    """Rms difference between the lights and the least squares surface, b = weights i."""
+    """Rms difference between the lights and the least squares surface, b' = weights i.
+
+    `plane`, `excess` and the coordinates x and y are those of `near_light`. As the weights are of
+    least squares, the excess does not change b'.
+    """
     lights = images.shape[0]
     rows, columns = residual.shape
     share = np.float32(1.0 / lights)
+    one = np.float32(1.0)
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]
         bx = np.zeros(columns, np.float32)
@@ -40,11 +45,16 @@ def fit_residual(
                 bx[c] += weights[0, k] * v
                 by[c] += weights[1, k] * v
                 bz[c] += weights[2, k] * v
+        # b . X
+        inner = np.empty(columns, np.float32)
+        for c in range(columns):
+            across = one - plane[0] * x[c] - plane[1] * y[r]
+            inner[c] = (bx[c] * x[c] + by[c] * y[r]) / across
         for k in range(lights):
-            x, y, z = directions[k]
+            lx, ly, lz = directions[k]
             for c in range(columns):
                 v = (images[k, r, c] - dark[c]) * gains[k]
-                error = v - (x * bx[c] + y * by[c] + z * bz[c])
+                error = v - (lx * bx[c] + ly * by[c] + lz * bz[c]) - excess[k] * inner[c]
                 squares[c] += error * error
         for c in range(columns):
             residual[r, c] = np.sqrt(squares[c] * share)
@@ -53,13 +63,14 @@ def fit_residual(
 @kernel
 def compare_with_prediction(
     images: Array, ambient: Array, gains: Array, directions: Array,
+    inverse_distances: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array, determined: Array, limits: Array,
     shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
     """Compare each light with the prediction of p, q and albedo; count shadows, mark highlights.
 
     Only where a slope is `determined`. Light k is a highlight from `limits[k]` times the prediction
-    on.
+    on. The prediction is b . (l - X / R) at the coordinates x and y, see `near_light`.
     """
     rows, columns = p.shape
     one = np.float32(1.0)
@@ -71,11 +82,12 @@ def compare_with_prediction(
             shadow_count[r, c] = 0
             highlights[r, c] = False
         for k in range(images.shape[0]):
-            x, y, z = directions[k]
-            limit = limits[k]
+            lx, ly, lz = directions[k]
+            limit, near = limits[k], inverse_distances[k]
             for c in range(columns):
                 v = (images[k, r, c] - dark[c]) * gains[k]
-                s = scales[c] * (z - x * p[r, c] - y * q[r, c])
+                inner = x[c] * p[r, c] + y[r] * q[r, c]
+                s = scales[c] * (lz - lx * p[r, c] - ly * q[r, c] + near * inner)
                 rho = albedo[r, c]
                 known = determined[r, c]
                 shadow_count[r, c] += known & (v <= SHADOW_FRACTION * max(s, SHADOW_FLOOR * rho))
@@ -83,15 +95,18 @@ def compare_with_prediction(
 
 
 def highlight_limits(
-    values: Array, directions: Array, p: Array, q: Array, albedo: Array
-) -> npt.NDArray[np.float32]:
+    values: Array, directions: Array, inverse_distances: Array, x: Array, y: Array,
+    p: Array, q: Array, albedo: Array,
+) -> npt.NDArray[np.float32]:  # fmt: skip
     """(N,) multiples of the prediction from which on a light is a highlight.
 
-    Of (N, n) `values` of n pixels with their slopes and albedo. A light that is brighter than
-    assumed, or falls off across the frame, exceeds the prediction by half at many pixels: its
-    typical ratio to the prediction and the spread of that ratio raise its limit.
+    Of (N, n) `values` of n pixels with their coordinates, slopes and albedo. A light that is
+    brighter than assumed, or falls off across the frame, exceeds the prediction by half at many
+    pixels: its typical ratio to the prediction and the spread of that ratio raise its limit.
     """
-    predicted = directions @ np.stack([-p, -q, np.ones_like(p)]) * albedo
+    predicted = directions @ np.stack([-p, -q, np.ones_like(p)])
+    predicted += inverse_distances[:, None] * (p * x + q * y)
+    predicted *= albedo
     predicted /= np.sqrt(1.0 + p * p + q * q)
     limits = np.full(len(values), _HIGHLIGHT_FRACTION)
     for k, (light, prediction) in enumerate(zip(values, predicted, strict=True)):

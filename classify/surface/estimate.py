@@ -11,7 +11,8 @@ from classify.errors import InputError
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.flat_field import FlatField
+from classify.lights.flat_field import DividedStack, FlatField
+from classify.lights.near_light import Shear, middle_px
 from classify.threads import run_on_rows
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
@@ -47,14 +48,17 @@ class SurfaceEstimate:
         Name of the solver.
     images, ambient, full_scale
         (N, H, W) the images that were solved, with the (H, W) ambient image and the full scale,
-        as they were given or divided by `flat_field` and `fall_off`; None for an estimate that
-        does not come from a solver.
+        as they were given or, for a planar part, divided by a flat field and the fall-off; None for
+        an estimate that does not come from a solver.
     lighting
         The N lights of these images, with the intensities that were used.
     planar
         Whether the part was solved as planar: then a tilt or bow of it is not in the slopes.
-    flat_field
-        That of a calibration, by which the images were divided.
+    divided_by
+        Flat field by which the images are divided where they are read: that of a calibration or of
+        near lights, or None.
+    saturation
+        Value of saturated pixels of the images; None for `full_scale`.
     fall_off
         By which the images of a planar part were divided; None where too little of it was lit.
     led_levels
@@ -82,7 +86,8 @@ class SurfaceEstimate:
     full_scale: float | None = None
     lighting: Lighting | None = None
     planar: bool = False
-    flat_field: FlatField | None = None
+    divided_by: FlatField | None = None
+    saturation: float | None = None
     fall_off: FlatField | None = None
     led_levels: npt.NDArray[np.float64] | None = None
     left_out: npt.NDArray[np.uint8] | None = None
@@ -119,10 +124,13 @@ class SurfaceEstimate:
         directions = lighting.directions.astype(np.float32)
         weights = np.linalg.pinv(lighting.directions).astype(np.float32)
         residual = np.empty(self.shape, np.float32)
+        shear, (x, y) = Shear.of(lighting), self._plane_px
 
         def fit(first: int, last: int) -> None:
-            block = stack.float_rows(first, last)
-            fit_residual(*block, self._gains, weights, directions, residual[first:last])
+            fit_residual(
+                *stack.float_rows(first, last), self._gains, weights, directions, shear.plane,
+                shear.excess, x, y[first:last], residual[first:last],
+            )  # fmt: skip
 
         run_on_rows(fit, self.shape)
         return residual
@@ -147,10 +155,8 @@ class SurfaceEstimate:
     def saturated(self) -> npt.NDArray[np.bool_]:
         """(H, W) bool, true where any image reached full scale."""
         stack, _ = self._stack_and_lights
-        limit = np.inf if self.full_scale is None else self.full_scale
-        for divided_by in (self.flat_field, self.fall_off):
-            if divided_by is not None:
-                limit = float(divided_by.saturation(limit))
+        limit = self.full_scale if self.saturation is None else self.saturation
+        limit = np.inf if limit is None else limit
         saturated: npt.NDArray[np.bool_] = stack.images.max(axis=0) >= limit
         return saturated
 
@@ -199,17 +205,19 @@ class SurfaceEstimate:
         shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
         pixels = sample_pixels(self.shape, _SAMPLES)
         pixels = pixels[self.valid.ravel()[pixels]]
+        inverse_distances, (x, y) = Shear.of(lighting).inverse_distances, self._plane_px
         limits = highlight_limits(
-            stack.values_at(pixels) * self._gains[:, None], directions,
+            stack.values_at(pixels) * self._gains[:, None], directions, inverse_distances,
+            x[pixels % len(x)], y[pixels // len(x)],
             *(plane.ravel()[pixels] for plane in (self.p, self.q, self.albedo)),
         )  # fmt: skip
 
         def compare(first: int, last: int) -> None:
             rows = slice(first, last)
             compare_with_prediction(
-                *stack.float_rows(first, last), self._gains, directions,
-                self.p[rows], self.q[rows], self.albedo[rows], self._determined(rows), limits,
-                shadow_count[rows], highlights[rows],
+                *stack.float_rows(first, last), self._gains, directions, inverse_distances,
+                x, y[rows], self.p[rows], self.q[rows], self.albedo[rows], self._determined(rows),
+                limits, shadow_count[rows], highlights[rows],
             )  # fmt: skip
 
         run_on_rows(compare, self.shape)
@@ -234,7 +242,15 @@ class SurfaceEstimate:
                 "this estimate has no images with their lights, from which shadow, residual and "
                 "saturation are computed; only `photometric_stereo` provides them"
             )
-        return ImageStack(self.images, self.ambient), self.lighting
+        if self.divided_by is None:
+            return ImageStack(self.images, self.ambient), self.lighting
+        stack = DividedStack(self.images, self.ambient, self.divided_by, self.full_scale)
+        return stack, self.lighting
+
+    @property
+    def _plane_px(self) -> tuple[FloatMap, FloatMap]:
+        """X of the columns and y of the rows."""
+        return middle_px(self.shape[1]), -middle_px(self.shape[0])
 
     @property
     def _gains(self) -> FloatMap:

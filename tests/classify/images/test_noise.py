@@ -6,6 +6,7 @@ import pytest
 from classify import Lighting
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
+from classify.images.stack import ImageStack
 
 SIDE = 128
 ONES = np.ones(4, np.float32)
@@ -26,14 +27,16 @@ def images_of_bumps(lighting: Lighting, sigma: float, seed: int = 0) -> np.ndarr
 def test_noise_is_found_whatever_the_surface(lights: int, sigma: float) -> None:
     lighting = Lighting.ring(40.0, tilts_deg=np.arange(lights) * 360.0 / lights)
     images = images_of_bumps(lighting, sigma)
-    found = noise_of_images(images, None, np.ones(lights, np.float32), lighting)
+    found = noise_of_images(ImageStack(images, None), np.ones(lights, np.float32), lighting)
     assert found == pytest.approx(sigma, rel=0.05)
 
 
 def test_shadow_on_a_fifth_of_the_pixels_hardly_raises_it() -> None:
     images = images_of_bumps(Lighting.ring(), 2.0)
     images[1, :, : SIDE // 5] = 0.0
-    assert noise_of_images(images, None, ONES, Lighting.ring()) == pytest.approx(2.0, rel=0.4)
+    assert noise_of_images(ImageStack(images, None), ONES, Lighting.ring()) == pytest.approx(
+        2.0, rel=0.4
+    )
 
 
 def test_an_unknown_led_level_does_not_raise_the_noise_of_dark_pixels() -> None:
@@ -41,12 +44,14 @@ def test_an_unknown_led_level_does_not_raise_the_noise_of_dark_pixels() -> None:
     images[:, : SIDE // 3] *= 0.02
     images += np.random.default_rng(1).normal(0.0, 0.5, images.shape).astype(np.float32)
     images[2] *= 1.5
-    assert noise_of_images(images, None, ONES, Lighting.ring()) == pytest.approx(0.6, abs=0.15)
+    assert noise_of_images(ImageStack(images, None), ONES, Lighting.ring()) == pytest.approx(
+        0.6, abs=0.15
+    )
 
 
 def test_noise_is_in_units_of_images_times_gains() -> None:
     images = images_of_bumps(Lighting.ring(), 2.0)
-    found = noise_of_images(images, None, ONES / 256, Lighting.ring())
+    found = noise_of_images(ImageStack(images, None), ONES / 256, Lighting.ring())
     assert found == pytest.approx(2.0 / 256, rel=0.05)
 
 
@@ -54,22 +59,24 @@ def test_ambient_light_is_not_noise() -> None:
     general = Lighting.from_angles([0, 80, 200, 265], [30, 45, 50, 40])
     images = images_of_bumps(general, 2.0)
     ambient = np.tile(np.linspace(0, 50, SIDE, dtype=np.float32), (SIDE, 1))
-    found = noise_of_images(images + ambient, ambient, ONES, general)
+    found = noise_of_images(ImageStack(images + ambient, ambient), ONES, general)
     assert found == pytest.approx(2.0, rel=0.05)
 
 
 def test_integer_images_have_at_least_rounding_noise() -> None:
     flat = np.full((4, SIDE, SIDE), 90, np.uint8)
-    assert noise_of_images(flat, None, ONES, Lighting.ring()) == pytest.approx(np.sqrt(1 / 12))
-    assert noise_of_images(flat.astype(np.float32), None, ONES, Lighting.ring()) < 1e-4
+    assert noise_of_images(ImageStack(flat, None), ONES, Lighting.ring()) == pytest.approx(
+        np.sqrt(1 / 12)
+    )
+    assert noise_of_images(ImageStack(flat.astype(np.float32), None), ONES, Lighting.ring()) < 1e-4
 
 
 def test_three_lights_determine_the_rounding_only() -> None:
     lighting = Lighting.ring(40.0, tilts_deg=[0, 120, 240])
     images = images_of_bumps(lighting, 3.0)
     gains = np.array([1, 2, 1], np.float32)
-    assert noise_of_images(images, None, gains, lighting) == 0.0
-    rounded = noise_of_images(images.astype(np.uint8), None, gains, lighting)
+    assert noise_of_images(ImageStack(images, None), gains, lighting) == 0.0
+    rounded = noise_of_images(ImageStack(images.astype(np.uint8), None), gains, lighting)
     assert rounded == pytest.approx(2.0 * np.sqrt(1 / 12))
 
 

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Lighting, SensorNoise, photometric_stereo
+from classify.images.stack import ImageStack
 from classify.lights.led_levels import LitSamples, level_corrections
 
 SIDE = 128
@@ -34,7 +35,7 @@ def images_with(
 
 
 def found(images: np.ndarray, lighting: Lighting = RING, saturation: float = np.inf) -> np.ndarray:
-    lit = LitSamples.of(images, None, KNOWN, saturation)
+    lit = LitSamples.of(ImageStack(images, None), KNOWN, saturation)
     return level_corrections(lit, KNOWN, QUIET, lighting)
 
 

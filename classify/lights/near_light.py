@@ -1,0 +1,118 @@
+"""Near lights: the strength of their light over the part, and its change of direction.
+
+A light at P, at the distance R = |P| from the middle of the frame, lights the surface at X with
+rho n . (P - X) / |P - X|^3. Divided by the strength over a level sheet, `sheet_of`, the image is
+
+    i_k = b . (l_k - X / R_k),    b = rho n,    l_k = P_k / R_k.
+
+Let c be the vector with c . l_k = 1 / R_k for all lights, which exists for three lights, and for
+more if they lie in one plane, c . P = 1. Then
+
+    i_k = l_k . b',    b' = b - (b . X) c,
+
+so that a solver of distant lights, whichever lights it uses, finds b'. Its inner product with X is
+b' . X = (b . X) (1 - c . X), and therefore
+
+    b = b' + c (b' . X) / (1 - c . X).
+
+For lights out of one plane c is that of least squares, and e_k = c . l_k - 1 / R_k, the excess,
+remains: i_k = l_k . b' + e_k (b . X). The solvers subtract it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.lighting import Lighting
+
+from .flat_field import TERMS, FlatField, powers
+
+FloatArray = npt.NDArray[np.float32]
+
+# The logarithm of a strength differs by less between neighbours of the grid of its bounds.
+_MARGIN = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Shear:
+    """The difference of near lights from distant ones in the same directions, float32.
+
+    All values are 0 for distant lights.
+
+    Attributes
+    ----------
+    plane
+        (3,) c of the plane of the lights, per px.
+    excess
+        (N,) e of each light, per px.
+    inverse_distances
+        (N,) 1 / R of each light, per px.
+    """
+
+    plane: FloatArray
+    excess: FloatArray
+    inverse_distances: FloatArray
+
+    @classmethod
+    def of(cls, lighting: Lighting) -> Shear:
+        """The shear of these lights."""
+        inverse = np.zeros(len(lighting))
+        if lighting.positions_px is not None:
+            inverse = 1.0 / np.linalg.norm(lighting.positions_px, axis=1)
+        plane = np.linalg.pinv(lighting.directions) @ inverse
+        excess = lighting.directions @ plane - inverse
+        return cls(*(each.astype(np.float32) for each in (plane, excess, inverse)))
+
+
+def middle_px(count: int) -> FloatArray:
+    """Coordinates of `count` columns in px, from the middle of the frame; minus those of rows."""
+    return (np.arange(count) - 0.5 * (count - 1)).astype(np.float32)
+
+
+def sheet_of(
+    lighting: Lighting, shape: tuple[int, int], lobe_exponent: float | None = None
+) -> FlatField:
+    """The images of a white matt sheet that near lights make, by inverse square and Lambert's law.
+
+    Their values at the middle of the frame have the geometric mean 1.
+
+    Parameters
+    ----------
+    lighting
+        Near lights, with their intensities at the middle of the frame.
+    shape
+        Rows and columns of the frame.
+    lobe_exponent
+        m of the strength of an LED at an angle to its axis, cos^m; the axes point to the middle of
+        the frame. None for LEDs that are as strong to all sides.
+    """
+    positions, half = lighting.positions_px, 0.5 * max(shape)
+    assert positions is not None
+    # In the coordinates of a flat field, through the values at the zeros of a Chebyshev polynomial,
+    # which is within a few percent of the best approximation.
+    nodes = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
+    height, width = (side / max(shape) for side in shape)
+    at_the_middle = lighting.intensities * lighting.directions[:, 2]
+    at_the_middle /= np.exp(np.log(at_the_middle).mean())
+
+    def logarithms(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        plane = np.zeros((3, len(x), len(x)))
+        plane[0], plane[1] = half * width * x, half * height * x[:, None]
+        towards = positions[:, :, None, None] - plane
+        distances = np.linalg.norm(positions, axis=1)[:, None, None]
+        ratios = np.linalg.norm(towards, axis=1) / distances
+        cosines = np.einsum("kc,kcij->kij", lighting.directions, towards) / (distances * ratios)
+        # A pixel behind an LED gets no light, of which there is no logarithm.
+        lobes = np.maximum(cosines, 1e-3) ** (lobe_exponent or 0.0)
+        strengths = at_the_middle[:, None, None] / ratios**3 * lobes
+        return np.asarray(np.log(strengths), np.float64)
+
+    inverse = np.linalg.inv(powers(nodes, TERMS))
+    coefficients = inverse @ logarithms(nodes) @ inverse.T
+    coefficients /= np.outer(height ** np.arange(TERMS), width ** np.arange(TERMS))
+    grid = logarithms(np.linspace(-1.0, 1.0, 4 * TERMS))
+    bounds = np.stack([grid.min(axis=(1, 2)) - _MARGIN, grid.max(axis=(1, 2)) + _MARGIN], axis=1)
+    return FlatField(coefficients, bounds)
