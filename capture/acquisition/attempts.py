@@ -9,6 +9,9 @@ from importlib.metadata import version
 import numpy as np
 import numpy.typing as npt
 
+from capture.calibration.lookup import check_setting
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
@@ -20,6 +23,7 @@ from capture.sets.metadata import (
     SetMetadata,
     image_noise,
 )
+from classify.calibration.calibration import Calibration
 from classify.errors import InputError, Ps4rigError
 from classify.labels import checked_label
 from classify.lights.agreement import like_signed
@@ -32,9 +36,11 @@ from .hardware_set import images_in_sequence
 from .light_checks import (
     check_agreement,
     check_ambient,
+    check_different,
     check_images,
     check_order,
     check_retake,
+    check_signals,
     check_target,
     retake_reasons,
 )
@@ -48,7 +54,12 @@ MAX_ATTEMPTS = 3
 
 
 def capture_set(
-    rig: Rig, label: str | None = None, *, average: int = 1, is_target: bool = False
+    rig: Rig,
+    label: str | None = None,
+    *,
+    average: int = 1,
+    calibration: CalibrationFile | None = None,
+    is_target: bool = False,
 ) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
@@ -66,6 +77,9 @@ def capture_set(
         Class of the part, if known.
     average
         Frames per image. The mean of several is stretched to 16 bits.
+    calibration
+        Of this rig at this setting. The set keeps the pixel values of the camera and names it, and
+        the checks take its lights into account.
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
 
@@ -73,6 +87,8 @@ def capture_set(
     ------
     InputError
         If the label is not printable, or average out of range.
+    CalibrationError
+        If the calibration is of another rig or setting.
     SetRejected
         If an image is saturated, dark or under the wrong light, or no fresh frame arrived.
     HardwareError
@@ -82,6 +98,8 @@ def capture_set(
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     if label is not None:
         checked_label(label)
+    if calibration is not None:
+        check_setting(calibration, Setting.of_rig(rig), "this rig")
     failures: list[Ps4rigError] = []
     while True:
         try:
@@ -89,7 +107,7 @@ def capture_set(
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            captured = _attempt(rig, label, average, is_target, failures)
+            captured = _attempt(rig, label, average, calibration, is_target, failures)
             rig.lights.off()
             return captured
         except (SetRejected, HardwareError) as error:
@@ -107,6 +125,7 @@ def _attempt(
     rig: Rig,
     label: str | None,
     average: int,
+    calibration: CalibrationFile | None,
     is_target: bool,
     failures: Sequence[Ps4rigError],
 ) -> CapturedSet:
@@ -125,9 +144,10 @@ def _attempt(
         rig.lighting,
         [light_name(rig, light) for light in range(len(rig.lighting))],
         full_scale,
-        image_noise(camera, info.bit_depth, full_scale, average),
+        image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
-    checks = check_target(images) if is_target else _check(rig, images, average, history)
+    known = Calibration() if calibration is None else calibration.calibration
+    checks = check_target(images) if is_target else _check(rig, images, known, average, history)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -146,21 +166,28 @@ def _attempt(
         controller=ControllerRecord(**asdict(rig.lights.identity)),
         checks=checks,
         failed_attempts=tuple(map(str, failures)),
+        calibration_ids=() if calibration is None else (calibration.hash,),
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(images.images, images.ambient),
     )
     return CapturedSet(images.images, images.ambient, metadata)
 
 
-def _check(rig: Rig, images: LightImages, average: int, history: FrameHistory) -> ChecksRecord:
+def _check(
+    rig: Rig, images: LightImages, known: Calibration, average: int, history: FrameHistory
+) -> ChecksRecord:
     """Check the images of a set, if need be with a retake; may raise SetRejected."""
     ambient_change = check_ambient(images)
     check_images(images)
-    found = check_agreement(images)
+    check_different(images)
+    calibrated = images.calibrated(known)
+    found = check_agreement(calibrated)
     undecided = retake_reasons(found)
     if undecided:
         retaken = _light_images(_capture(rig, average, history, retake=True))
-        check_retake(images, _stack(retaken), found)
+        check_retake(images, _stack(retaken))
+        if found is None or found.levels is None:
+            check_signals(calibrated)
     levels = None if found is None else found.levels
     return ChecksRecord(
         ambient_change=ambient_change,
@@ -168,7 +195,7 @@ def _check(rig: Rig, images: LightImages, average: int, history: FrameHistory) -
         light_levels=levels,
         light_levels_error=None if found is None or levels is None else found.level_error,
         retaken=bool(undecided),
-        light_order=check_order(images),
+        light_order=check_order(calibrated),
         undecided=undecided,
     )
 

@@ -106,7 +106,7 @@ def check_target(images: LightImages) -> ChecksRecord:
     SetRejected
         If two images hold the same frame, or the ambient light changed.
     """
-    _refuse_equal(images)
+    check_different(images)
     bright = float(images.signals().max()) >= MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
         ambient_change=check_ambient(images) if bright else None,
@@ -127,9 +127,8 @@ def check_agreement(images: LightImages) -> LightAgreement | None:
     Raises
     ------
     SetRejected
-        If two images hold the same frame, or an LED's level differs from the others.
+        If an LED's level differs from the others.
     """
-    _refuse_equal(images)
     try:
         found = light_agreement(
             images.images, images.lighting, images.ambient, images.full_scale, images.noise
@@ -156,11 +155,8 @@ def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
     return tuple(causes)
 
 
-def check_retake(images: LightImages, retaken: Images, found: LightAgreement | None) -> None:
+def check_retake(images: LightImages, retaken: Images) -> None:
     """Reject light images that a retake does not confirm.
-
-    If `found`, the result of `check_agreement`, has no LED levels, no signal may be far below the
-    others.
 
     Raises
     ------
@@ -179,9 +175,17 @@ def check_retake(images: LightImages, retaken: Images, found: LightAgreement | N
                 "the exposure drifts, a frame was torn or showed another light, or the part moved; "
                 "keep the part still, then run ps4rig rig doctor"
             )
-    if found is not None and found.levels is not None:
-        return
-    shares = signals / images.lighting.intensities
+
+
+def check_signals(images: LightImages) -> None:
+    """Reject light images of which one is far darker than the others.
+
+    Raises
+    ------
+    SetRejected
+        Naming the light.
+    """
+    shares = images.signals() / images.lighting.intensities
     shares /= np.median(shares)
     for name, share in zip(images.names, shares.tolist(), strict=True):
         if share < WEAK_LED_SHARE:
@@ -216,7 +220,14 @@ def check_order(images: LightImages) -> Literal["confirmed", "undecided"]:
     return "confirmed" if order.is_confirmed else "undecided"
 
 
-def _refuse_equal(images: LightImages) -> None:
+def check_different(images: LightImages) -> None:
+    """Reject images of the camera of which two hold the same frame.
+
+    Raises
+    ------
+    SetRejected
+        Naming both lights.
+    """
     for earlier, later, equal, _ in images.equal_rows():
         raise SetRejected(
             f"set rejected: the images under {earlier} and {later} are the same in "
@@ -239,8 +250,8 @@ def _check_levels(found: LightAgreement, images: LightImages) -> None:
             "set rejected: "
             + "; ".join(causes)
             + f" (limit {limit:.0%}): an LED is weak, flickers or stays on, the exposure drifts, "
-            "or frames show two lights; if the LEDs differ by make, set lights.intensities to what "
-            "ps4rig rig doctor reports"
+            "or frames show two lights; if the LEDs differ by make, run ps4rig calibrate plate, or "
+            "set lights.intensities to what ps4rig rig doctor reports"
         )
 
 

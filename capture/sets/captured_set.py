@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.calibration.calibration import Calibration
 from classify.errors import InputError
+from classify.images.stack import ImageStack
 
 from . import ome_tiff
 from .metadata import SetMetadata, image_noise
@@ -79,27 +81,38 @@ class CapturedSet:
         method: Method | None = None,
         *,
         planar: bool = False,
+        calibration: Calibration | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> SurfaceEstimate:
         """Solve for gradients and albedo, with ambient light subtracted.
 
         See `classify.photometric_stereo`. The default method is ps4_robust for four lights and
-        least_squares for more. No pixel outside the mask is valid.
+        least_squares for more. No pixel outside the mask is valid. With a calibration of this rig,
+        the images are corrected and divided by its flat field, and its lights and noise are used.
         """
+        known, full_scale = calibration or Calibration(), self.metadata.full_scale
+        stack = known.corrected(ImageStack(self.images, self.ambient), full_scale)
         return photometric_stereo(
-            self.images, self.lighting, method, ambient=self.ambient,
-            full_scale=self.metadata.full_scale, noise=self.noise, planar=planar,
-            mask=self.mask, on_progress=on_progress,
+            stack.images, known.lighting_of(self.lighting), method, ambient=stack.ambient,
+            full_scale=full_scale, noise=self.noise_with(known), planar=planar,
+            mask=None if self.mask is None else known.corrected_mask(self.mask),
+            flat_field=known.flat_field, on_progress=on_progress,
         )  # fmt: skip
 
     @property
     def noise(self) -> SensorNoise | None:
         """Noise of the images; None if the camera's gain or read noise is unknown."""
-        camera = self.metadata.camera
-        if camera is None:
-            return None
-        frames = max((len(image.frames) for image in self.metadata.images), default=1) or 1
-        return image_noise(camera, self.metadata.bit_depth, self.metadata.full_scale, frames)
+        return self.noise_with(Calibration())
+
+    def noise_with(self, calibration: Calibration) -> SensorNoise | None:
+        """Noise of the images as a calibration corrects them; None if it is unknown."""
+        metadata = self.metadata
+        sensor = None if metadata.camera is None else metadata.camera.noise
+        if calibration.noise is not None:
+            sensor = calibration.noise.sensor
+        frames = max((len(image.frames) for image in metadata.images), default=1) or 1
+        noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
+        return calibration.noise_of(noise, has_ambient=self.ambient is not None)
 
     def save(self, path: str | Path) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.

@@ -1,16 +1,21 @@
 """The images of one set as values of the checks that captures and imports share."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting
+from classify.calibration.calibration import Calibration
 from classify.images.noise import SensorNoise
+from classify.images.stack import ImageStack
 
-Images = npt.NDArray[np.uint16]
+Images = npt.NDArray[Any]
 
 # Columns that are compared before all of a row are.
 _PROBED_COLUMNS = 8
@@ -23,7 +28,7 @@ class LightImages:
     Attributes
     ----------
     images
-        (N, H, W).
+        (N, H, W) uint16 of the camera, or float32 if they are `calibrated`.
     ambient, later_ambient
         (H, W) with all LEDs off, before the lights and between them; the later one may be None.
     lighting, names
@@ -37,13 +42,35 @@ class LightImages:
     later_ambient: Images | None
     lighting: Lighting
     names: Sequence[str]
-    full_scale: int
+    full_scale: float
     noise: SensorNoise | None
 
     def signals(self) -> npt.NDArray[np.float64]:
         """(N,) mean of each light image above the ambient one."""
         signals: npt.NDArray[np.float64] = self.images.mean(axis=(1, 2)) - self.ambient.mean()
         return signals
+
+    def calibrated(self, calibration: Calibration) -> LightImages:
+        """Return these images as lights of equal strength over the whole frame would give them."""
+        stack = calibration.corrected(ImageStack(self.images, self.ambient), self.full_scale)
+        lighting, full_scale = calibration.lighting_of(self.lighting), self.full_scale
+        noise = calibration.noise_of(self.noise, has_ambient=True)
+        if calibration.flat_field is not None:
+            divisor = calibration.flat_field.facing(lighting)
+            stack = divisor.divide(stack, full_scale)
+            full_scale = float(divisor.saturation(full_scale))
+            lighting = replace(lighting, intensities=np.ones(len(lighting)))
+            noise = None  # it differs from place to place now, and is estimated from the images
+        assert stack.ambient is not None
+        return replace(
+            self,
+            images=stack.images,
+            ambient=stack.ambient,
+            later_ambient=None,
+            lighting=lighting,
+            full_scale=full_scale,
+            noise=noise,
+        )
 
     def saturated_shares(self) -> list[float]:
         """Share of saturated pixels in each light image."""

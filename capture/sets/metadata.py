@@ -116,6 +116,13 @@ class CameraRecord(_Record):
     black_level_dn: PixelValue | None
     controls: dict[str, Any] = Field(default_factory=dict)
 
+    @property
+    def noise(self) -> SensorNoise | None:
+        """Noise of a frame in the camera's pixel values; None if it is not known."""
+        if self.gain_e_per_dn is None or self.read_noise_dn is None:
+            return None
+        return SensorNoise(self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn or 0.0)
+
 
 class ControllerRecord(_Record):
     """The light controller that switched the LEDs."""
@@ -237,20 +244,20 @@ class SetMetadata(_Record):
 
 
 def image_noise(
-    camera: CameraRecord, bit_depth: int, full_scale: int, frames: int
+    sensor: SensorNoise | None, bit_depth: int, full_scale: int, frames: int
 ) -> SensorNoise | None:
-    """Return the noise of images that are each the mean of `frames` frames; None if unknown.
+    """Return the noise of images that are each the mean of `frames` frames of a sensor.
 
     The mean of n frames is stretched by s = full_scale / (2^bit_depth - 1). Its gain is n / s times
     that of the camera. Its read noise is s sqrt((r^2 + 1/12) / n) with the camera's read noise r;
     1/12 is the variance of rounding each frame.
     """
-    if camera.gain_e_per_dn is None or camera.read_noise_dn is None:
+    if sensor is None:
         return None
     stretch = full_scale / ((1 << bit_depth) - 1)
     rounding = 1.0 / 12.0 if frames > 1 else 0.0
     return SensorNoise(
-        gain_e_per_dn=camera.gain_e_per_dn * frames / stretch,
-        read_noise_dn=stretch * math.sqrt((camera.read_noise_dn**2 + rounding) / frames),
-        black_level_dn=stretch * (camera.black_level_dn or 0.0),
+        gain_e_per_dn=sensor.gain_e_per_dn * frames / stretch,
+        read_noise_dn=stretch * math.sqrt((sensor.read_noise_dn**2 + rounding) / frames),
+        black_level_dn=stretch * sensor.black_level_dn,
     )

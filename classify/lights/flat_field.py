@@ -8,7 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.compiling import kernel
+from classify.errors import InputError
 from classify.images.stack import ImageStack
+from classify.lighting import Lighting
 from classify.threads import run_on_rows
 
 Array = npt.NDArray[Any]
@@ -61,6 +63,24 @@ class FlatField:
         coefficients = self.coefficients.copy()
         coefficients[:, 0, 0] += logarithms
         return FlatField(coefficients, self.bounds + logarithms[:, None])
+
+    def facing(self, lighting: Lighting) -> "FlatField":
+        """The flat field of a sheet that faces each light, with the same mean of the lights.
+
+        The sheet faced the camera: its images are proportional to the z of the directions.
+
+        Raises
+        ------
+        InputError
+            For another number of lights.
+        """
+        if len(self.coefficients) != len(lighting):
+            raise InputError(
+                f"the flat field is of {len(self.coefficients)} lights, the images are of "
+                f"{len(lighting)}; give that of these lights"
+            )
+        cosines = lighting.directions[:, 2]
+        return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
         """Divide each image, less the ambient image, by the strength of its light.

@@ -131,11 +131,11 @@ def photometric_stereo(
     used, saturation = lighting, np.float32(np.inf if full_scale is None else full_scale)
     divided_by = None
     if flat_field is not None:
-        divided_by = _facing(flat_field, lighting)
+        divided_by = flat_field.facing(lighting)
         used = replace(lighting, intensities=np.ones(len(lighting)))
     elif lighting.positions_px is not None:
         even = replace(lighting, intensities=np.ones(len(lighting)))
-        divided_by = _facing(sheet_of(even, stack.shape), lighting)
+        divided_by = sheet_of(even, stack.shape).facing(lighting)
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
@@ -170,17 +170,3 @@ def photometric_stereo(
         repaired=maps.repaired,
     )
     return surface if mask is None else surface.within(mask)
-
-
-def _facing(flat_field: FlatField, lighting: Lighting) -> FlatField:
-    """The flat field of a sheet that faces each light, with the same mean of the lights.
-
-    The sheet faced the camera: its images are proportional to the z of the directions.
-    """
-    if len(flat_field.coefficients) != len(lighting):
-        raise InputError(
-            f"the flat field is of {len(flat_field.coefficients)} lights, the images are of "
-            f"{len(lighting)}; give that of these lights"
-        )
-    cosines = lighting.directions[:, 2]
-    return flat_field.times(np.exp(np.log(cosines).mean()) / cosines)

@@ -10,6 +10,7 @@ from capture.acquisition.light_checks import (
     check_ambient,
     check_order,
     check_retake,
+    check_signals,
     retake_reasons,
 )
 from capture.sets.image_checks import LightImages
@@ -88,5 +89,6 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     assert retake_reasons(found)
     assert found is not None
     assert found.levels is None
-    check_retake(images, photographs.images, found)
+    check_retake(images, photographs.images)
+    check_signals(images)
     check_order(images)

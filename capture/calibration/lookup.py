@@ -1,0 +1,169 @@
+"""The calibration of a captured set: where it is found, and whether it holds for the set."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+
+from capture.errors import CalibrationError
+from capture.sets.metadata import SetMetadata
+from classify.durable_file import durable_file, make_folder
+
+from .ps4cal import SUFFIX, CalibrationFile
+from .setting import Setting
+
+FOLDER = "calibration"
+# The interval at which instruments are usually calibrated again (ILAC-G24, OIML D 10).
+_OLD_DAYS = 365
+# Digits of a hash in messages and file names.
+_DIGITS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCalibration:
+    """A calibration that holds for a set, and what is to be said about it."""
+
+    path: Path
+    file: CalibrationFile
+    warnings: tuple[str, ...]
+
+
+def calibration_of(
+    path: Path, metadata: SetMetadata, shape: tuple[int, ...], given: Path | None = None
+) -> FoundCalibration | None:
+    """Find the calibration of the set at `path`, with images of `shape` (rows, columns).
+
+    It is the one that is `given`, or the one that the set names by its hash. That is looked for
+    beside the set, and in folders ``calibration`` beside the set and beside its folder. None for a
+    set that names none.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is missing, cannot be read, or is of another rig or setting.
+    """
+    if given is not None:
+        found, file = given, read_calibration(given)
+    elif metadata.calibration_ids:
+        found, file = _named(path, metadata.calibration_ids)
+    else:
+        return None
+    try:
+        check_setting(file, Setting.of_metadata(metadata, shape), str(path))
+    except CalibrationError as error:
+        raise CalibrationError(f"{found}: {error}") from error
+    return FoundCalibration(found, file, tuple(_age(file, metadata)))
+
+
+def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
+    """Check that a calibration holds for a set or rig, which `what` names in the message.
+
+    Raises
+    ------
+    CalibrationError
+        Naming for each part what differs.
+    """
+    causes: dict[str, list[str]] = {}
+    for name, record in file.records.items():
+        for difference in record.setting.differences(setting, name):
+            causes.setdefault(difference, []).append(name.replace("_", " "))
+    if causes:
+        each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
+        raise CalibrationError(
+            f"the calibration does not hold for {what}: {each}; restore the setting, or calibrate "
+            "again at this one"
+        )
+
+
+def read_calibration(path: Path) -> CalibrationFile:
+    """Read a calibration, or return the one that was read from the unchanged file before.
+
+    Raises
+    ------
+    CalibrationError
+        As `CalibrationFile.read`.
+    """
+    try:
+        about = path.stat()
+    except OSError:
+        return CalibrationFile.read(path)  # which raises the error
+    return _read(path, about.st_mtime_ns, about.st_size)
+
+
+def keep_beside(source: Path, file: CalibrationFile, set_path: Path) -> None:
+    """Put a copy of a calibration where the set at `set_path` finds it, unless there is one.
+
+    The copy is named after its hash, so that a later change of `source` does not concern the set.
+
+    Raises
+    ------
+    InputError
+        If the copy cannot be written.
+    """
+    above = set_path.absolute().parent.parent / FOLDER
+    folder = above if above.is_dir() else set_path.absolute().parent / FOLDER
+    copy = folder / f"{source.stem}-{file.hash[:_DIGITS]}{SUFFIX}"
+    if _hash_at(copy) == file.hash or _hash_at(source) != file.hash:
+        return
+    make_folder(folder)
+    with durable_file(copy) as temporary:
+        shutil.copyfile(source, temporary)
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, _mtime_ns: int, _size: int) -> CalibrationFile:
+    """Read a calibration; the time and the size are in the key of the cache."""
+    return CalibrationFile.read(path)
+
+
+def _hash_at(path: Path) -> str | None:
+    try:
+        return read_calibration(path).hash
+    except CalibrationError:
+        return None
+
+
+def _named(path: Path, hashes: tuple[str, ...]) -> tuple[Path, CalibrationFile]:
+    """The calibration with one of these hashes."""
+    others: list[str] = []
+    for candidate in _candidates(path):
+        try:
+            file = read_calibration(candidate)
+        except CalibrationError as error:
+            others.append(str(error))
+            continue
+        if file.hash in hashes:
+            return candidate, file
+        others.append(f"{candidate} is {file.hash[:_DIGITS]}")
+    seen = f" ({'; '.join(others)})" if others else ""
+    raise CalibrationError(
+        f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
+        f"it nor in a folder {FOLDER}{seen}; give --calibration CAL, or solve --raw without one"
+    )
+
+
+def _candidates(path: Path) -> Iterator[Path]:
+    folder = path.absolute().parent
+    for place in (folder, folder / FOLDER, folder.parent / FOLDER):
+        yield from sorted(each for each in place.glob(f"*{SUFFIX}") if each.is_file())
+
+
+def _age(file: CalibrationFile, metadata: SetMetadata) -> Iterator[str]:
+    try:
+        captured = _utc(metadata.created_utc)
+        ages = {name: (captured - _utc(each.date)).days for name, each in file.records.items()}
+    except ValueError:  # not a date
+        return
+    old = [name.replace("_", " ") for name, days in ages.items() if days > _OLD_DAYS]
+    if old:
+        yield (
+            f"the calibration ({', '.join(old)}) was measured {max(ages.values())} days before the "
+            "set was captured; calibrate again"
+        )
+
+
+def _utc(date: str) -> datetime:
+    found = datetime.fromisoformat(date)
+    return found if found.tzinfo is not None else found.replace(tzinfo=UTC)
