@@ -19,14 +19,20 @@ from classify.compiling import kernel
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField, coordinates, exponential, exponents, powers
+from classify.lights.polynomial_fit import (
+    by_fold,
+    normal_equations,
+    prediction_error,
+    solved,
+)
 from classify.shadow_rule import MAYBE_SHADOW
 
 Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float64]
 
 # Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
-# A fold is what cross-validation leaves out at a time. classify/README.md compares 64 samples.
-_SAMPLES, _BLOCKS, _FOLDS = 128, 16, 4
+# classify/README.md compares 64 samples.
+_SAMPLES, _BLOCKS = 128, 16
 # The fourth step changes a coefficient by 0.005 where light falls off by 70 %.
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
@@ -45,9 +51,6 @@ _DARK, _BRIGHT = 0.05, 0.95
 # With fewer blocks in light, an eighth of the frame, nothing is fitted. The polynomial of degree 2
 # has 6 terms, and some of the blocks lie in a line.
 _MIN_BLOCKS = 32
-# Share of the trace that is added to the diagonal of the normal equations: a narrow frame does not
-# determine the powers of one coordinate.
-_RIDGE = 1e-6
 _TINY = 1e-30
 _BLOCK_SAMPLES = _SAMPLES // _BLOCKS
 
@@ -71,7 +74,7 @@ def fall_off(
     if np.count_nonzero(weights) < _MIN_BLOCKS:
         return None
     low, high = (
-        _prediction_error(samples.grid.bases[degree], residuals, weights)
+        prediction_error(samples.grid.bases[degree], residuals, weights)
         for degree in (_DEGREE, _HIGHER_DEGREE)
     )
     if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
@@ -116,7 +119,7 @@ class _Grid:
         for degree in (_DEGREE, _HIGHER_DEGREE):
             i, j = exponents(degree)
             terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
-            bases[degree] = np.moveaxis(_by_fold(terms), 0, -1)
+            bases[degree] = np.moveaxis(by_fold(terms), 0, -1)
         return cls(rows, columns, powers(x, _TERMS), powers(y, _TERMS), bases)
 
     def of_image(self, image: Array) -> npt.NDArray[np.float32]:
@@ -184,7 +187,7 @@ class _Samples:
         limit = np.float32(max(_TUKEY**2 / _MEDIAN_SQUARE * middle, _TINY))
         sums = np.empty((1 + len(residuals), _BLOCKS, _BLOCKS))
         _sum_blocks(residuals, squares, limit, sums)
-        folds = _by_fold(sums)
+        folds = by_fold(sums)
         return folds[1:] / np.maximum(folds[0], _TINY), folds[0]
 
     def refined(self, coefficients: FloatArray, degree: int) -> FloatArray:
@@ -192,8 +195,8 @@ class _Samples:
         basis, (i, j) = self.grid.bases[degree], exponents(degree)
         refined = coefficients.copy()
         for _ in range(_ROUNDS):
-            gram, right = _normal_equations(basis, *self.residuals(refined))
-            refined[:, i, j] += _solved(gram.sum(axis=0), right.sum(axis=0)).T
+            gram, right = normal_equations(basis, *self.residuals(refined))
+            refined[:, i, j] += solved(gram.sum(axis=0), right.sum(axis=0)).T
         return refined
 
 
@@ -261,27 +264,6 @@ def _positions(count: int) -> npt.NDArray[np.intp]:
     return np.concatenate([half, count - 1 - half[::-1]])
 
 
-def _by_fold(blocks: FloatArray) -> FloatArray:
-    """(..., blocks, blocks) as (..., folds, blocks of a fold)."""
-    size = _BLOCKS // _FOLDS
-    folds = blocks.reshape(*blocks.shape[:-2], _FOLDS, size, _FOLDS, size).swapaxes(-3, -2)
-    return folds.reshape(*blocks.shape[:-2], _FOLDS**2, size**2)
-
-
-def _normal_equations(
-    basis: FloatArray, means: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Gram matrices (folds, terms, terms) and right sides (folds, terms, N) of each fold."""
-    weighted = (basis * weights[..., None]).swapaxes(1, 2)
-    return weighted @ basis, weighted @ np.moveaxis(means, 0, -1)
-
-
-def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
-    terms = gram.shape[-1]
-    ridge = _RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] + _TINY
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(terms), right), np.float64)
-
-
 def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bool:
     """Whether the residuals of even lights contain what no relief can make.
 
@@ -293,10 +275,3 @@ def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bo
     redundant -= np.average(redundant, axis=(1, 2), weights=weights, keepdims=True)
     energy, total = (float((np.square(each) * weights).sum()) for each in (redundant, means))
     return energy > _NO_RELIEF**2 * total
-
-
-def _prediction_error(basis: FloatArray, means: FloatArray, weights: FloatArray) -> float:
-    """Weighted square error of each fold as predicted by the others."""
-    gram, right = _normal_equations(basis, means, weights)
-    predicted = basis @ _solved(gram.sum(axis=0) - gram, right.sum(axis=0) - right)
-    return float((np.square(np.moveaxis(means, 0, -1) - predicted) * weights[..., None]).sum())

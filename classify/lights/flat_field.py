@@ -212,7 +212,7 @@ def _factor(
 
 
 def coordinates(
-    rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp], shape: tuple[int, int]
+    rows: npt.NDArray[Any], columns: npt.NDArray[Any], shape: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
     """X of the columns and y of the rows, from the middle in half of the longer side."""
     x, y = columns - 0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1) - rows

@@ -1,0 +1,201 @@
+"""Flat field of each light from pictures of a white matt sheet."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.lights.flat_field import TERMS, FlatField, exponents, powers
+from classify.lights.polynomial_fit import by_fold, normal_equations, prediction_error, solved
+
+from .plate_blocks import BLOCKS, PlateBlocks
+
+__all__ = ["FittedFlatField", "FlatField", "fit_flat_field"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# The degree is raised while that lowers the square error of predicting left-out parts of the frame
+# to this share; classify/README.md has the errors of each degree.
+_DEGREES, _BETTER = (2, 4, 6), 0.8
+# Tukey's biweight with this constant has 95 % of the efficiency of least squares.
+_TUKEY = 4.685
+# Median of the square of a standard normal deviate.
+_MEDIAN_SQUARE = 0.4549
+_ROUNDS = 12
+_TINY = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class FittedFlatField:
+    """A flat field and how well it fits the blocks of its sheet.
+
+    Attributes
+    ----------
+    flat_field
+        Of geometric mean 1 over the lights and the blocks that were used.
+    degree
+        Of the ratios of the lights, and of their mean.
+    residual
+        Robust standard deviation of the blocks from the fit, as a share.
+    error
+        Standard error of the flat field that follows from it, as a share.
+    unused
+        Share of the blocks that do not fit: dust, relief or gloss.
+    ratios, weights
+        (N, 32, 32) logarithms of the ratio of each light to the geometric mean of all, over all
+        placements; (32, 32) their weights, 0 where there is no sheet.
+    offsets
+        (S, N) logarithms by which a light is brighter in a placement than in all, of mean 0.
+    """
+
+    flat_field: FlatField
+    degree: tuple[int, int]
+    residual: float
+    error: float
+    unused: float
+    ratios: FloatArray
+    weights: FloatArray
+    offsets: FloatArray
+
+
+def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
+    """Fit polynomials to the logarithms of the blocks of one placement or more.
+
+    Ratios of lights and their mean are fitted apart: dust and grain change only the mean.
+    Placements that are turned by half a turn cancel a tilt of the sheet and a reflectance that
+    rises along it.
+    """
+    common = blocks.logs.mean(axis=1, keepdims=True)
+    ratio, mean = (_Fit.of(values, blocks) for values in (blocks.logs - common, common))
+    coefficients = ratio.coefficients + mean.coefficients
+    x, y = (_edges(each) for each in (blocks.x, blocks.y))
+    seen = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
+    usable = blocks.usable.any(axis=0)
+    for rows in (slice(None, -1), slice(1, None)):
+        for columns in (slice(None, -1), slice(1, None)):
+            seen[rows, columns] |= usable
+    coefficients[:, 0, 0] -= (powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T)[
+        :, usable
+    ].mean()
+    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, seen]
+    return FittedFlatField(
+        FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
+        (ratio.degree, mean.degree),
+        float(np.hypot(ratio.residual, mean.residual)),
+        float(np.hypot(ratio.error, mean.error)),
+        max(ratio.unused, mean.unused),
+        ratio.means,
+        ratio.weights,
+        ratio.offsets,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Robust polynomials (C, 7, 7) of the values (S, C, 32, 32) of S placements."""
+
+    coefficients: FloatArray
+    degree: int
+    residual: float
+    error: float
+    unused: float
+    means: FloatArray
+    weights: FloatArray
+    offsets: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray, blocks: PlateBlocks) -> "_Fit":
+        targets, usable = by_fold(values), by_fold(blocks.usable.astype(float))
+        bases = {degree: _basis(blocks, degree) for degree in _DEGREES}
+        coefficients = np.zeros((values.shape[1], TERMS, TERMS))
+        chosen = _DEGREES[0]
+        coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
+        for degree in _DEGREES[1:]:
+            fitted = _evaluated(coefficients, chosen, bases[chosen])
+            means, weights, *_ = _combined(targets - fitted, usable)
+            low, high = (prediction_error(bases[each], means, weights) for each in (chosen, degree))
+            if high > _BETTER * low:
+                break
+            chosen = degree
+            coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
+        fitted = _evaluated(coefficients, chosen, bases[chosen])
+        means, weights, offsets, scale = _combined(targets - fitted, usable)
+        counted = float(weights.sum()) / max(float(weights.max()), _TINY)
+        terms = bases[chosen].shape[-1]
+        return cls(
+            coefficients,
+            chosen,
+            scale,
+            scale * float(np.sqrt(terms / max(counted, 1.0))),
+            1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
+            _unfolded(fitted + means),
+            _unfolded(weights),
+            offsets,
+        )
+
+
+def _refined(
+    coefficients: FloatArray,
+    degree: int,
+    basis: FloatArray,
+    targets: FloatArray,
+    usable: FloatArray,
+) -> FloatArray:
+    """Coefficients after repeated weighted least squares."""
+    refined = coefficients.copy()
+    i, j = exponents(degree)
+    for _ in range(_ROUNDS):
+        means, weights, *_ = _combined(targets - _evaluated(refined, degree, basis), usable)
+        gram, right = normal_equations(basis, means, weights)
+        refined[:, i, j] += solved(gram.sum(axis=0), right.sum(axis=0)).T
+    return refined
+
+
+def _evaluated(coefficients: FloatArray, degree: int, basis: FloatArray) -> FloatArray:
+    """(C, folds, blocks) values of the polynomials."""
+    i, j = exponents(degree)
+    return np.moveaxis(basis @ coefficients[:, i, j].T, -1, 0)
+
+
+def _combined(
+    residuals: FloatArray, usable: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Means (C, folds, blocks) over the placements, their weights, offsets (S, C), robust scale.
+
+    Each placement may be brighter or darker, and tilted: then each value has an offset of its own,
+    and those of all placements cancel.
+    """
+    offsets = np.zeros(residuals.shape[:2])
+    weights = usable
+    for _ in range(2):
+        total = np.maximum(weights.sum(axis=(-1, -2)), _TINY)[:, None]
+        offsets = (residuals * weights[:, None]).sum(axis=(-1, -2)) / total
+        offsets -= offsets.mean(axis=0)
+        squares = np.square(residuals - offsets[..., None, None]).mean(axis=1)
+        seen = squares[usable > 0.0]
+        variance = float(np.median(seen)) / _MEDIAN_SQUARE if seen.size else _TINY
+        limit = max(_TUKEY**2 * variance, _TINY)
+        weights = np.square(np.maximum(1.0 - squares / limit, 0.0)) * usable
+    totals = weights.sum(axis=0)
+    means = ((residuals - offsets[..., None, None]) * weights[:, None]).sum(axis=0)
+    return means / np.maximum(totals, _TINY), totals, offsets, float(np.sqrt(variance))
+
+
+def _unfolded(blocks: FloatArray) -> FloatArray:
+    """(..., 32, 32) blocks in the order of the frame, from (..., folds, blocks of a fold)."""
+    order = by_fold(np.arange(float(BLOCKS * BLOCKS)).reshape(BLOCKS, BLOCKS)).astype(int)
+    placed = np.empty((*blocks.shape[:-2], BLOCKS * BLOCKS))
+    placed[..., order] = blocks
+    return placed.reshape(*blocks.shape[:-2], BLOCKS, BLOCKS)
+
+
+def _basis(blocks: PlateBlocks, degree: int) -> FloatArray:
+    """(folds, blocks, terms) values of y^i x^j."""
+    i, j = exponents(degree)
+    x, y = powers(blocks.x, TERMS), powers(blocks.y, TERMS)
+    return np.moveaxis(by_fold(y.T[i][:, :, None] * x.T[j][:, None, :]), 0, -1)
+
+
+def _edges(centres: FloatArray) -> FloatArray:
+    half = 0.5 * (centres[1] - centres[0])
+    return np.append(centres - half, centres[-1] + half)

@@ -1,0 +1,202 @@
+"""Positions of LEDs near a white sheet, from the ratios of their pictures.
+
+The ratio of two lights' pictures of a matt sheet contains neither the sheet nor the lens. What
+remains is cos(sheet) cos^m(LED) / r^2 of each light, and a constant for its level. For an LED at P,
+relative to the middle of the frame, and v = P / |P|^2, this is at a place X of the sheet
+
+    (1 - v . X)^m (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)        LED that points to the middle
+    (1 - 2 v . X + |v|^2 |X|^2)^(-(3 + m) / 2)                      LED that points straight down
+
+A distant light has v = 0.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+FloatArray = npt.NDArray[np.float64]
+Aim = Literal["centre", "down"]
+
+# Distances in half of the longer side from which the fit starts, and the slant; it converges from
+# each for LEDs at 3 to 30 (tests/classify/calibration/test_led_positions.py).
+_STARTS, _START_SLANT_DEG = (3.0, 10.0), 45.0
+# A lobe narrower than cos^20, 25 degrees, lights no frame.
+_NARROWEST = 20.0
+# Along the frame: blocks that are fitted, and parts whose residuals are taken to be independent.
+# Half as many blocks for many lights, whose Jacobian would need gigabytes.
+_BLOCKS, _PARTS, _MANY_LIGHTS = 16, 8, 16
+
+
+@dataclass(frozen=True, eq=False)
+class LedPositions:
+    """Positions of N LEDs as fitted, with their uncertainties.
+
+    Attributes
+    ----------
+    positions
+        (N, 3) in half of the longer side, from the middle of the frame.
+    direction_errors_deg, distance_errors
+        (N,) standard errors; of the distances as shares of them.
+    lobe_exponent, aim
+        m of the strength cos^m at an angle to the axis of an LED, and where the axes point.
+    residual
+        rms of the logarithms of the ratios from the model.
+    residuals
+        (N, n, n) the same of each block of the frame, 0 where there is no sheet.
+    """
+
+    positions: FloatArray
+    direction_errors_deg: FloatArray
+    distance_errors: FloatArray
+    lobe_exponent: float
+    aim: Aim
+    residual: float
+    residuals: FloatArray
+
+
+def fit_led_positions(
+    ratios: FloatArray, weights: FloatArray, x: FloatArray, y: FloatArray
+) -> LedPositions:
+    """Fit positions, levels and the lobe of N >= 3 LEDs to the ratios of their pictures.
+
+    Parameters
+    ----------
+    ratios
+        (N, n, n) logarithms of the ratio of each light to the geometric mean of all.
+    weights
+        (n, n) of these blocks, 0 where there is no sheet.
+    x, y
+        (n,) coordinates of the blocks in half of the longer side, y upwards.
+    """
+    size = _BLOCKS if len(ratios) <= _MANY_LIGHTS else _BLOCKS // 2
+    pooled = _sums(weights, size)
+    used = pooled > 0.0
+    total = np.where(used, pooled, 1.0)
+    columns, rows = np.meshgrid(x, y)
+    x, y = (_sums(each * weights, size)[used] / total[used] for each in (columns, rows))
+    data = _sums(ratios * weights, size)[:, used] / total[used]
+    root = np.sqrt(pooled[used] / pooled.max())
+    aims: tuple[Aim, ...] = ("centre", "down")
+    models = [_Model(x, y, data, root, aim) for aim in aims]
+    fits = [(each.fitted(start), each) for each in models for start in each.starts()]
+    found, model = min(fits, key=lambda fit: fit[0].cost)
+    inverted, exponent = found.x[: 3 * len(data)].reshape(-1, 3), float(found.x[-1])
+    squares = np.square(inverted).sum(axis=1)
+    along, across = model.errors(found)
+    residuals = np.zeros((len(data), size, size))
+    residuals[:, used] = -found.fun.reshape(len(data), -1) / root
+    return LedPositions(
+        positions=inverted / squares[:, None],
+        direction_errors_deg=np.degrees(across / np.sqrt(squares)),
+        distance_errors=along / np.sqrt(squares),
+        lobe_exponent=exponent,
+        aim=model.aim,
+        residual=float(np.sqrt(np.square(residuals).mean(axis=0)[used].mean())),
+        residuals=residuals,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Logarithms of the ratios at n places, and how they differ from (N, n) `data`.
+
+    The parameters are v of each light, the logarithms of the levels of all but the first light
+    relative to it, and m.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    data: FloatArray
+    root_weights: FloatArray
+    aim: Aim
+
+    def starts(self) -> list[FloatArray]:
+        """Parameters from which to start: light comes from where it is brighter."""
+        plane = np.stack([np.ones_like(self.x), self.x, self.y], axis=1)
+        level, *gradient = np.linalg.lstsq(plane, self.data.T, rcond=None)[0]
+        towards = np.stack(gradient, axis=1)
+        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-12)
+        slant = np.radians(_START_SLANT_DEG)
+        unit = np.column_stack([np.sin(slant) * towards, np.full(len(level), np.cos(slant))])
+        levels = level[1:] - level[0]
+        return [np.concatenate([(unit / each).ravel(), levels, [1.0]]) for each in _STARTS]
+
+    def fitted(self, start: FloatArray) -> Any:
+        """Result of scipy's least squares."""
+        low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
+        low[2 : 3 * len(self.data) : 3] = 0.0
+        low[-1], high[-1] = 0.0, _NARROWEST
+        return least_squares(
+            lambda parameters: self._evaluated(parameters)[0], start,
+            jac=lambda parameters: self._evaluated(parameters)[1],
+            bounds=(low, high), x_scale="jac", max_nfev=200,
+        )  # fmt: skip
+
+    def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
+        """(N,) standard errors of v along itself and across.
+
+        Clustered by parts of the frame (Cameron and Miller 2015, equation 11): what the model does
+        not explain is smooth, so that blocks are not independent measurements.
+        """
+        lights = len(self.data)
+        columns, rows = (np.floor((each + 1.0) * 0.5 * _PARTS) for each in (self.x, self.y))
+        part = columns * 2 * _PARTS + rows
+        scores = (found.jac * found.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
+        clustered = np.stack([scores[part == each].sum(axis=0) for each in np.unique(part)])
+        inverse = np.linalg.pinv(found.jac.T @ found.jac)
+        freedom = max((lights - 1) * part.size - found.x.size, 1)
+        covariance = inverse @ (clustered.T @ clustered) @ inverse
+        covariance += inverse * np.square(found.fun).sum() / freedom
+        along, across = np.empty(lights), np.empty(lights)
+        for light in range(lights):
+            own = slice(3 * light, 3 * light + 3)
+            unit = found.x[own] / np.linalg.norm(found.x[own])
+            along[light] = unit @ covariance[own, own] @ unit
+            across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
+        return np.sqrt(along), np.sqrt(across)
+
+    def _evaluated(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Weighted differences (N n,) and their derivatives (N n, parameters)."""
+        lights = len(self.data)
+        inverted, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
+        levels = np.concatenate([[0.0], parameters[3 * lights : -1]])
+        squared = self.x * self.x + self.y * self.y
+        along = inverted[:, :1] * self.x + inverted[:, 1:2] * self.y
+        distance = 1.0 - 2.0 * along + np.square(inverted).sum(axis=1)[:, None] * squared
+        log_distance = np.log(distance)
+        half = 0.5 * (3.0 + exponent)
+        values = levels[:, None] - half * log_distance
+        by_exponent = -0.5 * log_distance
+        by_along = 2.0 * half / distance
+        if self.aim == "centre":
+            # Beyond a right angle to its axis an LED gives no light; the fit may pass there.
+            facing = np.maximum(1.0 - along, 1e-6)
+            values += exponent * np.log(facing)
+            by_exponent += np.log(facing)
+            by_along -= exponent / facing
+        derivatives = np.zeros((lights, self.x.size, parameters.size))
+        by_square = -half * squared / distance
+        for light in range(lights):
+            for axis in range(3):
+                derivatives[light, :, 3 * light + axis] = (
+                    2.0 * inverted[light, axis] * by_square[light]
+                )
+            derivatives[light, :, 3 * light] += by_along[light] * self.x
+            derivatives[light, :, 3 * light + 1] += by_along[light] * self.y
+            if light > 0:
+                derivatives[light, :, 3 * lights + light - 1] = 1.0
+        derivatives[:, :, -1] = by_exponent
+        derivatives -= derivatives.mean(axis=0)
+        derivatives *= self.root_weights[:, None]
+        difference = (values - values.mean(axis=0) - self.data) * self.root_weights
+        return difference.ravel(), derivatives.reshape(-1, parameters.size)
+
+
+def _sums(values: FloatArray, size: int) -> FloatArray:
+    """(..., size, size) sums of neighbouring blocks."""
+    step = values.shape[-1] // size
+    blocks = values.reshape(*values.shape[:-2], size, step, size, step)
+    return np.asarray(blocks.sum(axis=(-3, -1)), np.float64)

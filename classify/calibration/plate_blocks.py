@@ -1,0 +1,162 @@
+"""Pictures of a white sheet as means of blocks, without dust, grain and saturated pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from classify.images.stack import ImageStack
+from classify.lights.flat_field import coordinates
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Along each side of the frame, and the most cells along the side of a block. A block of LEDs at two
+# fields of view bends by 0.01 % of its mean within 1/32 of the frame.
+BLOCKS, _CELLS = 32, 16
+# Cells further from the median of their block than this multiple of its robust standard deviation
+# are dust.
+_DUST = 4.0
+# From the median absolute deviation to the standard deviation of normal noise.
+_MAD = 1.4826
+# A block counts if so large a share of it is usable.
+_USABLE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class PlateBlocks:
+    """Blocks of S placements of a sheet under N lights.
+
+    Attributes
+    ----------
+    logs
+        (S, N, 32, 32) logarithms of the mean values less ambient light; 0 where not `usable`.
+    usable
+        (S, 32, 32) bool, false where too much of the block is outside the mask or saturated.
+    relief, grain
+        (S, 32, 32) robust standard deviation, within each block, of the ratio of a light to the
+        mean of all, and of the mean of all.
+    saturated
+        (S, N) share of pixels within the mask that are saturated.
+    levels
+        (S, N) median of the values less ambient light, as a share of full scale.
+    x, y
+        (32,) coordinates of the blocks in half of the longer side, y upwards.
+    shape
+        Rows and columns of the frame.
+    """
+
+    logs: FloatArray
+    usable: BoolArray
+    relief: FloatArray
+    grain: FloatArray
+    saturated: FloatArray
+    levels: FloatArray
+    x: FloatArray
+    y: FloatArray
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls, placements: Sequence[ImageStack], full_scale: float, mask: BoolArray | None = None
+    ) -> "PlateBlocks":
+        """Blocks of the placements; only pixels of the (H, W) `mask` count."""
+        shape = placements[0].shape
+        found = [_Placement.of(each, full_scale, mask) for each in placements]
+        rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
+        x, y = coordinates(rows, columns, shape)
+        return cls(
+            np.stack([each.logs for each in found]),
+            np.stack([each.usable for each in found]),
+            np.stack([each.relief for each in found]),
+            np.stack([each.grain for each in found]),
+            np.stack([each.saturated for each in found]),
+            np.stack([each.levels for each in found]),
+            x, y, shape,
+        )  # fmt: skip
+
+    @property
+    def ratios(self) -> FloatArray:
+        """(S, N, 32, 32) logarithms of the ratio of each light to the geometric mean of all."""
+        ratios: FloatArray = self.logs - self.logs.mean(axis=1, keepdims=True)
+        return ratios
+
+
+@dataclass(frozen=True, eq=False)
+class _Placement:
+    logs: FloatArray
+    usable: BoolArray
+    relief: FloatArray
+    grain: FloatArray
+    saturated: FloatArray
+    levels: FloatArray
+
+    @classmethod
+    def of(cls, stack: ImageStack, full_scale: float, mask: BoolArray | None) -> "_Placement":
+        rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
+        cells = (rows, columns)
+        ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
+        part = np.ones(stack.shape, np.bool_) if mask is None else mask
+        saturated = stack.images >= full_scale
+        good = _in_blocks(_resized(part & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
+        values = np.stack(
+            [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
+        ).astype(np.float64)
+        good &= (values > 0.0).all(axis=0)
+        logs = np.log(np.where(good, values, 1.0))
+        common = logs.mean(axis=0)
+        ratio = logs - common
+        away = _deviation(ratio, good)
+        relief = _MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
+        brightness = _deviation(common, good)
+        grain = _MAD * np.nan_to_num(_median(np.abs(brightness)))
+        clean = good & (np.abs(brightness) <= _DUST * grain[..., None] + 1e-9)
+        for each in away:
+            spread = _MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
+            clean &= np.abs(each) <= _DUST * spread + 1e-9
+        count = clean.sum(axis=-1)
+        means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
+        usable = count >= _USABLE * clean.shape[-1]
+        inside = max(int(part.sum()), 1)
+        return cls(
+            np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
+            usable,
+            relief,
+            grain,
+            (saturated & part).sum(axis=(1, 2)) / inside,
+            np.array([np.median(each[good]) if good.any() else 0.0 for each in values])
+            / full_scale,
+        )
+
+
+def _resized(image: npt.NDArray[Any], cells: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Means of the image over (rows, columns) cells."""
+    size = (cells[1], cells[0])
+    resized = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(resized, np.float32)
+
+
+def _in_blocks(cells: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """(32, 32, n) the n cells of each block."""
+    rows, columns = (length // BLOCKS for length in cells.shape)
+    blocks = cells.reshape(BLOCKS, rows, BLOCKS, columns).swapaxes(1, 2)
+    return blocks.reshape(BLOCKS, BLOCKS, rows * columns)
+
+
+def _deviation(values: FloatArray, good: BoolArray) -> FloatArray:
+    """Differences of good cells from the median of their block; NaN for the others."""
+    seen = np.where(good, values, np.nan)
+    deviation: FloatArray = seen - _median(seen)[..., None]
+    return deviation
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """Median over the cells of each block without NaN; NaN for a block without any."""
+    ordered = np.sort(values, axis=-1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=-1)
+    middle = np.maximum(count - 1, 0) // 2
+    medians: FloatArray = np.take_along_axis(ordered, middle[..., None], axis=-1)[..., 0]
+    return medians
