@@ -16,6 +16,7 @@ from classify.errors import InputError, Ps4rigError
 from .commands import info, sets, studies, textures
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
+from .commands.session import session_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
 from .process_settings import settle_process
@@ -38,6 +39,7 @@ app.command()(studies.reproduce)
 app.command()(studies.bench)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(rig_app, name="rig")
+app.add_typer(session_app, name="session")
 
 
 @app.callback(invoke_without_command=True)

@@ -59,6 +59,7 @@ STOREYS = {
         {"acquisition", "maps"},
         {"batch"},
         {"preview"},
+        {"session"},
         {"studies"},
         {"commands"},
         {"cli"},

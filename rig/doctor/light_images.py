@@ -118,28 +118,58 @@ def _saturation(images: LightImages) -> Check:
     return Check("saturation", "ok", seen)
 
 
-def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Check:
-    """Check the image of the brightest LED, since all images share one exposure."""
+@dataclass(frozen=True)
+class ExposureRating:
+    """How well the exposure suits the brightest LED, since all images share one exposure.
+
+    Attributes
+    ----------
+    led, share
+        The brightest LED, and its bright pixels as a share of full scale.
+    factor
+        By which to multiply the exposure; a saturated image needs another rating after that.
+    """
+
+    led: int
+    share: float
+    factor: float
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the exposure can stay as it is."""
+        return _GOOD_EXPOSURE[0] <= self.share <= _GOOD_EXPOSURE[1]
+
+    @property
+    def is_saturated(self) -> bool:
+        """Whether the bright pixels are at full scale."""
+        return self.share >= 1.0
+
+
+def rate_exposure(images: LightImages) -> ExposureRating:
+    """Rate the exposure of light images."""
     full = images.full_scale
     bright = np.percentile(images.lights, _BRIGHT_PERCENTILE, axis=(1, 2))
     led = int(bright.argmax())
-    share = float(bright[led]) / full
+    if bright[led] >= full:
+        return ExposureRating(led, 1.0, _SHORTER_WHEN_SATURATED)
+    # The black level does not grow with the exposure.
+    black = float(images.ambient.min())
+    factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
+    return ExposureRating(led, float(bright[led]) / full, factor)
+
+
+def _exposure(images: LightImages, exposure_ms: float, longest_ms: float) -> Check:
+    rating = rate_exposure(images)
     seen = (
         f"{exposure_ms:g} ms; the brightest {1 - _BRIGHT_PERCENTILE / 100:.1%} of the pixels under "
-        f"LED {led} are at {share:.0%} of full scale"
+        f"LED {rating.led} are at {rating.share:.0%} of full scale"
     )
-    if _GOOD_EXPOSURE[0] <= share <= _GOOD_EXPOSURE[1]:
+    if rating.is_good:
         return Check("exposure", "ok", seen)
-    if bright[led] >= full:
-        factor = _SHORTER_WHEN_SATURATED
-    else:
-        # The black level does not grow with the exposure.
-        black = float(images.ambient.min())
-        factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
-    wanted_ms = exposure_ms * factor
+    wanted_ms = exposure_ms * rating.factor
     if wanted_ms <= longest_ms:
         advice = f"set camera.exposure_ms = {wanted_ms:.3g}"
-        if bright[led] >= full:
+        if rating.is_saturated:
             advice += ", then run this again"
     else:
         advice = (

@@ -111,11 +111,10 @@ def spawn() -> Callable[..., subprocess.Popen[str]]:
     def start(*arguments: object, **options: object) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
-            stdin=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-            **({"stdout": subprocess.PIPE} | options),
+            **({"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE} | options),
         )
 
     return start

@@ -1,0 +1,149 @@
+"""A session on the terminal: its questions, a line for each set, and progress."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from capture.console import complain, out
+from capture.session.events import (
+    Answer,
+    DecideFailure,
+    DecideWarnings,
+    Event,
+    PlaceSpecimen,
+    Question,
+    SessionFinished,
+    SetAdopted,
+    SetCaptured,
+    SetFailed,
+)
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from capture.session.folder import SessionFolder
+    from capture.session.journal import SetEntry
+
+_ANSWERS = {"": Answer.GO, "r": Answer.REPEAT, "s": Answer.SKIP, "q": Answer.STOP}
+
+
+def confirmed(question: str) -> bool:
+    """Ask a question that y affirms."""
+    return _line(f"{question} [y/N] ").lower() in ("y", "yes")
+
+
+class SessionTerminal:
+    """Subscribes to the events of a session, and answers its questions from the keyboard.
+
+    Every event that is shown also goes into the log of the session.
+    """
+
+    def __init__(self, folder: SessionFolder, *, quiet: bool) -> None:
+        self._folder, self._quiet = folder, quiet
+        self._last_count = 0
+        self._started_s = time.monotonic()
+        console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+            TimeRemainingColumn(), console=console, transient=True,
+            disable=not console.is_terminal,
+        )  # fmt: skip
+        total = len(folder.plan)
+        self._task = self._bar.add_task(
+            "sets", total=total, completed=total - len(folder.missing())
+        )
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def listen(self, event: Event) -> None:
+        """Show an event, and log it."""
+        match event:
+            case SetCaptured(entry):
+                self._say(_line_of(entry))
+                self._bar.advance(self._task)
+            case SetAdopted(entry):
+                self._say(f"{entry.file}: found from an earlier run, entered into the journal")
+                self._bar.advance(self._task)
+            case SetFailed(planned, reason):
+                self._folder.log(f"{planned}: {reason}")
+                complain(f"{planned}: {reason}")
+            case SessionFinished(finish, _, captured, missing):
+                self._say(f"{finish}: {captured} sets captured in this run, {missing} missing")
+
+    def ask(self, question: Question) -> Answer:
+        """Ask until there is an answer; no more input means stop."""
+        match question:
+            case PlaceSpecimen(planned):
+                text = (
+                    f"{planned.specimen}, turn to {planned.orientation_deg:g} degrees, then Enter; "
+                    "r repeats the last, s skips, q stops: "
+                )
+            case DecideFailure(_, _, lost_rig):
+                text = (
+                    "connect the rig, then r tries again; s skips the set, q stops: "
+                    if lost_rig
+                    else "r tries again, Enter goes on without it, s skips it for good, q stops: "
+                )
+            case DecideWarnings(planned, warnings):
+                text = (
+                    f"{planned}: {'; '.join(warnings)}. Enter keeps it, r repeats, s skips, "
+                    "q stops: "
+                )
+        while True:
+            self._bar.stop()
+            try:
+                answer = _ANSWERS.get(_line(text).strip().lower())
+            except EOFError:
+                answer = Answer.STOP
+            self._bar.start()
+            if isinstance(question, DecideFailure) and answer is Answer.GO:
+                answer = None if question.lost_rig else Answer.LEAVE
+            if answer is not None:
+                return answer
+
+    def _say(self, line: str) -> None:
+        self._folder.log(line)
+        if not self._quiet:
+            out.print(line, soft_wrap=True)
+
+
+def _line_of(entry: SetEntry) -> str:
+    """One line for a captured set."""
+    measures = entry.measures
+    if measures is None:
+        return f"{entry.file}: captured"
+    levels = " ".join(f"{level:.1%}" for level in measures.led_levels)
+    said = [
+        f"{entry.file}: levels {levels}",
+        f"saturated {measures.saturated:.1%}",
+        f"shadow {measures.shadowed:.1%}",
+    ]
+    if measures.estimated_deg is not None:
+        said.append(f"at {measures.estimated_deg:.1f} degrees")
+    if measures.blur_px is not None:
+        said.append(f"focus {-measures.blur_px:+.1f} px")
+    return ", ".join([*said, *measures.warnings])
+
+
+def _line(prompt: str) -> str:
+    """Read a line from the keyboard; the prompt goes to stderr, so that stdout holds results."""
+    print(prompt, end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise EOFError
+    return line.rstrip("\n")

@@ -1,0 +1,108 @@
+"""What happens in a session, as values that terminal and log subscribe to."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from .journal import FinishReason, SetEntry
+from .plan import PlannedSet
+
+
+class State(StrEnum):
+    """What the runner is doing."""
+
+    OPENING = "opening the rig"
+    PLACING = "waiting for the specimen"
+    CAPTURING = "capturing"
+    CHECKING = "checking"
+    ASKING = "waiting for a decision"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True)
+class StateChanged:
+    """The runner does something else now, for this planned set if there is one."""
+
+    state: State
+    planned: PlannedSet | None
+
+
+@dataclass(frozen=True)
+class SetCaptured:
+    """A set is in its file and in the journal."""
+
+    entry: SetEntry
+
+
+@dataclass(frozen=True)
+class SetFailed:
+    """A set could not be captured."""
+
+    planned: PlannedSet
+    reason: str
+
+
+@dataclass(frozen=True)
+class SetAdopted:
+    """A file of an earlier run, which ended before its entry was written, is in the journal now."""
+
+    entry: SetEntry
+
+
+@dataclass(frozen=True)
+class SessionFinished:
+    """The run is over."""
+
+    finish: FinishReason
+    reason: str | None
+    captured: int
+    missing: int
+
+
+Event = StateChanged | SetCaptured | SetFailed | SetAdopted | SessionFinished
+Publish = Callable[[Event], None]
+
+
+class Answer(StrEnum):
+    """A decision of the operator."""
+
+    GO = "go"
+    REPEAT = "repeat"
+    SKIP = "skip"
+    LEAVE = "leave"  # go on; the set stays missing
+    STOP = "stop"
+
+
+@dataclass(frozen=True)
+class PlaceSpecimen:
+    """Put the specimen below the camera; REPEAT captures the placement before once more."""
+
+    planned: PlannedSet
+
+
+@dataclass(frozen=True)
+class DecideFailure:
+    """A set failed; REPEAT tries once more. `lost_rig` if camera or lights failed."""
+
+    planned: PlannedSet
+    reason: str
+    lost_rig: bool
+
+
+@dataclass(frozen=True)
+class DecideWarnings:
+    """A set is good but for `warnings`; GO keeps it."""
+
+    planned: PlannedSet
+    warnings: tuple[str, ...]
+
+
+Question = PlaceSpecimen | DecideFailure | DecideWarnings
+Ask = Callable[[Question], Answer]
+
+
+def without_questions(question: Question) -> Answer:
+    """Answer for nobody: keep what was captured, leave what failed, stop without a rig."""
+    if isinstance(question, DecideFailure):
+        return Answer.STOP if question.lost_rig else Answer.LEAVE
+    return Answer.GO

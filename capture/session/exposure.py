@@ -1,0 +1,43 @@
+"""The exposure that suits a specimen."""
+
+from classify.errors import InputError
+from rig import RigConfig, list_cameras, open_rig
+from rig.doctor.cameras import longest_exposure_ms
+from rig.doctor.light_images import capture_light_images, rate_exposure
+
+# Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
+_ROUNDS = 6
+# Shorter is beyond what cameras can set.
+_SHORTEST_MS = 0.01
+
+
+def find_exposure_ms(config: RigConfig) -> float:
+    """Find the exposure at which the brightest pixels reach 80 % of full scale.
+
+    It begins with the exposure of `config`, and stays below the longest that fits into a frame.
+
+    Raises
+    ------
+    InputError
+        If even the shortest exposure saturates.
+    HardwareError
+        If the rig fails.
+    """
+    listed = [] if config.is_simulated else list_cameras()
+    exposure_ms = config.camera.exposure_ms
+    for _ in range(_ROUNDS):
+        with open_rig(config.with_changes(camera={"exposure_ms": exposure_ms})) as rig:
+            rating = rate_exposure(capture_light_images(rig))
+            longest_ms = longest_exposure_ms(rig.camera, listed, config.camera)
+        if rating.is_good:
+            return exposure_ms
+        wanted_ms = min(exposure_ms * rating.factor, longest_ms)
+        if wanted_ms == exposure_ms:
+            return exposure_ms  # dark, but nothing longer fits into a frame
+        exposure_ms = round(wanted_ms, 3)
+        if exposure_ms < _SHORTEST_MS:
+            break
+    raise InputError(
+        f"no exposure down to {exposure_ms:g} ms suits the specimen; dim the LEDs, or close the "
+        "aperture"
+    )

@@ -1,0 +1,198 @@
+"""The folder of a session: plan, journal, sets and their table, for one program at a time."""
+
+import difflib
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from capture.sets.captured_set import CapturedSet
+from classify.durable_file import durable_file, make_folder
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+
+from .journal import Journal, SetEntry, read_journal
+from .plan import PlannedSet, SessionPlan, read_plan
+from .sets_table import sets_table
+
+PLAN, JOURNAL, TABLE, LOG = "plan.toml", "journal.json", "sets.csv", "session.log"
+_SETS, _REPLACED, _LOCK = "sets", "replaced", "session.lock"
+_MAX_PLAN_BYTES = 1 << 20
+
+
+def now_utc() -> str:
+    """Return the time as ISO 8601, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+class SessionFolder:
+    """A session on disk. Only `session_folder` makes one that may be written.
+
+    Attributes
+    ----------
+    path
+        The folder.
+    plan, journal
+        Its plan, and its journal as last written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.plan: SessionPlan = read_plan(path / PLAN)
+        self.journal: Journal = read_journal(path / JOURNAL)
+
+    def missing(self) -> list[PlannedSet]:
+        """Planned sets that were neither captured nor left out, and those whose file is gone."""
+        return [planned for planned in self.plan.sets() if not self._is_done(planned)]
+
+    def _is_done(self, planned: PlannedSet) -> bool:
+        entry = self.journal.entry_of(planned)
+        return entry is not None and (entry.file is None or (self.path / entry.file).is_file())
+
+    def log(self, line: str) -> None:
+        """Append a line with the time to ``session.log``."""
+        with (self.path / LOG).open("a", encoding="utf-8") as file:
+            file.write(f"{now_utc()} {line}\n")
+
+    def update(self, journal: Journal) -> None:
+        """Write the journal, and then the table that follows from it."""
+        journal.write(self.path / JOURNAL)
+        self.journal = journal
+        self.write_table()
+
+    def write_table(self) -> None:
+        """Write ``sets.csv`` anew from the journal."""
+        with durable_file(self.path / TABLE) as temporary:
+            temporary.write_text(sets_table(self.plan, self.journal), encoding="utf-8", newline="")
+
+    def file_of(self, planned: PlannedSet) -> Path:
+        """Path of the file of a planned set."""
+        return self.path / _SETS / planned.file_name
+
+    def keep(self, planned: PlannedSet, captured: CapturedSet, entry: SetEntry) -> SetEntry:
+        """Write a set and its entry. An earlier file of the same set moves to ``replaced``."""
+        path = self.file_of(planned)
+        if path.exists():
+            make_folder(self.path / _REPLACED)
+            stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+            path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+        captured.save(path)
+        kept = entry.model_copy(update={"file": f"{_SETS}/{path.name}"})
+        self.update(self.journal.with_entry(kept))
+        return kept
+
+    def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
+        """Whole files of planned sets that a killed run could not enter into the journal.
+
+        A file that cannot be read, or is of another specimen or orientation, is none of them.
+        """
+        for planned in self.plan.sets():
+            path = self.file_of(planned)
+            if self.journal.entry_of(planned) is None and path.is_file():
+                try:
+                    captured = CapturedSet.load(path)
+                except InputError:
+                    continue
+                about = captured.metadata
+                if (about.specimen, about.orientation_deg) == (
+                    planned.specimen,
+                    planned.orientation_deg,
+                ):
+                    yield planned, captured
+
+    def first_set_of(self, specimen: str) -> Path | None:
+        """Path of the first captured set of a specimen, None if there is none."""
+        for planned in self.plan.sets():
+            if planned.specimen == specimen:
+                entry = self.journal.entry_of(planned)
+                if entry is not None and entry.file and (self.path / entry.file).is_file():
+                    return self.path / entry.file
+        return None
+
+    def bytes_of_sets(self) -> int:
+        """Size of all captured sets."""
+        return sum(path.stat().st_size for path in (self.path / _SETS).glob("*.ome.tif"))
+
+
+@contextmanager
+def session_folder(path: Path) -> Iterator[SessionFolder]:
+    """Open a session for writing, for this program alone.
+
+    Raises
+    ------
+    InputError
+        If it is no session, its plan or journal cannot be read, or another program has it open.
+    """
+    if not (path / JOURNAL).is_file():
+        raise InputError(f"{path}: not the folder of a session; ps4rig session run PLAN makes one")
+    with _locked(path):
+        yield SessionFolder(path)
+
+
+def make_session(plan_path: Path) -> Path:
+    """Make the folder of a plan beside it, unless it exists; return its path.
+
+    The journal is written last: a folder with a journal is whole.
+    """
+    plan = read_plan(plan_path)
+    folder = plan_path.absolute().parent / plan.name
+    if (folder / JOURNAL).is_file():
+        return folder
+    if folder.exists() and not (folder.is_dir() and _is_unfinished(folder)):
+        raise InputError(
+            f"{folder}: exists and is not a session; choose another name in {plan_path}"
+        )
+    make_folder(folder / _SETS)
+    with durable_file(folder / PLAN) as temporary:
+        shutil.copyfile(plan_path, temporary)
+    Journal().write(folder / JOURNAL)
+    return folder
+
+
+def plan_changes(plan_path: Path, folder: Path) -> str:
+    """Return the difference of a plan to that of a session as lines; empty if they are equal."""
+    if read_plan(plan_path) == read_plan(folder / PLAN):
+        return ""
+    before, after = (
+        read_regular_file(path, _MAX_PLAN_BYTES).decode().splitlines()
+        for path in (folder / PLAN, plan_path)
+    )
+    names = str(folder / PLAN), str(plan_path)
+    return "\n".join(difflib.unified_diff(before, after, *names, lineterm=""))
+
+
+def use_plan(plan_path: Path, folder: SessionFolder) -> None:
+    """Replace the plan of a session; entries of sets that are no longer planned are kept."""
+    plan = read_plan(plan_path)
+    with durable_file(folder.path / PLAN) as temporary:
+        shutil.copyfile(plan_path, temporary)
+    folder.plan = plan
+    folder.write_table()
+
+
+def _is_unfinished(folder: Path) -> bool:
+    """Whether a folder holds no more than `make_session` writes before the journal."""
+    names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
+    return names <= {PLAN, _SETS} and not any((folder / _SETS).glob("*.ome.tif"))
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            owner = os.pread(descriptor, 100, 0).decode(errors="replace").strip()
+            raise InputError(
+                f"{folder}: in use by {owner or 'another program'}; end it first"
+            ) from error
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"ps4rig, process {os.getpid()} since {now_utc()}".encode(), 0)
+        yield
+        os.ftruncate(descriptor, 0)
+    finally:
+        os.close(descriptor)

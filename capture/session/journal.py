@@ -1,0 +1,141 @@
+"""The journal of a session: what was captured, in one file that is replaced whole."""
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+
+from .plan import PlannedSet
+
+_MAX_BYTES = 1 << 30
+FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "failed"]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SetMeasures(_Record):
+    """What was measured on a set right after its capture.
+
+    Attributes
+    ----------
+    led_levels
+        Mean signal of each light as a share of full scale.
+    saturated, shadowed
+        Shares of the pixels at full scale, and in shadow of a light.
+    estimated_deg
+        Orientation by comparison with the first set of the specimen, [0, 180); None for that set,
+        and where the surface determines none.
+    blur_px
+        By how much the set is blurrier than the first of the specimen; negative where sharper.
+    warnings
+        What a person should look at.
+    """
+
+    led_levels: tuple[FiniteFloat, ...]
+    saturated: FiniteFloat
+    shadowed: FiniteFloat
+    estimated_deg: FiniteFloat | None = None
+    blur_px: FiniteFloat | None = None
+    warnings: tuple[str, ...] = ()
+
+
+class SetEntry(_Record):
+    """A planned set that has its file, or was left out.
+
+    Attributes
+    ----------
+    file, pixels_sha256, captured_utc, measures
+        None for a set that was left out.
+    skipped
+        Why it was left out; None for a captured set.
+    """
+
+    specimen: str
+    orientation_deg: FiniteFloat
+    repeat: int = Field(ge=1)
+    file: str | None = None
+    pixels_sha256: str | None = None
+    captured_utc: str | None = None
+    measures: SetMeasures | None = None
+    skipped: str | None = None
+
+    @property
+    def key(self) -> tuple[str, float, int]:
+        """Which planned set it is."""
+        return self.specimen, self.orientation_deg, self.repeat
+
+
+class RunRecord(_Record):
+    """One run of the program on the session; `ended_utc` stays None if it was killed."""
+
+    started_utc: str
+    rig: str
+    simulated: bool
+    software_version: str
+    ended_utc: str | None = None
+    finish: FinishReason | None = None
+    reason: str | None = None
+
+
+class Journal(_Record):
+    """Runs of a session, and an entry for each set that was captured or left out."""
+
+    schema_version: Literal[1] = 1
+    runs: tuple[RunRecord, ...] = ()
+    entries: Annotated[tuple[SetEntry, ...], Field(max_length=1_000_000)] = ()
+
+    def with_entry(self, entry: SetEntry) -> Self:
+        """Return a journal with `entry` in place of an earlier one of the same planned set."""
+        others = tuple(each for each in self.entries if each.key != entry.key)
+        return type(self)(runs=self.runs, entries=(*others, entry))
+
+    def with_run(self, run: RunRecord) -> Self:
+        """Return a journal with one more run."""
+        return type(self)(runs=(*self.runs, run), entries=self.entries)
+
+    def with_run_ended(self, ended_utc: str, finish: FinishReason, reason: str | None) -> Self:
+        """Return a journal whose last run has ended."""
+        ended = self.runs[-1].model_copy(
+            update={"ended_utc": ended_utc, "finish": finish, "reason": reason}
+        )
+        return type(self)(runs=(*self.runs[:-1], ended), entries=self.entries)
+
+    def entry_of(self, planned: PlannedSet) -> SetEntry | None:
+        """Return the entry of a planned set; None where it is still missing."""
+        return self._by_key.get((planned.specimen, planned.orientation_deg, planned.repeat))
+
+    @cached_property
+    def _by_key(self) -> Mapping[tuple[str, float, int], SetEntry]:
+        return {entry.key: entry for entry in self.entries}
+
+    def write(self, path: Path) -> None:
+        """Replace the file `path`, whole or not at all; `InputError` if it cannot be written."""
+        with durable_file(path) as temporary:
+            temporary.write_text(self.model_dump_json(indent=1), encoding="utf-8")
+
+
+def read_journal(path: Path) -> Journal:
+    """Read a journal.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not a journal, or of a later version.
+    """
+    text = read_regular_file(path, _MAX_BYTES)
+    try:
+        return Journal.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"])) or "the file"
+        raise InputError(
+            f"{path}: not a journal that this program reads: {place}: {first['msg']}"
+        ) from error

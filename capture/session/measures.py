@@ -1,0 +1,100 @@
+"""What a session measures on a set right after its capture, against the first of its specimen."""
+
+import math
+
+import numpy as np
+
+from capture.sets.captured_set import CapturedSet
+from classify import SurfaceEstimate, TextureLibrary
+from classify.errors import InputError
+from rig.acceptance import MAX_SATURATED_SHARE
+
+from .journal import SetMeasures
+
+# A hand places a part within 2 degrees by the overlay of the preview and within 5 by eye; a wrong
+# digit is 10 degrees or more.
+_MAX_PLACEMENT_DEG = 8.0
+# Below this the orientation of a texture is not determined; see test_measures.py.
+_LEAST_SHARPNESS = 0.3
+# Blur that costs the statistics of the finest scale (classify/texture/blur.py).
+_MAX_BLUR_PX = 1.0
+# The sum of the light images of a matt surface does not depend on its orientation.
+_MAX_SIGNAL_CHANGE = 0.1
+
+
+class SpecimenReference:
+    """The first set of a specimen, with which its later sets are compared.
+
+    Parameters
+    ----------
+    captured
+        That set, with its orientation.
+    """
+
+    def __init__(self, captured: CapturedSet) -> None:
+        self._orientation_deg = captured.metadata.orientation_deg or 0.0
+        self._signal = float(np.sum(_levels(captured)))
+        self._library: TextureLibrary | None = None
+        try:
+            surface = captured.solve(planar=True)
+            self._library = TextureLibrary.train([("specimen", surface, self._orientation_deg)])
+        except InputError:
+            pass  # too small or too empty for a texture: no orientation, and no focus
+
+    def measures(self, captured: CapturedSet) -> SetMeasures:
+        """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
+        surface = captured.solve(planar=True)
+        measures, warnings = _alone(captured, surface)
+        signal = sum(measures.led_levels)
+        if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
+            warnings.append(
+                f"light changed by {signal / self._signal - 1.0:+.0%} since the first set of the "
+                "specimen"
+            )
+        match = None
+        if self._library is not None:
+            try:
+                match = self._library.classify(surface)
+            except InputError:
+                match = None
+        if match is None:
+            return measures.model_copy(update={"warnings": tuple(warnings)})
+        estimated_deg = match.orientation_deg
+        if match.sharpness is None or match.sharpness < _LEAST_SHARPNESS:
+            estimated_deg = None
+        entered_deg = captured.metadata.orientation_deg
+        if estimated_deg is not None and entered_deg is not None:
+            off_deg = (estimated_deg - entered_deg + 90.0) % 180.0 - 90.0
+            if abs(off_deg) > _MAX_PLACEMENT_DEG:
+                warnings.append(
+                    f"the texture stands at {estimated_deg:.0f} degrees, "
+                    f"{entered_deg % 180.0:g} were entered"
+                )
+        if match.blur_px is not None and match.blur_px > _MAX_BLUR_PX:
+            warnings.append(f"{match.blur_px:.1f} px blurrier than the first set of the specimen")
+        found = {"estimated_deg": estimated_deg, "blur_px": match.blur_px}
+        return measures.model_copy(update={**found, "warnings": tuple(warnings)})
+
+
+def measures_of_first(captured: CapturedSet) -> SetMeasures:
+    """Measure the first set of a specimen."""
+    measures, warnings = _alone(captured, captured.solve(planar=True))
+    return measures.model_copy(update={"warnings": tuple(warnings)})
+
+
+def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
+    saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
+    warnings = []
+    if saturated > MAX_SATURATED_SHARE:
+        warnings.append(f"{saturated:.1%} of the pixels are saturated")
+    measures = SetMeasures(led_levels=_levels(captured), saturated=saturated, shadowed=shadowed)
+    return measures, warnings
+
+
+def _levels(captured: CapturedSet) -> tuple[float, ...]:
+    """Mean signal of each light as a share of full scale."""
+    lit = captured.images.mean(axis=(1, 2), dtype=np.float64)
+    if captured.ambient is not None:
+        lit = lit - captured.ambient.mean(dtype=np.float64)
+    levels = tuple((lit / captured.metadata.full_scale).tolist())
+    return levels if all(map(math.isfinite, levels)) else tuple(0.0 for _ in levels)

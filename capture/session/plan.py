@@ -1,0 +1,276 @@
+"""The plan of a session: which specimens are captured, at which orientations, and how."""
+
+import re
+import shlex
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+from capture.acquisition.attempts import MAX_AVERAGE
+from capture.sets.ome_tiff import SUFFIX
+from classify.errors import InputError
+from classify.labels import checked_label
+from classify.regular_file import read_regular_file
+from rig.config.section import Degrees, Section
+from rig.config.validation_message import validation_message
+
+_MAX_TOML_BYTES = 1 << 20
+# A year of captures at one a minute.
+_MAX_SETS = 500_000
+_PLACE = "{angle}"
+SEARCH: Literal["search"] = "search"
+
+
+def _usable_label(label: str | None) -> str | None:
+    try:
+        return None if label is None else checked_label(label)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+def _file_name(name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
+        raise ValueError(
+            f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
+            "and begin with a letter or digit"
+        )
+    return name
+
+
+def _exposure(value: object) -> object:
+    if isinstance(value, str) and value != SEARCH:
+        raise ValueError(f"{value!r}: give milliseconds, or {SEARCH!r}")
+    return value
+
+
+Name = Annotated[str, AfterValidator(_file_name)]
+Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
+Text = Annotated[str, Field(max_length=1000)]
+
+
+class Specimen(Section):
+    """A piece to capture.
+
+    Attributes
+    ----------
+    id
+        Its name, also in the names of files: letters, digits, and ``_ . -``.
+    label
+        Texture class; the `id` if none is given.
+    note
+        Anything to remember.
+    surface
+        With a simulated rig: the surface below the camera.
+    """
+
+    id: Name
+    label: Annotated[str | None, AfterValidator(_usable_label)] = None
+    note: Text | None = None
+    surface: str | None = None
+
+
+@dataclass(frozen=True, order=True)
+class PlannedSet:
+    """One set of a plan: a specimen at an orientation, for the nth time (from 1).
+
+    `file_name` is the name of its file in the folder ``sets``.
+    """
+
+    specimen: str
+    orientation_deg: float
+    repeat: int
+    file_name: str
+
+    def __str__(self) -> str:
+        repeat = f", repeat {self.repeat}" if self.repeat > 1 else ""
+        return f"{self.specimen} at {self.orientation_deg:g} degrees{repeat}"
+
+
+class SessionPlan(Section):
+    """What a session captures.
+
+    Attributes
+    ----------
+    name
+        Folder of the session, beside the plan.
+    operator
+        Who captures.
+    orientations_deg
+        Orientations of each specimen, anticlockwise from its first placement.
+    repeats, average
+        Sets of each placement, and frames that each image averages.
+    exposure_ms
+        Exposure for all sets; ``search`` finds one for each specimen at its first placement, and
+        without it that of the rig is used.
+    file_name
+        Names of the files, without ``.ome.tif``: ``{specimen}``, ``{angle}`` and ``{repeat}`` stand
+        for the set.
+    calibration_required
+        Whether to refuse sets without a calibration that fits the rig.
+    turntable
+        Command that turns the specimen, with ``{angle}`` in place of the degrees. It runs without a
+        shell before each placement, and must end within `turntable_timeout_s`.
+    specimen
+        The pieces, in the order of their capture.
+    """
+
+    name: Name
+    operator: Text | None = None
+    orientations_deg: tuple[Degrees, ...] = Field(min_length=1, max_length=3600, strict=False)
+    repeats: int = Field(default=1, ge=1, le=999)
+    average: int = Field(default=1, ge=1, le=MAX_AVERAGE)
+    exposure_ms: Annotated[Exposure, BeforeValidator(_exposure)] = None
+    file_name: str = Field(default="{specimen}-{angle}-{repeat}", max_length=100)
+    calibration_required: bool = False
+    turntable: str | None = None
+    turntable_timeout_s: float = Field(default=60.0, gt=0.0, le=3600.0)
+    specimen: tuple[Specimen, ...] = Field(min_length=1, max_length=10_000, strict=False)
+
+    @field_validator("file_name")
+    @classmethod
+    def _file_names_differ(cls, pattern: str) -> str:
+        rest = pattern
+        for place in ("{specimen}", _PLACE, "{repeat}"):
+            if place not in pattern:
+                raise ValueError(f"file_name = {pattern!r}: {place} is missing")
+            rest = rest.replace(place, "0")
+        _file_name(rest)
+        return pattern
+
+    @field_validator("turntable")
+    @classmethod
+    def _turntable_is_a_command(cls, command: str | None) -> str | None:
+        if command is None:
+            return None
+        try:
+            words = shlex.split(command)
+        except ValueError as error:
+            raise ValueError(f"turntable = {command!r}: {error}") from error
+        if not any(_PLACE in word for word in words[1:]):
+            raise ValueError(
+                f"turntable = {command!r}: give a program and {_PLACE} where the degrees go"
+            )
+        return command
+
+    @model_validator(mode="after")
+    def _each_set_is_planned_once(self) -> Self:
+        ids = [each.id.casefold() for each in self.specimen]
+        named: tuple[tuple[str, Sequence[object]], ...] = (
+            ("specimen.id", ids),
+            ("orientations_deg", self.orientations_deg),
+        )
+        for key, names in named:
+            twice = [each for each, count in Counter(names).items() if count > 1]
+            if twice:
+                raise ValueError(f"{key}: {twice[0]} is named twice; name each once")
+        if len(self) > _MAX_SETS:
+            raise ValueError(f"the plan has {len(self)} sets; up to {_MAX_SETS} are handled")
+        files: dict[str, PlannedSet] = {}
+        for planned in self.sets():
+            # Not even on a file system that ignores case.
+            other = files.setdefault(planned.file_name.casefold(), planned)
+            if other is not planned:
+                raise ValueError(
+                    f"{other} and {planned} would both be {planned.file_name}; give another id, or "
+                    "another file_name"
+                )
+        return self
+
+    def __len__(self) -> int:
+        return len(self.specimen) * len(self.orientations_deg) * self.repeats
+
+    def sets(self) -> Iterator[PlannedSet]:
+        """All sets in the order of their capture."""
+        for specimen in self.specimen:
+            for orientation_deg in self.orientations_deg:
+                for repeat in range(1, self.repeats + 1):
+                    yield self.planned(specimen.id, orientation_deg, repeat)
+
+    def planned(self, specimen: str, orientation_deg: float, repeat: int) -> PlannedSet:
+        """Return one set with the name of its file."""
+        # No str.format: it would evaluate attributes.
+        name = self.file_name.replace("{specimen}", specimen)
+        name = name.replace(_PLACE, f"{orientation_deg:g}").replace("{repeat}", str(repeat))
+        return PlannedSet(specimen, orientation_deg, repeat, name + SUFFIX)
+
+    def specimen_named(self, name: str) -> Specimen:
+        """Return the specimen with this id."""
+        return next(each for each in self.specimen if each.id == name)
+
+    def turntable_command(self, orientation_deg: float) -> list[str]:
+        """Words of the command that turns the specimen."""
+        words = shlex.split(self.turntable or "")
+        return [word.replace(_PLACE, f"{orientation_deg:g}") for word in words]
+
+
+def read_plan(path: Path) -> SessionPlan:
+    """Read a plan.
+
+    Raises
+    ------
+    InputError
+        If it is missing or not TOML, or has an unknown key or a value out of range; the message
+        names file, key and value.
+    """
+    try:
+        values = tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
+    except InputError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise InputError(
+                f"{path}: no such plan; write one with ps4rig session new {path}"
+            ) from error
+        raise
+    # tomllib also raises the errors of deep nesting and of very long numbers.
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from error
+    try:
+        return SessionPlan.model_validate(values)
+    except ValidationError as error:
+        raise InputError(f"{path}: {validation_message(error, SessionPlan)}") from error
+
+
+EXAMPLE = """\
+# Plan of a capture session. A line that begins with # is a comment.
+# See what it means in time and disk space: ps4rig session run PLAN.toml --dry-run
+
+name = "NAME"                # the folder of the session, beside this file
+# operator = "Your name"
+
+# Orientations of each specimen in degrees, anticlockwise from its first placement.
+orientations_deg = [0, 30, 60, 90, 120, 150]
+repeats = 1                  # sets of each placement
+average = 1                  # frames that each image averages
+# exposure_ms = 20           # for all sets; "search" finds one for each specimen
+# calibration_required = true
+# turntable = "turn-to {angle}"   # a program that turns the specimen; it runs without a shell
+# turntable_timeout_s = 60
+
+# One block for each piece. The id becomes part of the names of files.
+[[specimen]]
+id = "rock-1"
+label = "rock"               # texture class; the id if left out
+# note = "left corner is worn"
+surface = "rock"             # for the simulated rig only
+
+[[specimen]]
+id = "sand-1"
+label = "sand"
+surface = "sand"
+"""
+
+
+def example_plan(name: str) -> str:
+    """Return a commented plan for a session called `name`."""
+    return EXAMPLE.replace("NAME", name)

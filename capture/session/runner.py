@@ -1,0 +1,352 @@
+"""The runner of a session: place, capture, check, keep, set after set."""
+
+import subprocess
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+from itertools import groupby
+
+from capture.acquisition.attempts import capture_set
+from capture.errors import SetRejected
+from capture.sets.captured_set import CapturedSet
+from classify.errors import InputError, Ps4rigError
+from rig import HardwareError, Placement, Rig, RigConfig, open_rig
+
+from .events import (
+    Answer,
+    Ask,
+    DecideFailure,
+    DecideWarnings,
+    PlaceSpecimen,
+    Publish,
+    SessionFinished,
+    SetAdopted,
+    SetCaptured,
+    SetFailed,
+    State,
+    StateChanged,
+)
+from .exposure import find_exposure_ms
+from .folder import SessionFolder, now_utc
+from .journal import FinishReason, RunRecord, SetEntry
+from .measures import SpecimenReference, measures_of_first
+from .plan import SEARCH, PlannedSet
+
+
+@dataclass(frozen=True)
+class Finish:
+    """How a run ended; `reason` says why, where that is not evident."""
+
+    finish: FinishReason
+    reason: str | None = None
+    error: Ps4rigError | None = None
+
+
+class _Stopped(Exception):  # noqa: N818 - not an error: the operator said so
+    """Leaves the loop over the sets."""
+
+    def __init__(self, finish: Finish) -> None:
+        self.finish = finish
+
+
+def run_session(
+    folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish
+) -> SessionFinished:
+    """Capture what is missing of a session.
+
+    Each set is in its file before its entry is in the journal, and in the journal before the next
+    one begins. A run that is killed loses the set in progress at most.
+
+    Parameters
+    ----------
+    folder
+        The open folder of the session.
+    config
+        The rig.
+    ask
+        Called where a person decides.
+    publish
+        Called with every event.
+
+    Raises
+    ------
+    InputError
+        If the plan does not suit the rig, or a file cannot be written.
+    HardwareError
+        If the rig fails and `ask` answers STOP.
+    KeyboardInterrupt
+        As it came; the journal says that the run was interrupted.
+    """
+    run = RunRecord(
+        started_utc=now_utc(),
+        rig=config.name,
+        simulated=config.is_simulated,
+        software_version=version("ps4rig"),
+    )
+    _check_plan(folder, config)
+    folder.update(folder.journal.with_run(run))
+    with _Runner(folder, config, ask, publish) as runner:
+        try:
+            runner.adopt()
+            runner.capture_all()
+            end = Finish("incomplete" if folder.missing() else "complete")
+        except _Stopped as stopped:
+            end = stopped.finish
+        except KeyboardInterrupt:
+            _end(folder, Finish("interrupted"), publish, runner)
+            raise
+        except Ps4rigError as error:
+            end = Finish("failed", str(error), error)
+    finished = _end(folder, end, publish, runner)
+    if end.error is not None:
+        raise end.error
+    return finished
+
+
+def _check_plan(folder: SessionFolder, config: RigConfig) -> None:
+    plan = folder.plan
+    without = [each.id for each in plan.specimen if each.surface is None]
+    with_surface = [each.id for each in plan.specimen if each.surface is not None]
+    if config.is_simulated and without:
+        raise InputError(
+            f"specimen {without[0]}: the simulated rig needs its surface; add surface = 'rock'"
+        )
+    if not config.is_simulated and with_surface:
+        raise InputError(
+            f"specimen {with_surface[0]}: surface is for the simulated rig only; remove the key"
+        )
+    if plan.exposure_ms not in (None, SEARCH):
+        config.with_changes(camera={"exposure_ms": plan.exposure_ms})
+
+
+def _end(
+    folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
+) -> SessionFinished:
+    folder.update(folder.journal.with_run_ended(now_utc(), end.finish, end.reason))
+    missing = len(folder.missing())
+    finished = SessionFinished(end.finish, end.reason, runner.captured, missing)
+    publish(StateChanged(State.FINISHED, None))
+    publish(finished)
+    return finished
+
+
+class _Runner:
+    """The open rig of a run, and the reference of the specimen below it."""
+
+    def __init__(
+        self, folder: SessionFolder, config: RigConfig, ask: Ask, publish: Publish
+    ) -> None:
+        self._folder, self._config = folder, config
+        self._ask, self._publish = ask, publish
+        self._closing = ExitStack()
+        self._rig: Rig | None = None
+        self._reference: tuple[str, SpecimenReference] | None = None
+        self._exposures_ms: dict[str, float] = {}
+        self.captured = 0
+
+    def __enter__(self) -> "_Runner":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._close_rig()
+
+    def adopt(self) -> None:
+        """Enter the files that an earlier run wrote but could not enter into the journal."""
+        for planned, captured in self._folder.orphans():
+            entry = self._entry(planned, captured)
+            entry = entry.model_copy(
+                update={"file": str(self._folder.file_of(planned).relative_to(self._folder.path))}
+            )
+            self._folder.update(self._folder.journal.with_entry(entry))
+            self._publish(SetAdopted(entry))
+
+    def capture_all(self) -> None:
+        """Capture the missing sets, placement after placement."""
+        missing = self._folder.missing()
+        placements = [list(group) for _, group in groupby(missing, key=_placement)]
+        index = 0
+        while index < len(placements):
+            first = placements[index][0]
+            self._state(State.PLACING, first)
+            match self._ask(PlaceSpecimen(first)):
+                case Answer.STOP:
+                    raise _Stopped(Finish("stopped"))
+                case Answer.REPEAT:
+                    # Once more what stood below the camera before, if anything did.
+                    index = max(index - 1, 0)
+                    self._turn(placements[index][0].orientation_deg)
+                    self._capture_placement(placements[index])
+                case Answer.SKIP:
+                    self._leave_out(placements[index], "left out by the operator")
+                case Answer.LEAVE:
+                    pass
+                case Answer.GO:
+                    self._turn(first.orientation_deg)
+                    self._capture_placement(placements[index])
+            index += 1
+
+    def _capture_placement(self, planned_sets: Iterable[PlannedSet]) -> None:
+        for planned in planned_sets:
+            self._capture_one(planned)
+
+    def _capture_one(self, planned: PlannedSet) -> None:
+        while True:
+            try:
+                captured = self._captured(planned)
+            except (SetRejected, HardwareError) as error:
+                if self._fails(planned, error) is Answer.REPEAT:
+                    continue
+                return
+            self._state(State.CHECKING, planned)
+            entry = self._entry(planned, captured)
+            warnings = entry.measures.warnings if entry.measures else ()
+            if warnings:
+                self._state(State.ASKING, planned)
+                answer = self._ask(DecideWarnings(planned, warnings))
+                if answer is Answer.REPEAT:
+                    continue
+                if answer is Answer.SKIP:
+                    self._leave_out([planned], "; ".join(warnings))
+                    return
+                if answer is Answer.STOP:
+                    raise _Stopped(Finish("stopped"))
+            kept = self._folder.keep(planned, captured, entry)
+            self.captured += 1
+            self._publish(SetCaptured(kept))
+            return
+
+    def _fails(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
+        """Ask what to do about a set that failed; a rig that failed is closed."""
+        lost_rig = isinstance(error, HardwareError)
+        if lost_rig:
+            self._close_rig()
+        self._publish(SetFailed(planned, str(error)))
+        self._state(State.ASKING, planned)
+        answer = self._ask(DecideFailure(planned, str(error), lost_rig))
+        if answer is Answer.STOP:
+            raise _Stopped(Finish("failed", str(error), error) if lost_rig else Finish("stopped"))
+        if answer is Answer.SKIP:
+            self._leave_out([planned], str(error))
+        return answer
+
+    def _captured(self, planned: PlannedSet) -> CapturedSet:
+        """Capture a set, with what the plan says of it."""
+        specimen = self._folder.plan.specimen_named(planned.specimen)
+        rig = self._opened(planned)
+        self._state(State.CAPTURING, planned)
+        captured = capture_set(
+            rig, specimen.label or specimen.id, average=self._folder.plan.average
+        )
+        described = captured.metadata.model_copy(
+            update={
+                "specimen": specimen.id,
+                "operator": self._folder.plan.operator,
+                "note": specimen.note,
+                "orientation_deg": planned.orientation_deg,
+            }
+        )
+        return replace(captured, metadata=described)
+
+    def _entry(self, planned: PlannedSet, captured: CapturedSet) -> SetEntry:
+        """Measure a set against the first one of its specimen."""
+        if self._reference is None or self._reference[0] != planned.specimen:
+            path = self._folder.first_set_of(planned.specimen)
+            first = captured if path is None else CapturedSet.load(path)
+            self._reference = (planned.specimen, SpecimenReference(first))
+            is_first = path is None
+        else:
+            is_first = self._folder.first_set_of(planned.specimen) is None
+        measures = (
+            measures_of_first(captured) if is_first else self._reference[1].measures(captured)
+        )
+        return SetEntry(
+            specimen=planned.specimen,
+            orientation_deg=planned.orientation_deg,
+            repeat=planned.repeat,
+            pixels_sha256=captured.metadata.pixels_sha256,
+            captured_utc=captured.metadata.created_utc,
+            measures=measures,
+        )
+
+    def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:
+        journal = self._folder.journal
+        for planned in planned_sets:
+            journal = journal.with_entry(
+                SetEntry(
+                    specimen=planned.specimen,
+                    orientation_deg=planned.orientation_deg,
+                    repeat=planned.repeat,
+                    skipped=reason,
+                )
+            )
+        self._folder.update(journal)
+
+    def _turn(self, orientation_deg: float) -> None:
+        """Let the turntable of the plan turn the specimen."""
+        plan = self._folder.plan
+        if plan.turntable is None:
+            return
+        command = plan.turntable_command(orientation_deg)
+        try:
+            subprocess.run(
+                command, check=True, timeout=plan.turntable_timeout_s,
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            )  # fmt: skip
+        except (OSError, subprocess.SubprocessError) as error:
+            raise HardwareError(f"turntable {' '.join(command)}: {_cause(error)}") from error
+
+    def _opened(self, planned: PlannedSet) -> Rig:
+        """The rig with the exposure for a set; on a simulated rig with its specimen in place."""
+        placement = None
+        if self._config.is_simulated:
+            placement = self._config.simulation.placement.model_copy(
+                update={
+                    "surface": self._folder.plan.specimen_named(planned.specimen).surface,
+                    "rotate_deg": planned.orientation_deg,
+                }
+            )
+        config = self._config_for(planned.specimen, placement)
+        if self._rig is not None and self._rig.config.camera != config.camera:
+            self._close_rig()
+        if self._rig is None:
+            self._state(State.OPENING, planned)
+            self._rig = self._closing.enter_context(open_rig(config))
+        simulation = self._rig.simulation
+        if simulation is not None and placement is not None and simulation.placement != placement:
+            simulation.place(placement)
+        return self._rig
+
+    def _config_for(self, specimen: str, placement: Placement | None) -> RigConfig:
+        config = self._config
+        if placement is not None:
+            config = config.with_changes(simulation={"placement": placement.model_dump()})
+        wanted = self._folder.plan.exposure_ms
+        if wanted is None:
+            return config
+        if wanted == SEARCH:
+            if specimen not in self._exposures_ms:
+                self._close_rig()
+                self._exposures_ms[specimen] = find_exposure_ms(config)
+            wanted = self._exposures_ms[specimen]
+        return config.with_changes(camera={"exposure_ms": wanted})
+
+    def _close_rig(self) -> None:
+        self._rig = None
+        self._closing.close()
+
+    def _state(self, state: State, planned: PlannedSet) -> None:
+        self._publish(StateChanged(state, planned))
+
+
+def _placement(planned: PlannedSet) -> tuple[str, float]:
+    return planned.specimen, planned.orientation_deg
+
+
+def _cause(error: OSError | subprocess.SubprocessError) -> str:
+    if isinstance(error, subprocess.TimeoutExpired):
+        return f"did not end within {error.timeout:g} s"
+    if isinstance(error, subprocess.CalledProcessError):
+        said = (error.stderr or b"").decode(errors="replace").strip()
+        return f"ended with status {error.returncode}" + (f": {said[-200:]}" if said else "")
+    return getattr(error, "strerror", None) or str(error)

@@ -1,0 +1,126 @@
+"""The commands session new, run, status and resume."""
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+RIG = '[lights]\nport = "simulated"\n[camera]\nwidth_px = 96\nheight_px = 96\n'
+
+
+@pytest.fixture
+def rig(in_folder: Path) -> Path:
+    path = in_folder / "rig.toml"
+    path.write_text(RIG)
+    return path
+
+
+@pytest.fixture
+def plan(ps4rig: Command, rig: Path) -> Path:
+    path = rig.parent / "fabrics.toml"
+    assert ps4rig("session", "new", path).exit_code == 0
+    text = path.read_text().replace("[0, 30, 60, 90, 120, 150]", "[0, 30]")
+    path.write_text(text)
+    return path
+
+
+def test_new_never_replaces_a_plan(refused: Refused, plan: Path) -> None:
+    before = plan.read_text()
+    assert "exists already" in refused("session", "new", plan)
+    assert "must end in .toml" in refused("session", "new", plan.with_suffix(".txt"))
+    assert plan.read_text() == before
+
+
+def test_a_plan_whose_file_cannot_name_a_session_is_not_written(
+    refused: Refused, in_folder: Path
+) -> None:
+    assert "becomes part of names of files" in refused("session", "new", "my plan.toml")
+    assert not list(in_folder.iterdir())
+
+
+def test_a_dry_run_shows_the_plan_and_captures_nothing(ps4rig: Command, plan: Path) -> None:
+    said = ps4rig("session", "run", plan, "--dry-run").stdout
+    assert "rock-1: class rock, surface rock" in said
+    assert "each at 0, 30 degrees" in said
+    assert "4 sets, 2 s of capture" in said
+    answer = json.loads(ps4rig("session", "run", plan, "--dry-run", "--json").stdout)
+    assert answer["sets"] == 4
+    # Five images of 16 bits.
+    assert 4 * 2 * 5 * 96**2 <= answer["bytes"] < 4 * 2 * 5 * 96**2 + 100_000
+    assert not (plan.parent / "fabrics").exists()
+
+
+def test_a_disk_that_is_too_small_is_refused(ps4rig: Command, refused: Refused, plan: Path) -> None:
+    plan.write_text(plan.read_text().replace("[0, 30]", str(list(range(3600)))))
+    (plan.parent / "rig.toml").write_text(RIG.replace("96", "8192"))
+    dry = ps4rig("session", "run", plan, "--dry-run")
+    assert dry.exit_code == 2
+    assert "7200 sets" in dry.stdout
+    assert "make room, or plan fewer sets" in dry.stderr
+    assert "make room, or plan fewer sets" in refused("session", "run", plan, "--yes")
+    assert not (plan.parent / "fabrics").exists()
+
+
+def test_a_session_runs_to_its_end_and_says_so(ps4rig: Command, plan: Path) -> None:
+    result = ps4rig("session", "run", plan, "--yes")
+    assert result.exit_code == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert lines[1].startswith("sets/rock-1-30-1.ome.tif: levels 4")
+    assert "at 30." in lines[1] or "at 29." in lines[1]
+    assert lines[-1] == "complete: 4 sets captured in this run, 0 missing"
+    log = (plan.parent / "fabrics" / "session.log").read_text()
+    assert all(line in log for line in lines)
+    status = ps4rig("session", "status", "fabrics").stdout
+    assert "fabrics: 4 sets planned, 4 captured, 0 left out, 0 missing" in status
+    answer = json.loads(ps4rig("session", "resume", "fabrics", "--yes", "--json").stdout)
+    assert answer == {"session": "fabrics", "finish": "complete", "captured": 0, "missing": 0}
+
+
+def test_what_is_missing_is_named_and_captured_by_resume(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    (plan.parent / "fabrics" / "sets" / "sand-1-30-1.ome.tif").unlink()
+    answer = json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)
+    assert answer["missing"] == [{"specimen": "sand-1", "orientation_deg": 30.0, "repeat": 1}]
+    assert ps4rig("session", "resume", "fabrics", "--yes").exit_code == 0
+    assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
+
+
+def test_a_changed_plan_needs_a_confirmation(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    plan.write_text(plan.read_text().replace("[0, 30]", "[0, 30, 60]"))
+    result = ps4rig("session", "run", plan, "--yes")
+    assert result.exit_code == 2
+    assert "+orientations_deg = [0, 30, 60]" in result.stdout
+    assert "run without --yes to confirm it" in result.stderr
+    assert "[0, 30]" in (plan.parent / "fabrics" / "plan.toml").read_text()
+
+
+def test_without_a_terminal_nobody_is_asked(refused: Refused, plan: Path) -> None:
+    assert "give --yes" in refused("session", "run", plan)
+    assert "not the folder of a session" in refused("session", "status", plan.parent)
+    assert "not the folder of a session" in refused("session", "resume", plan.parent, "--yes")
+
+
+def test_an_operator_answers_on_a_terminal(
+    spawn: Callable[..., subprocess.Popen[str]], ps4rig: Command, plan: Path
+) -> None:
+    primary, secondary = os.openpty()
+    try:
+        # The first placement, a wrong key, once more, the second placement; then stop.
+        os.write(primary, b"\nx\nr\n\nq\n")
+        process = spawn("session", "run", plan, "--rig", plan.parent / "rig.toml", stdin=secondary)
+        out, error = process.communicate(timeout=60)
+    finally:
+        os.close(primary)
+        os.close(secondary)
+    assert process.returncode == 1
+    assert "rock-1, turn to 30 degrees, then Enter; r repeats the last, s skips, q stops" in error
+    assert out.splitlines()[-1] == "stopped: 3 sets captured in this run, 2 missing"
+    assert len(list((plan.parent / "fabrics" / "replaced").iterdir())) == 1
+    assert "2 missing" in ps4rig("session", "status", "fabrics").stdout

@@ -1,0 +1,124 @@
+"""The folder of a session: one program at a time, and a plan that may change."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture.session.folder import (
+    JOURNAL,
+    SessionFolder,
+    make_session,
+    plan_changes,
+    session_folder,
+    use_plan,
+)
+from capture.session.journal import Journal, SetEntry, SetMeasures, read_journal
+from classify.errors import InputError
+
+from .conftest import PLAN
+
+_HOLD = """
+import sys
+from pathlib import Path
+from capture.session.folder import session_folder
+with session_folder(Path(sys.argv[1])):
+    print("open", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_second_program_is_refused_by_the_name_of_the_first(session: Path) -> None:
+    command = [sys.executable, "-c", _HOLD, str(session)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "open\n"
+        with (
+            pytest.raises(InputError, match=f"in use by ps4rig, process {holder.pid} since"),
+            session_folder(session),
+        ):
+            pass
+        holder.kill()  # a killed program holds no lock
+        holder.wait()
+    with session_folder(session) as folder:
+        assert len(folder.missing()) == 4
+
+
+def test_other_folders_are_no_session(tmp_path: Path, plan_file: Path) -> None:
+    with (
+        pytest.raises(InputError, match="not the folder of a session"),
+        session_folder(tmp_path / "none"),
+    ):
+        pass
+    other = tmp_path / "stones"
+    other.mkdir()
+    (other / "thesis.doc").touch()
+    with pytest.raises(InputError, match="exists and is not a session; choose another name"):
+        make_session(plan_file)
+
+
+def test_a_session_whose_making_was_interrupted_is_made_again(
+    tmp_path: Path, plan_file: Path
+) -> None:
+    (tmp_path / "stones" / "sets").mkdir(parents=True)
+    (tmp_path / "stones" / "plan.toml").write_text("na")
+    assert len(SessionFolder(make_session(plan_file)).plan) == 4
+
+
+def test_a_changed_plan_is_a_difference(session: Path, plan_file: Path) -> None:
+    assert plan_changes(plan_file, session) == ""
+    plan_file.write_text("# only a comment\n" + PLAN)
+    assert plan_changes(plan_file, session) == ""
+    plan_file.write_text(PLAN.replace("[0, 40]", "[0, 40, 80]"))
+    lines = plan_changes(plan_file, session).splitlines()
+    assert "-orientations_deg = [0, 40]" in lines
+    assert "+orientations_deg = [0, 40, 80]" in lines
+    with session_folder(session) as folder:
+        use_plan(plan_file, folder)
+        assert len(folder.missing()) == 6
+    assert len(SessionFolder(session).plan) == 6
+    assert plan_changes(plan_file, session) == ""
+
+
+def test_sets_that_are_no_longer_planned_stay_in_journal_and_table(
+    session: Path, plan_file: Path
+) -> None:
+    entry = SetEntry(specimen="sand-1", orientation_deg=40.0, repeat=1, skipped="wet")
+    plan_file.write_text(PLAN.replace("[0, 40]", "[0]"))
+    with session_folder(session) as folder:
+        folder.update(folder.journal.with_entry(entry))
+        use_plan(plan_file, folder)
+    rows = (session / "sets.csv").read_text().splitlines()
+    assert len(rows) == 1 + 2 + 1
+    assert rows[-1].startswith("sand-1,sand-1,40,1,left out,")
+
+
+def test_a_journal_comes_back_as_it_was_written(tmp_path: Path) -> None:
+    entry = SetEntry(
+        specimen="a", orientation_deg=-0.5, repeat=2, file="sets/a--0.5-2.ome.tif",
+        measures=SetMeasures(led_levels=(0.1, 0.2), saturated=0.0, shadowed=0.5, warnings=("x",)),
+    )  # fmt: skip
+    journal = Journal().with_entry(entry)
+    journal.write(tmp_path / JOURNAL)
+    assert read_journal(tmp_path / JOURNAL) == journal
+    # A new entry takes the place of the one before.
+    assert journal.with_entry(entry.model_copy(update={"skipped": "b"})).entries[0].skipped == "b"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "Invalid JSON"),
+        ('{"schema_version": 2}', "schema_version"),
+        ('{"entries": [{"specimen": "a"}]}', "entries.0.orientation_deg: Field required"),
+        ('{"notes": 1}', "notes: Extra inputs"),
+    ],
+)
+def test_a_damaged_journal_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / JOURNAL).write_text(text)
+    with pytest.raises(InputError, match="not a journal that this program reads") as caught:
+        read_journal(tmp_path / JOURNAL)
+    assert message in str(caught.value)

@@ -1,0 +1,84 @@
+"""A session whose program is killed again and again loses, doubles and damages nothing."""
+
+import csv
+import random
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture import CapturedSet
+from capture.session.folder import SessionFolder, make_session
+
+PLAN = """
+name = "NAME"
+orientations_deg = [0, 40, 80]
+repeats = 2
+specimen = [
+  {id = "rock-1", surface = "rock"},
+  {id = "sand-1", surface = "sand"},
+  {id = "malv-1", surface = "malv"},
+]
+"""
+KILLS = 40
+# From before the first set, with a cold start, to after several.
+_EARLIEST_S, _LATEST_S = 0.5, 4.0
+Spawn = Callable[..., subprocess.Popen[str]]
+
+
+def small_rig(folder: Path) -> Path:
+    rig = folder / "rig.toml"
+    rig.write_text('[lights]\nport = "simulated"\n[camera]\nwidth_px = 96\nheight_px = 96\n')
+    return rig
+
+
+def assert_whole(session: Path) -> int:
+    """Assert that journal, table and files agree, and return the number of captured sets."""
+    folder = SessionFolder(session)
+    table = session / "sets.csv"
+    text = table.read_text(encoding="utf-8").splitlines() if table.is_file() else []
+    rows = list(csv.DictReader(text))
+    by_file = {row["file"]: row for row in rows if row["file"]}
+    entries = [entry for entry in folder.journal.entries if entry.file]
+    hashes = set()
+    for entry in entries:
+        assert entry.file is not None
+        captured = CapturedSet.load(session / entry.file)  # checks both hashes
+        assert captured.metadata.pixels_sha256 == entry.pixels_sha256
+        assert captured.metadata.specimen == entry.specimen
+        assert captured.metadata.orientation_deg == entry.orientation_deg
+        hashes.add(entry.pixels_sha256)
+    assert len(hashes) == len(entries), "a set is there twice"
+    # A kill between the journal and the table leaves the table one entry behind until the next run.
+    assert len(entries) - len(by_file) in (0, 1)
+    assert all(by_file[name]["pixels_sha256"] in hashes for name in by_file)
+    return len(entries)
+
+
+@pytest.mark.slow
+def test_a_killed_session_loses_the_set_in_progress_at_most(tmp_path: Path, spawn: Spawn) -> None:
+    rig = small_rig(tmp_path)
+    choice = random.Random(20260101)
+    kills = rounds = 0
+    while kills < KILLS:
+        rounds += 1
+        plan = tmp_path / f"killed-{rounds}.toml"
+        plan.write_text(PLAN.replace("NAME", f"killed-{rounds}"))
+        session = make_session(plan)
+        while SessionFolder(session).missing():
+            process = spawn("session", "resume", session, "--rig", rig, "--yes")
+            time.sleep(choice.uniform(_EARLIEST_S, _LATEST_S))
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+            kills += process.returncode == -signal.SIGKILL
+            # The set in progress may have a file, and no entry yet.
+            files = len(list((session / "sets").glob("*.ome.tif")))
+            assert files - assert_whole(session) in (0, 1)
+        done = spawn("session", "resume", session, "--rig", rig, "--yes")
+        out, error = done.communicate(timeout=120)
+        assert (done.returncode, error) == (0, ""), out
+        assert assert_whole(session) == 18
+        assert not list(session.rglob(".writing-*")), "a temporary file is left"

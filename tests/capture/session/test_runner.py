@@ -1,0 +1,294 @@
+"""The runner of a session on the simulated rig."""
+
+import csv
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture import CapturedSet
+from capture.errors import SetRejected
+from capture.session.events import (
+    Answer,
+    DecideFailure,
+    DecideWarnings,
+    PlaceSpecimen,
+    Question,
+    SessionFinished,
+    SetAdopted,
+    SetCaptured,
+    without_questions,
+)
+from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.runner import run_session
+from classify.errors import InputError
+from rig import CameraError, HardwareError, RigConfig
+
+from .conftest import PLAN, Run, Script
+
+Folder = Callable[[], SessionFolder]
+FILES = ["rock-1-0-1", "rock-1-40-1", "sand-1-0-1", "sand-1-40-1"]
+
+
+def names(folder: SessionFolder) -> list[str]:
+    return sorted(path.name.removesuffix(".ome.tif") for path in (folder.path / "sets").iterdir())
+
+
+def test_a_session_captures_each_planned_set(run: Run, folder: Folder) -> None:
+    script = run()
+    done = folder()
+    assert names(done) == FILES
+    assert done.missing() == []
+    assert [run.finish for run in done.journal.runs] == ["complete"]
+    assert script.events[-1] == SessionFinished("complete", None, 4, 0)
+    asked = [question.planned for question in script.questions]
+    assert [(each.specimen, each.orientation_deg) for each in asked] == [
+        ("rock-1", 0.0), ("rock-1", 40.0), ("sand-1", 0.0), ("sand-1", 40.0),
+    ]  # fmt: skip
+    captured = CapturedSet.load(done.path / "sets" / "rock-1-40-1.ome.tif")
+    about = captured.metadata
+    assert (about.label, about.specimen, about.operator) == ("rock", "rock-1", "J. Wu")
+    assert (about.note, about.orientation_deg, about.simulated) == ("chipped", 40.0, True)
+
+
+def test_the_orientation_is_estimated_and_the_table_follows_the_journal(
+    run: Run, folder: Folder
+) -> None:
+    run()
+    done = folder()
+    rows = list(csv.DictReader((done.path / "sets.csv").open(encoding="utf-8", newline="")))
+    assert [row["file"] for row in rows] == [f"sets/{name}.ome.tif" for name in FILES]
+    assert [row["label"] for row in rows] == ["rock", "rock", "sand-1", "sand-1"]
+    assert [row["estimated_deg"] == "" for row in rows] == [True, False, True, False]
+    for row, entry in zip(rows, done.journal.entries, strict=True):
+        assert row["pixels_sha256"] == entry.pixels_sha256
+        assert (
+            row["pixels_sha256"] == CapturedSet.load(done.path / row["file"]).metadata.pixels_sha256
+        )
+        if row["estimated_deg"]:
+            assert float(row["estimated_deg"]) == pytest.approx(40.0, abs=2.0)
+
+
+def test_a_stopped_session_goes_on_with_what_is_missing(run: Run, folder: Folder) -> None:
+    run(Answer.GO, Answer.STOP)
+    assert names(folder()) == FILES[:1]
+    assert folder().journal.runs[0].finish == "stopped"
+    script = run()
+    assert [question.planned.file_name for question in script.questions] == [
+        f"{name}.ome.tif" for name in FILES[1:]
+    ]
+    assert names(folder()) == FILES
+    assert run().questions == []
+
+
+def test_a_skipped_placement_is_not_missing(run: Run, folder: Folder) -> None:
+    run(Answer.SKIP)
+    assert names(folder()) == FILES[1:]
+    assert folder().missing() == []
+    (skipped,) = (entry for entry in folder().journal.entries if entry.skipped)
+    assert skipped.skipped == "left out by the operator"
+    assert "rock-1,rock,0,1,left out,," in (folder().path / "sets.csv").read_text()
+
+
+def test_a_repeated_placement_keeps_the_earlier_set_aside(run: Run, folder: Folder) -> None:
+    script = run(Answer.GO, Answer.REPEAT, Answer.GO)
+    done = folder()
+    assert names(done) == FILES
+    (old,) = (done.path / "replaced").iterdir()
+    new = CapturedSet.load(done.path / "sets" / "rock-1-0-1.ome.tif")
+    assert new.metadata.pixels_sha256 != CapturedSet.load(old).metadata.pixels_sha256
+    assert len(done.journal.entries) == 4
+    placed = [each.planned.file_name for each in script.questions]
+    assert placed[:3] == [f"{name}.ome.tif" for name in (FILES[0], FILES[1], FILES[1])]
+
+
+def test_a_deleted_file_is_missing_again(run: Run, folder: Folder) -> None:
+    run()
+    (folder().path / "sets" / f"{FILES[2]}.ome.tif").unlink()
+    assert [planned.file_name for planned in folder().missing()] == [f"{FILES[2]}.ome.tif"]
+    run()
+    assert names(folder()) == FILES
+
+
+def test_a_file_that_a_killed_run_wrote_is_adopted_not_captured_twice(
+    run: Run, folder: Folder
+) -> None:
+    run(Answer.GO, Answer.GO, Answer.STOP)
+    done = folder()
+    # As if the program had been killed after it wrote the set and before it wrote the journal.
+    before = done.journal.entries[-1]
+    done.journal.model_copy(update={"entries": done.journal.entries[:1]}).write(
+        done.path / "journal.json"
+    )
+    script = run()
+    (adopted,) = (event for event in script.events if isinstance(event, SetAdopted))
+    assert adopted.entry == before
+    assert sum(isinstance(event, SetCaptured) for event in script.events) == 2
+    assert names(folder()) == FILES
+
+
+def test_a_damaged_or_foreign_file_is_captured_anew_and_kept_aside(
+    run: Run, folder: Folder, session: Path
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    first = session / "sets" / f"{FILES[0]}.ome.tif"
+    shutil.copy(first, session / "sets" / f"{FILES[2]}.ome.tif")  # another specimen
+    (session / "sets" / f"{FILES[1]}.ome.tif").write_bytes(first.read_bytes()[:5000])
+    run()
+    assert folder().missing() == []
+    for name in FILES:
+        CapturedSet.load(session / "sets" / f"{name}.ome.tif")
+    assert len(list((session / "replaced").iterdir())) == 2
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, times: int) -> None:
+    """Let the next captures of the runner raise `error`, as failures of the rig do."""
+    import capture.session.runner as runner
+
+    real, left = runner.capture_set, [error] * times
+
+    def capture_set(*arguments: object, **options: object) -> CapturedSet:
+        if left:
+            raise left.pop()
+        return real(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(runner, "capture_set", capture_set)
+
+
+def test_a_rejected_set_is_asked_about(
+    run: Run, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, SetRejected("LED 2 is dark"), 2)
+    script = run(Answer.GO, Answer.REPEAT, Answer.SKIP)
+    asked = [type(question) for question in script.questions[:3]]
+    assert asked == [PlaceSpecimen, DecideFailure, DecideFailure]
+    assert names(folder()) == FILES[1:]
+    assert folder().journal.entries[0].skipped == "LED 2 is dark"
+
+
+def test_without_questions_a_rejected_set_stays_missing(
+    run: Run, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing(monkeypatch, SetRejected("LED 2 is dark"), 1)
+    run(ask=without_questions)
+    assert [planned.file_name for planned in folder().missing()] == [f"{FILES[0]}.ome.tif"]
+    assert folder().journal.runs[-1].finish == "incomplete"
+
+
+def test_a_pulled_camera_loses_no_set(
+    run: Run, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    failing(monkeypatch, CameraError("/dev/video0: no such device"), 1)
+    with pytest.raises(HardwareError, match="no such device"):
+        run(ask=without_questions)
+    last = folder().journal.runs[-1]
+    assert (last.finish, last.reason) == ("failed", "/dev/video0: no such device")
+    assert names(folder()) == FILES[:1]
+    # Plugged in again, the operator goes on at once.
+    failing(monkeypatch, CameraError("/dev/video0: no such device"), 1)
+    script = run(Answer.GO, Answer.REPEAT)
+    assert script.questions[1] == DecideFailure(
+        script.questions[0].planned, "/dev/video0: no such device", lost_rig=True
+    )
+    assert names(folder()) == FILES
+
+
+def test_an_interrupt_between_sets_is_in_the_journal(run: Run, folder: Folder) -> None:
+    def interrupt(question: Question) -> Answer:
+        if question.planned.specimen == "sand-1":
+            raise KeyboardInterrupt
+        return Answer.GO
+
+    with pytest.raises(KeyboardInterrupt):
+        run(ask=interrupt)
+    assert folder().journal.runs[-1].finish == "interrupted"
+    assert names(folder()) == FILES[:2]
+
+
+def test_a_wrong_orientation_is_asked_about(session: Path, config: RigConfig) -> None:
+    asked = []
+
+    def ask(question: Question) -> Answer:
+        if isinstance(question, DecideWarnings):
+            asked.append(question)
+            return Answer.STOP
+        return Answer.GO
+
+    # The part was not turned: the entered 40 degrees are wrong.
+    plan = session / "plan.toml"
+    with session_folder(session) as folder:
+        run_session(folder, config, lambda _: _once(folder), lambda _: None)
+        first = next(folder.plan.sets())
+        path = folder.file_of(first)
+        wrong = CapturedSet.load(path)
+        about = wrong.metadata.model_copy(update={"orientation_deg": 20.0})
+        CapturedSet(wrong.images, wrong.ambient, about).save(path)
+        run_session(folder, config, ask, lambda _: None)
+    (question,) = asked
+    assert question.warnings == ("the texture stands at 60 degrees, 40 were entered",)
+    assert plan.is_file()
+
+
+def _once(folder: SessionFolder) -> Answer:
+    return Answer.STOP if folder.journal.entries else Answer.GO
+
+
+def test_the_turntable_turns_before_each_placement(
+    plan_file: Path, tmp_path: Path, config: RigConfig
+) -> None:
+    said = tmp_path / "angles.txt"
+    program = tmp_path / "turn.py"
+    program.write_text(f"import sys; open({str(said)!r}, 'a').write(sys.argv[1] + ' ')")
+    command = f"{sys.executable} {program} {{angle}}"
+    plan_file.write_text(f"turntable = '{command}'\n" + PLAN)
+    with session_folder(make_session(plan_file)) as folder:
+        run_session(folder, config, without_questions, lambda _: None)
+    assert said.read_text() == "0 40 0 40 "
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import sys; sys.exit('stuck')", r"turntable .*: ended with status 1: stuck"),
+        ("import time; time.sleep(60)", r"turntable .*: did not end within 0.2 s"),
+    ],
+)
+def test_a_turntable_that_fails_stops_the_session(
+    plan_file: Path, tmp_path: Path, config: RigConfig, code: str, message: str
+) -> None:
+    program = tmp_path / "turn.py"
+    program.write_text(code)
+    plan_file.write_text(
+        f"turntable = '{sys.executable} {program} {{angle}}'\nturntable_timeout_s = 0.2\n" + PLAN
+    )
+    with (
+        session_folder(make_session(plan_file)) as folder,
+        pytest.raises(HardwareError, match=message),
+    ):
+        run_session(folder, config, without_questions, lambda _: None)
+
+
+def test_an_exposure_is_searched_for_each_specimen(plan_file: Path, config: RigConfig) -> None:
+    plan_file.write_text('exposure_ms = "search"\n' + PLAN)
+    dim = config.with_changes(camera={"exposure_ms": 1.0})
+    with session_folder(make_session(plan_file)) as folder:
+        run_session(folder, dim, without_questions, lambda _: None)
+        for name in FILES:
+            captured = CapturedSet.load(folder.path / "sets" / f"{name}.ome.tif")
+            bright = captured.images.max() / captured.metadata.full_scale
+            assert 0.4 < bright <= 1.0
+            assert captured.metadata.camera is not None
+            assert captured.metadata.camera.exposure_ms > 3.0
+
+
+def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: RigConfig) -> None:
+    plan_file.write_text(PLAN.replace('surface = "sand"\n', ""))
+    script = Script(())
+    with (
+        session_folder(make_session(plan_file)) as folder,
+        pytest.raises(InputError, match="specimen sand-1: the simulated rig needs its surface"),
+    ):
+        run_session(folder, config, script.ask, script.events.append)
