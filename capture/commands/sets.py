@@ -49,6 +49,13 @@ def capture(
             help="Number of sets, in numbered files after those that exist.",
         ),
     ] = 1,
+    target: Annotated[
+        bool,
+        typer.Option(
+            "--target",
+            help="The part is a calibration target, such as a sphere: its shading is not checked.",
+        ),
+    ] = False,
     surface: options.Surface = None,
     rotate: Annotated[
         list[float] | None,
@@ -94,7 +101,7 @@ def capture(
     describe = partial(described, specimen=specimen, operator=operator, note=note)
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
-        sets = _captured(opened, placements, count, label, average)
+        sets = _captured(opened, placements, count, label, average, target)
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
             if not json:
@@ -115,15 +122,23 @@ def _duration(captured: CapturedSet) -> str:
 
 
 def _captured(
-    rig: Rig, placements: list[Placement], count: int, label: str | None, average: int
+    rig: Rig,
+    placements: list[Placement],
+    count: int,
+    label: str | None,
+    average: int,
+    is_target: bool,
 ) -> Iterator[CapturedSet]:
     from capture.acquisition.attempts import capture_set
+    from rig.scene.targets import TARGETS
 
     for placement in placements:
         if rig.simulation is not None and rig.simulation.placement not in (None, placement):
             rig.simulation.place(placement)
+        placed = None if rig.simulation is None else rig.simulation.placement
+        is_target = is_target or (placed is not None and placed.surface in TARGETS)
         for _ in range(count):
-            yield capture_set(rig, label, average=average)
+            yield capture_set(rig, label, average=average, is_target=is_target)
 
 
 def _numbered(output: Path, count: int, replace: bool) -> list[Path]:

@@ -46,11 +46,25 @@ def test_the_set_contains_the_options_of_the_simulated_rig(ps4rig: Command, tmp_
     assert metadata.placement is not None
     assert metadata.placement.model_dump() == {
         "surface": "sand", "rotate_deg": 33.0, "shift_px": (5.0, -7.0), "seed": 9,
+        "size_mm": None,
     }  # fmt: skip
     assert (metadata.label, metadata.orientation_deg, metadata.bit_depth) == ("sand 1", 33.0, 10)
     assert CapturedSet.load(out).lighting.slants_deg.tolist() == [30.0] * 4
     assert CapturedSet.load(out).images.shape == (4, 96, 96)
     assert all(len(image.frames) == 2 for image in metadata.images)
+
+
+def test_a_calibration_target_is_captured_although_its_shading_is_that_of_no_surface(
+    ps4rig: Command, refused: Refused, in_folder: Path
+) -> None:
+    in_folder.joinpath("rig.toml").write_text(
+        '[lights]\nport = "simulated"\n[camera]\nwidth_px = 64\nheight_px = 64\n'
+        "[[simulation.faults.leds]]\nkind = 'swapped'\nled = 0\nother = 1\n"
+    )
+    assert "not in the order" in refused("capture", "a.ome.tif", status=1)
+    assert ps4rig("capture", "--target", "a.ome.tif").exit_code == 0
+    mirror = ("--surface", "mirror_sphere", "--shift-px", 4, 0)
+    assert ps4rig("capture", "--rig", "sim", *mirror, "b.ome.tif").exit_code == 0
 
 
 def test_orientations_and_counts_write_numbered_files(ps4rig: Command, tmp_path: Path) -> None:
