@@ -13,7 +13,7 @@ import typer
 
 from classify.errors import InputError, Ps4rigError
 
-from .commands import info, sets, studies, textures
+from .commands import info, sets, solve, studies, textures
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .commands.session import session_app
@@ -30,7 +30,7 @@ app = typer.Typer(
 app.command()(studies.demo)
 app.command()(sets.capture)
 app.command("import")(sets.import_)
-app.command()(sets.solve)
+app.command()(solve.solve)
 app.command()(textures.train)
 app.command()(textures.classify)
 app.command("evaluate")(textures.evaluate_)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from classify.errors import InputError
 
 if TYPE_CHECKING:
     from rig import RigConfig
@@ -109,3 +112,21 @@ def with_part(
 
 def _given(values: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
+
+
+def degrees(option: str, text: str, example: str) -> list[float]:
+    """Return the numbers of an option that are separated by commas.
+
+    Raises
+    ------
+    InputError
+        Naming the option, with an example.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = [math.nan]
+    if not all(map(math.isfinite, numbers)):
+        given = text or "''"
+        raise InputError(f"{option} {given}: give degrees separated by commas, such as {example}")
+    return numbers
