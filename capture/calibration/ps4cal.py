@@ -64,6 +64,16 @@ class PartRecord(_Record):
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
 
 
+@dataclass(frozen=True, eq=False)
+class MeasuredPart:
+    """A part of a calibration with its record, and warnings about it."""
+
+    name: PartName
+    part: Any
+    record: PartRecord
+    warnings: tuple[str, ...] = ()
+
+
 class _PartHeader(_Record):
     """A part without its arrays, for which their hashes stand."""
 

@@ -26,7 +26,7 @@ class BlockLevels:
     ----------
     means, variances
         (n,) float64 mean, and temporal variance of a pixel in one frame; NaN where more than 1 % of
-        the values are clipped at 0 or at full scale.
+        the values are clipped at 0 or at full scale. A single frame has no variances.
     saturated
         Share of all values at full scale.
     freedom
@@ -42,7 +42,7 @@ class BlockLevels:
 def block_levels(
     frames: Frames, full_scale: float, hot_pixels: npt.NDArray[np.int32] | None = None
 ) -> BlockLevels:
-    """Return the levels of 16 x 16 blocks of (F, H, W) frames, at least two, of one still scene.
+    """Return the levels of 16 x 16 blocks of (F, H, W) frames of one still scene.
 
     A change of the light from frame to frame is removed, because each block of each frame has its
     own mean. The (n, 2) `hot_pixels` do not count.
@@ -50,9 +50,8 @@ def block_levels(
     Raises
     ------
     InputError
-        For another shape or type, fewer than two frames, or frames of fewer than 32 px a side.
+        For another shape, or frames of fewer than 32 px a side.
     """
-    require_noise(frames)
     blocks: Frames = in_blocks(frames)
     usable = np.ones(frames.shape[1:], np.bool_)
     if hot_pixels is not None:
@@ -81,18 +80,10 @@ def temporal_variances(
     means = values.sum(axis=2, dtype=np.float64) / counts
     values -= (means[:, :, None] * counted).astype(np.float32)
     values -= values.mean(axis=0)
-    freedom = np.maximum((len(blocks) - 1) * (counts - 1), 1)
-    variances = np.square(values).sum(axis=(0, 2), dtype=np.float64) / freedom
+    freedom = (len(blocks) - 1) * (counts - 1)
+    squares = np.square(values).sum(axis=(0, 2), dtype=np.float64)
+    variances = np.where(freedom > 0, squares / np.maximum(freedom, 1), np.nan)
     return means.mean(axis=0), variances, float(np.median(freedom))
-
-
-def require_noise(frames: Frames) -> None:
-    """Raise an `InputError` unless there are two frames of whole numbers."""
-    if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"{len(frames)} frames of {frames.dtype}; give two or more of uint8 or uint16, which "
-            "show the noise"
-        )
 
 
 def in_blocks(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from classify.errors import CalibrationRejected, InputError
 
-from .block_levels import BLOCKS, Frames, in_blocks, require_noise, temporal_variances
+from .block_levels import BLOCKS, Frames, in_blocks, temporal_variances
 from .dark import Dark
 
 FloatArray = npt.NDArray[np.float64]
@@ -78,7 +78,11 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
     CalibrationRejected
         If the lens is not covered, or more than 1 % of the pixels are hot.
     """
-    require_noise(frames)
+    if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
+        raise InputError(
+            f"{len(frames)} frames of {frames.dtype}; give two or more of uint8 or uint16, which "
+            "show the noise"
+        )
     blocks = in_blocks(frames)
     medians = np.median(blocks.mean(axis=0, dtype=np.float64), axis=1)
     _check_covered(medians, float(full_scale))

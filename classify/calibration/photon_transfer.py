@@ -87,7 +87,7 @@ def photon_transfer(
     variances = np.concatenate([each.variances for each in levels])
     freedom = np.concatenate([np.full(each.means.shape, each.freedom) for each in levels])
     highest = _HIGHEST * (full_scale - black_level_dn)
-    usable = means <= highest  # false for NaN
+    usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
     known = None
     if dark_noise_dn is not None and dark_noise_dn**2 >= _LEAST_VARIANCE:

@@ -2,9 +2,13 @@
 
 import typer
 
+from . import dark, response
+
 __all__ = ["calibrate_app"]
 
 calibrate_app = typer.Typer()
+calibrate_app.command()(dark.dark)
+calibrate_app.command()(response.response)
 
 
 @calibrate_app.callback(invoke_without_command=True)

@@ -16,7 +16,7 @@ from classify.errors import InputError
 
 if TYPE_CHECKING:
     from capture.calibration.parts import PartName
-    from capture.calibration.ps4cal import CalibrationFile, PartRecord
+    from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
     from capture.sets.captured_set import CapturedSet
     from rig import Rig
 
@@ -165,16 +165,36 @@ def keep_part(
     warnings: Sequence[str] = (),
 ) -> None:
     """Write the calibration with a part added or replaced, and print how good the part is."""
-    kept = file.with_part(name, part, record)
+    from capture.calibration.ps4cal import MeasuredPart
+
+    keep_parts(path, file, [MeasuredPart(name, part, record, tuple(warnings))], json=json)
+
+
+def keep_parts(
+    path: Path, file: CalibrationFile, parts: Sequence[MeasuredPart], *, json: bool
+) -> None:
+    """Do the same for several parts at once; as JSON they are a list."""
+    kept = file
+    for each in parts:
+        kept = kept.with_part(each.name, each.part, each.record)
     kept.write(path)
-    for warning in warnings:
-        complain(f"warning: {path}: {warning}")
+    for each in parts:
+        for warning in each.warnings:
+            complain(f"warning: {path}: {warning}")
     if json:
-        about = {"quality": record.quality, "figures": record.figures, "source": record.source}
-        said = {"calibration": str(path), "part": name, "warnings": [*warnings]}
-        print_json({**said, **about, "calibration_id": kept.hash})
+        answers = [_answer(path, each, kept.hash) for each in parts]
+        print_json(answers if len(answers) > 1 else answers[0])
         return
-    done = "replaced" if name in file.records else "added"
-    out.print(f"{path}: {name.replace('_', ' ')} {done}. {record.quality}", soft_wrap=True)
-    for figure, value in record.figures.items():
-        out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
+    for each in parts:
+        done = "replaced" if each.name in file.records else "added"
+        words = f"{each.name.replace('_', ' ')} {done}. {each.record.quality}"
+        out.print(f"{path}: {words}", soft_wrap=True)
+        for figure, value in each.record.figures.items():
+            out.print(f"  {figure.replace('_', ' ')}: {value:.4g}", soft_wrap=True)
+
+
+def _answer(path: Path, part: MeasuredPart, calibration_id: str) -> dict[str, Any]:
+    record = part.record
+    about = {"quality": record.quality, "figures": record.figures, "source": record.source}
+    said = {"calibration": str(path), "part": part.name, "warnings": [*part.warnings]}
+    return {**said, **about, "calibration_id": calibration_id}

@@ -1,0 +1,122 @@
+"""Several frames of one still scene, at one exposure or at a ladder of them, for a calibration."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rig import Frame, Rig
+from rig.camera import EXPOSURE_LAG_FRAMES, Pixels
+from rig.errors import CameraError, ConfigError
+from rig.fresh_frame import FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
+from rig.signals import uninterrupted
+
+from .frame_mean import check_frame
+from .repeated_frames import RepeatDetector
+
+# From one exposure to the next shorter one. Fine at first, because the highest levels say most of
+# the curve; the range is 1 to 70, with which a camera of gamma 2.2 shows the lower seventh of its
+# values too.
+_RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
+# Divisor of the exposure while more than half of the frame is saturated.
+_SHORTER = 1.4
+_SATURATED = 0.5
+
+
+def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
+    """Return (count, H, W) fresh frames under one light (None: all LEDs off), which stays on.
+
+    Raises
+    ------
+    HardwareError
+        If the controller or the camera fails, or no such frame arrives.
+    """
+    repeats = RepeatDetector()
+
+    def receive(frame: Frame, not_before_s: float) -> FrameKind:
+        check_frame(frame, rig.camera.info, rig.clock.now_s())
+        return FrameKind.REPEATED if repeats.is_repeat(frame) else kind_of(frame, not_before_s)
+
+    switch = switch_to(rig, light)
+    settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
+    frames: list[npt.NDArray[Any]] = [
+        next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)
+    ]
+    rig.lights.confirm(light)
+    return np.stack(frames)
+
+
+def require_free_running(rig: Rig) -> None:
+    """Raise a `ConfigError` for a camera that exposes at triggers only."""
+    if rig.config.lights.synchronisation == "trigger":
+        raise ConfigError(
+            "lights.synchronisation = 'trigger': the camera gives no frames by itself; set it to "
+            "'software' for this calibration, and let the camera run free"
+        )
+
+
+@contextmanager
+def exposure_kept(rig: Rig) -> Iterator[None]:
+    """Set the exposure back at the end, also after an error or an interrupt, and put LEDs out."""
+    configured_ms = 1e3 * rig.camera.info.exposure_s
+
+    def restore() -> None:
+        try:
+            rig.lights.off()
+        finally:
+            rig.camera.set_exposure(configured_ms)
+
+    try:
+        yield
+    finally:
+        uninterrupted(restore)
+
+
+def brightest_light(rig: Rig) -> int:
+    """Return the light under which the frame is brightest."""
+    means = [float(fresh_frame(rig, light).pixels.mean()) for light in range(len(rig.lighting))]
+    return int(np.argmax(means))
+
+
+def ladder_ms(rig: Rig, light: int) -> list[float]:
+    """Return exposures for a response, from the longest with half of the frame below saturation.
+
+    Raises
+    ------
+    CameraError
+        If the camera has only one exposure.
+    """
+    shortest_ms, longest_ms = rig.camera.exposure_range_ms
+    if shortest_ms == longest_ms:
+        raise CameraError(
+            f"the camera has one exposure only, {longest_ms:g} ms, so that its response cannot be "
+            "measured; give sets of other exposures with --from"
+        )
+    top_ms, full = longest_ms, (1 << rig.camera.info.bit_depth) - 1
+    while top_ms > shortest_ms:
+        (frame,) = frames_at(rig, light, top_ms, 1)
+        if float((frame >= full).mean()) <= _SATURATED:
+            break
+        top_ms = max(shortest_ms, top_ms / _SHORTER)
+    below = top_ms / np.cumprod((1.0, *_RATIOS))
+    return [each for each in below.tolist() if each >= shortest_ms]
+
+
+def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:
+    """Return (count, H, W) frames under one light at an exposure, which stays set."""
+    rig.camera.set_exposure(exposure_ms)
+    info = rig.camera.info
+    for _ in range(info.queue_length + EXPOSURE_LAG_FRAMES):
+        rig.camera.read((info.queue_length + 3) * info.frame_period_s + 2.0)
+    return frame_series(rig, light, count)
+
+
+def ladder_frames(
+    rig: Rig, light: int, exposures_ms: Sequence[float], count: int
+) -> Iterator[tuple[float, Pixels]]:
+    """Yield the exposure that the camera has set, and (count, H, W) frames, for each exposure."""
+    for exposure_ms in exposures_ms:
+        frames = frames_at(rig, light, exposure_ms, count)
+        yield 1e3 * rig.camera.info.exposure_s, frames

@@ -1,0 +1,212 @@
+"""The parts of a calibration that describe the camera, with their records: how good they are."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from capture.sets.captured_set import CapturedSet
+from classify.calibration.block_levels import BlockLevels, Frames, block_levels
+from classify.calibration.calibration import Calibration
+from classify.calibration.dark import Dark
+from classify.calibration.dark_frames import DarkFrames
+from classify.calibration.exposure_ladder import ExposureLadder, response_of
+from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
+from classify.errors import CalibrationRejected, InputError
+
+from .ps4cal import MeasuredPart, PartRecord
+from .setting import Setting
+
+# Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
+_ROUNDED_AWAY = 0.49
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """The blocks of a scene at one exposure."""
+
+    exposure_ms: float
+    levels: BlockLevels
+
+
+def dark_part(
+    found: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
+) -> MeasuredPart:
+    """Describe frames with the lens covered; `dark` is their part, perhaps with ambient light."""
+    full = dark.full_scale
+    hot = len(dark.hot_pixels)
+    quality = (
+        f"The camera shows {dark.offset:.4g} of {full:g} in the dark, with a noise of "
+        f"{dark.noise:.3g} from frame to frame and {hot} hot pixel{'' if hot == 1 else 's'}."
+    )
+    if dark.ambient is not None:
+        quality += f" Ambient light adds {dark.ambient / full:.2%} of full scale."
+    figures = {
+        "offset_dn": dark.offset,
+        "noise_dn": dark.noise,
+        "hot_pixels": float(hot),
+        "fixed_pattern_dn": found.fixed_pattern,
+        "share_at_0": found.clipped,
+        "frames": float(found.frames),
+    }
+    if dark.ambient is not None:
+        figures["ambient_dn"] = dark.ambient
+    warnings = []
+    if found.is_clipped:
+        warnings.append(
+            f"{found.clipped:.0%} of the values are 0: the camera cuts its noise off, so that its "
+            "offset is lower and its noise larger than measured; raise its black level or "
+            "brightness control if it has one"
+        )
+    elif dark.noise < _ROUNDED_AWAY:
+        warnings.append(
+            f"rounding hides the noise ({dark.noise:.2g} in pixel values); a format with more bits "
+            "would show it"
+        )
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("dark", dark, record, tuple(warnings))
+
+
+def response_parts(
+    rungs: Iterable[Rung],
+    full_scale: float,
+    calibration: Calibration,
+    setting: Setting,
+    source: Sequence[str],
+) -> list[MeasuredPart]:
+    """Fit the response, and for a linear camera the noise, to a ladder of exposures.
+
+    Raises
+    ------
+    CalibrationRejected
+        If no response explains the ladder. A noise that cannot be measured is left out, with a
+        warning.
+    """
+    rungs = list(rungs)
+    if not rungs:
+        raise InputError("no exposures are given; give at least one set")
+    values = np.stack([rung.levels.means for rung in rungs])
+    ladder = response_of(values, np.array([rung.exposure_ms for rung in rungs]), full_scale)
+    exposures = len({rung.exposure_ms for rung in rungs})
+    noise: PhotonTransfer | None = None
+    try:
+        if not ladder.response.linear:
+            raise CalibrationRejected("photon transfer needs a linear camera")
+        dark = calibration.dark
+        known = dark is not None and dark.full_scale == full_scale
+        noise = photon_transfer(
+            [rung.levels for rung in rungs],
+            dark.offset if dark is not None and known else ladder.offset,
+            full_scale,
+            dark.noise if dark is not None and known else None,
+        )
+        warnings = []
+    except CalibrationRejected as cause:
+        warnings = [f"gain and read noise are left out: {cause}"]
+    parts = [_response(ladder, exposures, setting, source, warnings)]
+    return parts if noise is None else [*parts, _noise(noise, setting, source)]
+
+
+def levels_of(frames: Frames, full_scale: float, calibration: Calibration) -> BlockLevels:
+    """Return the levels of frames, without the hot pixels of the calibration."""
+    dark = calibration.dark
+    known = dark is not None and not (dark.hot_pixels >= frames.shape[1:]).any()
+    return block_levels(frames, full_scale, dark.hot_pixels if dark is not None and known else None)
+
+
+def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> tuple[list[Rung], int]:
+    """Return the levels of sets of one still scene, by exposure, and the camera's full scale.
+
+    The light image of the brightest light counts. Sets of the same exposure show the noise.
+
+    Raises
+    ------
+    InputError
+        If a set does not state its exposure, or the sets are of different cameras or settings.
+    """
+    first = Setting.of_set(sets[0])
+    for captured in sets:
+        if captured.metadata.camera is None:
+            raise InputError(
+                "a set of photographs does not state its exposure; capture the sets with a rig at "
+                "several values of camera.exposure_ms"
+            )
+        if differences := first.differences(Setting.of_set(captured), "response"):
+            raise InputError(f"the sets differ: {'; '.join(differences)}")
+    full_scale = (1 << sets[0].metadata.bit_depth) - 1
+    light = int(np.argmax([image.mean() for image in sets[0].images]))
+    rungs: list[Rung] = []
+    for exposure_ms, group in groupby(sorted(sets, key=_exposure_ms), _exposure_ms):
+        alike = list(group)
+        raw = [each.images[light] for each in alike if each.metadata.full_scale == full_scale]
+        if raw:
+            rungs.append(Rung(exposure_ms, levels_of(np.stack(raw), full_scale, calibration)))
+        for averaged in (each for each in alike if each.metadata.full_scale != full_scale):
+            stretch = averaged.metadata.full_scale / full_scale
+            levels = levels_of(
+                averaged.images[light][None], averaged.metadata.full_scale, calibration
+            )
+            means = levels.means / stretch
+            rungs.append(
+                Rung(exposure_ms, BlockLevels(means, levels.variances, levels.saturated, 0.0))
+            )
+    return rungs, full_scale
+
+
+def _exposure_ms(captured: CapturedSet) -> float:
+    assert captured.metadata.camera is not None
+    return captured.metadata.camera.exposure_ms
+
+
+def _response(
+    ladder: ExposureLadder,
+    exposures: int,
+    setting: Setting,
+    source: Sequence[str],
+    warnings: Sequence[str],
+) -> MeasuredPart:
+    found, full = ladder.response, 0.01 * (2**setting.bit_depth - 1)
+    if found.linear:
+        quality = (
+            f"The camera is linear: within {ladder.departure:.2%} of full scale from "
+            f"{ladder.lowest / full:.0f} to {ladder.highest / full:.0f} %. Nothing is corrected."
+        )
+    else:
+        quality = (
+            f"The camera is not linear: it departs by {ladder.departure:.1%} of full scale. Pixel "
+            f"values are made linear in light by a curve that explains {exposures} exposures to "
+            f"{found.error:.2%} of full scale."
+        )
+    figures = {
+        "departure_share": ladder.departure,
+        "error_share": found.error,
+        "lowest_dn": ladder.lowest,
+        "highest_dn": ladder.highest,
+        "offset_dn": ladder.offset,
+        "exposures": float(exposures),
+    }
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("response", found, record, tuple(warnings))
+
+
+def _noise(found: PhotonTransfer, setting: Setting, source: Sequence[str]) -> MeasuredPart:
+    sensor = found.noise.sensor
+    read_error = found.read_noise_error_dn
+    read = "" if read_error is None else f" +- {read_error:.2g}"
+    quality = (
+        f"{sensor.gain_e_per_dn:.4g} +- {found.gain_error * sensor.gain_e_per_dn:.2g} electrons "
+        f"per pixel value, read noise {sensor.read_noise_dn:.3g}{read} in pixel values; the noise "
+        f"agrees with shot noise to {found.noise.error:.1%}."
+    )
+    figures = {
+        "gain_e_per_dn": sensor.gain_e_per_dn,
+        "gain_error_share": found.gain_error,
+        "read_noise_dn": sensor.read_noise_dn,
+        "black_level_dn": sensor.black_level_dn,
+        "error_share": found.noise.error,
+    }
+    if read_error is not None:
+        figures["read_noise_error_dn"] = read_error
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("noise", found.noise, record)

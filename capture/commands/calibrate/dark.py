@@ -1,0 +1,155 @@
+"""``ps4rig calibrate dark``: the camera without light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.commands import options
+from capture.console import reported
+from classify.errors import InputError
+
+from .flow import CalibrationPath, RigToCalibrate, Yes, ask, calibration_at, keep_parts
+
+if TYPE_CHECKING:
+    from capture.calibration.ps4cal import MeasuredPart
+    from rig import Rig
+
+# Hot pixels are those beyond the noise of one frame, which 16 frames average away.
+_FRAMES = 16
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
+
+
+@reported
+def dark(
+    calibration: CalibrationPath,
+    rig: RigToCalibrate = None,
+    given: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="Photograph with the lens covered, instead of a rig, or a folder of them; two or "
+            "more. A captured set gives the ambient light. Repeat the option.",
+            metavar="IMG|SET",
+        ),
+    ] = None,
+    bits: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=16,
+            help="Depth of the data in photographs of 16 bits.",
+            show_default="as in the set",
+        ),
+    ] = None,
+    yes: Yes = False,
+    json: options.Json = False,
+) -> None:
+    """Measure the camera with its lens covered: offset, noise and hot pixels; then ambient light.
+
+    Offset, noise and hot pixels hold for the exposure at which they were measured.
+    """
+    if (rig is None) == (not given):
+        raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
+    file = calibration_at(calibration, given or ())
+    if rig is None:
+        part = _of_photographs(given or [], bits)
+    else:
+        from rig import open_rig
+
+        if bits is not None:
+            raise InputError("--bits is for photographs; leave it out with --rig")
+        with open_rig(rig) as opened:
+            part = _of_rig(opened, yes)
+    keep_parts(calibration, file, [part], json=json)
+
+
+def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
+    import numpy as np
+
+    from capture.acquisition.frame_series import frame_series, require_free_running
+    from capture.calibration.camera_parts import dark_part
+    from capture.calibration.setting import Setting
+    from classify.calibration.dark_frames import dark_of, with_ambient
+
+    require_free_running(rig)
+    full_scale = (1 << rig.camera.info.bit_depth) - 1
+    simulation = rig.simulation
+    if simulation is not None:
+        simulation.cover_lens()
+    elif not yes:
+        ask("cover the lens with its cap or with black foil, then press Enter")
+    frames = frame_series(rig, None, _FRAMES)
+    lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
+    found = dark_of(frames, full_scale, lit)
+    dark = found.dark
+    # With --yes nobody uncovers the lens, and ambient light is not measured.
+    if simulation is not None or not yes:
+        if simulation is not None and simulation.placement is not None:
+            simulation.place(simulation.placement)
+        else:
+            ask("uncover the lens, with the room's light as for captures, then press Enter")
+        dark = with_ambient(dark, frame_series(rig, None, 1)[0], full_scale)
+    return dark_part(found, dark, Setting.of_rig(rig), ("captured",))
+
+
+def _of_photographs(given: list[Path], bits: int | None) -> MeasuredPart:
+    import numpy as np
+
+    from capture.calibration.camera_parts import dark_part
+    from capture.calibration.setting import Setting
+    from capture.sets.captured_set import CapturedSet
+    from capture.sets.ome_tiff import SUFFIX
+    from capture.sets.photographs import JPEG, Gamma, read_photographs
+    from classify.calibration.dark_frames import dark_of, with_ambient
+
+    files = [path for place in given for path in _files(place)]
+    sets = [CapturedSet.load(path) for path in files if path.name.endswith(SUFFIX)]
+    images = [path for path in files if not path.name.endswith(SUFFIX)]
+    if not sets and any(path.suffix.lower() in JPEG for path in images):
+        raise InputError(
+            "a JPEG does not state its response; give a set of the same camera, imported with "
+            "--gamma, with --from too"
+        )
+    if not images:
+        raise InputError("--from names no photographs of the covered lens; give two or more")
+    if bits is None and sets:
+        bits = sets[0].metadata.bit_depth
+    gamma: Gamma = "srgb" if sets and sets[0].metadata.gamma == "srgb" else "linear"
+    photographs = read_photographs(images, gamma=gamma, bits=bits, crop=None)
+    if photographs.largest is not None:
+        raise InputError(
+            f"{images[0]}: 16 bits, and dark pixels do not show the depth of the data; give --bits "
+            "N, or a captured set of the same camera with --from"
+        )
+    frames = np.stack(photographs.planes)
+    found = dark_of(frames, photographs.full_scale)
+    dark = found.dark
+    for captured in sets:
+        if captured.ambient is None:
+            raise InputError("a set of --from has no ambient image; leave it out")
+        dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
+    setting = Setting(
+        simulated=False,
+        rig_name=None,
+        camera=None,
+        width_px=frames.shape[2],
+        height_px=frames.shape[1],
+        bit_depth=photographs.bit_depth,
+        exposure_ms=None,
+        gamma=photographs.gamma,
+        light_directions=(),
+    )
+    return dark_part(found, dark, setting, [path.name for path in files])
+
+
+def _files(place: Path) -> list[Path]:
+    """Return the file, or the photographs and sets of a folder."""
+    if not place.is_dir():
+        return [place]
+    found = sorted(path for path in place.iterdir() if path.suffix.lower() in _SUFFIXES)
+    if not found:
+        raise InputError(f"{place}: holds no photographs ({', '.join(_SUFFIXES)})")
+    return found
