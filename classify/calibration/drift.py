@@ -1,0 +1,314 @@
+"""Whether a rig still is as its calibration says, from one set of pictures of a white sheet."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import InputError
+from classify.images.stack import ImageStack
+from classify.lighting import Lighting
+from classify.lights.flat_field import FlatField, powers
+
+from .calibration import Calibration
+from .drift_model import Cause, DriftModel, Explanation, Kind, led_strength, moved_light
+from .led_positions import Aim
+from .plate_blocks import BLOCKS, PlateBlocks
+
+FloatArray = npt.NDArray[np.float64]
+DriftKind = Kind | Literal["unexplained"]
+Status = Literal["ok", "warning", "fault"]
+
+# Blocks along a side are joined to so many: changes are smooth, and the model has 7 per light.
+_JOINED = 8
+# A distant light as a position, in half of the longer side: it falls off by 0.3 % over the frame.
+_DISTANT = 1e3
+# Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
+# tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
+# light there. What a check resolves at five fields of view is in classify/README.md.
+_LED_LEVEL = (0.10, 0.15)
+_LIGHT_MOVED_DEG = (2.5, 5.0)
+_CAMERA_SHIFT = (0.05, 0.10)  # share of the frame's longer side
+_CAMERA_TURN_DEG = (1.0, 3.0)
+_MAGNIFICATION = (0.05, 0.10)
+_SHEET_TILT_DEG = (2.5, 5.0)
+# A brighter or darker corner is common to all lights: it changes the albedo only.
+_VIGNETTING = (0.05, math.inf)
+# No two white sheets differ so much. A common factor changes no slope; beyond twice, the noise and
+# the hot pixels are not those of the calibration.
+_BRIGHTNESS = (0.25, 1.0)
+# Ratios of lights: what 1 % leaves unexplained tilts normals by a third of a degree.
+_UNEXPLAINED = (0.005, 0.01)
+
+
+@dataclass(frozen=True)
+class DriftCause:
+    """One thing that has changed since the calibration.
+
+    Attributes
+    ----------
+    kind, light
+        What has changed; the index of the light, None for what all lights share.
+    status
+        ``warning``, or ``fault`` where the calibration does not hold any more.
+    seen, advice
+        In words, with numbers.
+    """
+
+    kind: DriftKind
+    light: int | None
+    status: Status
+    seen: str
+    advice: str
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A rig compared with its calibration.
+
+    Attributes
+    ----------
+    causes
+        What has changed by more than a warning is worth, the worst first.
+    level_changes
+        (N,) change of each light against what all share: -0.1 for 10 % less light.
+    brightness
+        Brightness that all lights share, as a multiple of that at the calibration; None if that is
+        unknown.
+    sheet_tilt_deg
+        How the sheet lies; it needs no cause if it is small.
+    error_deg
+        rms tilt that a level part would seem to have, solved with this calibration.
+    residual
+        rms of the ratios of lights that no cause explains.
+    """
+
+    causes: tuple[DriftCause, ...]
+    level_changes: FloatArray
+    brightness: float | None
+    sheet_tilt_deg: float
+    error_deg: float
+    residual: float
+
+    @property
+    def status(self) -> Status:
+        """The worst status of the causes."""
+        return max((cause.status for cause in self.causes), key=_severity, default="ok")
+
+
+def plate_drift(
+    stack: ImageStack,
+    full_scale: float,
+    calibration: Calibration,
+    *,
+    brightness: float | None = None,
+) -> Drift:
+    """Compare pictures of a white sheet with a calibration.
+
+    Parameters
+    ----------
+    stack
+        One picture of a white matt sheet under each light, and the ambient image, as captured. The
+        sheet may be another one, and need not lie as it did.
+    full_scale
+        Pixel value at which the sensor saturates.
+    brightness
+        Geometric mean of the sheet's pixel values at the calibration, as a share of full scale.
+
+    Returns
+    -------
+    `Drift`. Lights and camera that have moved can be told where the light falls off over the frame:
+    with distant lights, a moved light shows only in its level.
+
+    Raises
+    ------
+    InputError
+        If the calibration has no flat field, or is one of another number of lights.
+    """
+    flat_field, lights = calibration.flat_field, calibration.lights
+    if flat_field is None or lights is None:
+        raise InputError(
+            "the calibration has no flat field or no lights; run ps4rig calibrate plate"
+        )
+    lighting = lights.lighting
+    if not len(flat_field.coefficients) == len(lighting) == len(stack.images):
+        raise InputError(
+            f"the calibration is of {len(lighting)} lights, the pictures are of {len(stack.images)}"
+        )
+    blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
+    change, expected, x, y = _joined(blocks, flat_field)
+    change -= change.mean() if brightness is None else math.log(brightness * full_scale)
+    lobe = 1.0 if lights.lobe_exponent is None else lights.lobe_exponent
+    positions = _positions(lighting, blocks.shape)
+    model = DriftModel(positions, lobe, _aim(positions, lobe, expected, x, y), x, y)
+    found = model.explain(change)
+    factor = None if brightness is None else math.exp(found.brightness)
+    causes = sorted(_causes(found, model, factor), key=lambda cause: -_severity(cause.status))
+    return Drift(
+        tuple(causes),
+        np.expm1(found.levels),
+        factor,
+        _tilt_deg(found.slope),
+        _error_deg(change, found.slope, lighting),
+        found.residual,
+    )
+
+
+def _joined(
+    blocks: PlateBlocks, flat_field: FlatField
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The change and the flat field as (N, B) logarithms of larger blocks, and their (B,) x, y."""
+    terms = flat_field.coefficients.shape[1]
+    expected = powers(blocks.y, terms) @ flat_field.coefficients @ powers(blocks.x, terms).T
+    usable = blocks.usable[0]
+    y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
+    values = np.concatenate([blocks.logs[0] - expected, expected, x[None], y[None]])
+    weights = _block_sums(usable.astype(np.float64)).ravel()
+    sums = _block_sums(np.where(usable, values, 0.0)).reshape(len(values), -1)
+    means = sums[:, weights > 0.0] / weights[weights > 0.0]
+    lights = len(expected)
+    return means[:lights], means[lights:-2], means[-2], means[-1]
+
+
+def _aim(
+    positions: FloatArray, lobe: float, expected: FloatArray, x: FloatArray, y: FloatArray
+) -> Aim:
+    """Where the LEDs point: the ratios of their lights are in the flat field."""
+
+    def misfit(aim: Aim) -> float:
+        left = expected - [led_strength(each, lobe, aim, x, y) for each in positions]
+        left -= left.mean(axis=0)
+        return float(np.square(left - left.mean(axis=1, keepdims=True)).sum())
+
+    aims: tuple[Aim, Aim] = ("centre", "down")
+    return min(aims, key=misfit)
+
+
+def _block_sums(values: FloatArray) -> FloatArray:
+    size = BLOCKS // _JOINED
+    parts = values.reshape(*values.shape[:-2], _JOINED, size, _JOINED, size)
+    return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
+
+
+def _positions(lighting: Lighting, shape: tuple[int, int]) -> FloatArray:
+    if lighting.positions_px is None:
+        return _DISTANT * lighting.directions
+    return lighting.positions_px * (2.0 / max(shape))
+
+
+def _severity(status: Status) -> int:
+    return ("ok", "warning", "fault").index(status)
+
+
+def _status(amount: float, limits: tuple[float, float]) -> Status:
+    return "fault" if amount > limits[1] else "warning" if amount > limits[0] else "ok"
+
+
+def _tilt_deg(slope: FloatArray) -> float:
+    return math.degrees(math.atan(math.hypot(*slope)))
+
+
+def _error_deg(change: FloatArray, slope: FloatArray, lighting: Lighting) -> float:
+    """Rms tilt of the sheet as it would be solved, without the tilt that it has."""
+    flat = lighting.directions[:, 2, None] * np.exp(change)
+    b = np.linalg.pinv(lighting.directions) @ flat
+    slopes = -b[:2] / b[2] - slope[:, None]
+    return math.degrees(math.sqrt(float(np.square(np.arctan(slopes)).sum(axis=0).mean())))
+
+
+def _causes(
+    found: Explanation, model: DriftModel, brightness: float | None
+) -> Iterator[DriftCause]:
+    for light, level in enumerate(np.expm1(found.levels)):
+        status = _status(abs(level), _LED_LEVEL)
+        if status != "ok":
+            seen = f"light {light} gives {_more_or_less(level)} light than at the calibration"
+            advice = "clean or replace the LED and check its supply, then calibrate the plate again"
+            yield DriftCause("led level", light, status, seen, advice)
+    for cause, numbers in found.causes:
+        if cause.kind == "light moved":
+            yield from _light_moved(cause, numbers, model)
+        elif cause.kind == "camera moved":
+            yield from _camera_moved(numbers)
+        elif cause.kind == "lens":
+            yield from _lens(numbers)
+    if brightness is not None:
+        status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS)
+        if status != "ok":
+            seen = f"all lights together are {brightness:.2f} times as bright as at the calibration"
+            advice = "set exposure, gain and aperture as they were, and check the LEDs' supply"
+            yield DriftCause("exposure", None, status, seen, advice)
+    tilt_deg = _tilt_deg(found.slope)
+    status = _status(tilt_deg, _SHEET_TILT_DEG)
+    if status != "ok":
+        seen = (
+            f"the sheet is tilted by {tilt_deg:.1f} degrees, or two neighbouring LEDs have drifted "
+            "alike"
+        )
+        yield DriftCause("sheet tilted", None, status, seen, "lay it flat, then check again")
+    status = _status(found.residual, _UNEXPLAINED)
+    if status != "ok":
+        seen = f"the lights differ by {found.residual:.1%} in a way that no single cause explains"
+        advice = "is it a white matt sheet without shadow or relief? Then calibrate the plate again"
+        yield DriftCause("unexplained", None, status, seen, advice)
+
+
+def _light_moved(cause: Cause, numbers: FloatArray, model: DriftModel) -> Iterator[DriftCause]:
+    if cause.light is None:
+        return
+    before = model.positions[cause.light]
+    after = moved_light(before, numbers)
+    cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
+    angle_deg = math.degrees(math.acos(min(float(cosine), 1.0)))
+    # A change of the distance counts as the angle that changes the gradient of the light as much.
+    equal_deg = max(angle_deg, math.degrees(abs(float(numbers[2]))))
+    status = _status(equal_deg, _LIGHT_MOVED_DEG)
+    if status != "ok":
+        seen = (
+            f"light {cause.light} has moved by {angle_deg:.1f} degrees, and is "
+            f"{abs(math.expm1(numbers[2])):.0%} {'farther away' if numbers[2] > 0 else 'nearer'}"
+        )
+        advice = "put it back and fasten it, then calibrate the plate again"
+        yield DriftCause("light moved", cause.light, status, seen, advice)
+
+
+def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
+    right, up = 0.5 * numbers[:2]
+    turn_deg = math.degrees(numbers[2])
+    status = max(
+        _status(math.hypot(right, up), _CAMERA_SHIFT),
+        _status(abs(turn_deg), _CAMERA_TURN_DEG),
+        key=_severity,
+    )
+    if status != "ok":
+        seen = (
+            f"the camera has moved against the lights: {abs(right):.0%} of the frame to the "
+            f"{'right' if right > 0.0 else 'left'}, {abs(up):.0%} {'up' if up > 0.0 else 'down'}, "
+            f"turned by {abs(turn_deg):.1f} degrees {'anti' * (turn_deg > 0.0)}clockwise"
+        )
+        advice = "put it back and fasten it, then calibrate the plate again"
+        yield DriftCause("camera moved", None, status, seen, advice)
+
+
+def _lens(numbers: FloatArray) -> Iterator[DriftCause]:
+    magnification = math.exp(numbers[0])
+    corner = math.expm1(numbers[1] + numbers[2])
+    status = max(
+        _status(abs(magnification - 1.0), _MAGNIFICATION),
+        _status(abs(corner), _VIGNETTING),
+        key=_severity,
+    )
+    if status != "ok":
+        seen = (
+            f"another lens, aperture or working distance: {magnification:.2f} times the "
+            f"magnification, corners {_more_or_less(corner)} bright"
+        )
+        advice = "use the lens of the calibration, or calibrate plate and scale again"
+        yield DriftCause("lens", None, status, seen, advice)
+
+
+def _more_or_less(change: float) -> str:
+    return f"{abs(change):.0%} {'more' if change > 0.0 else 'less'}"

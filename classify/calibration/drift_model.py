@@ -1,0 +1,323 @@
+"""How the pictures of a sheet change when a rig changes, and which causes explain a change.
+
+The change is the logarithm of a picture over the flat field, for each light and block of the frame.
+What may always differ has a normal distribution: noise, and how another sheet lies. To that each
+cause adds a few numbers, with a wider distribution. Causes are added as long as they make the
+change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter 28).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cholesky, solve_triangular
+
+from .led_positions import Aim
+
+FloatArray = npt.NDArray[np.float64]
+Kind = Literal["led level", "light moved", "camera moved", "lens", "exposure", "sheet tilted"]
+
+# Standard deviations of the logarithm in a block: of the ratio of lights (noise, and what the flat
+# field does not fit), and of what all lights have in common (grain and dust of the sheet too).
+_RATIO_SPREAD, _COMMON_SPREAD = 0.0015, 0.01
+# Another white sheet: brightness (paper reflects 75 to 95 %), and smooth unevenness.
+_WHITE_SPREAD, _UNEVEN_SPREAD = 0.07, 0.01
+# How a sheet lies: slope, and slope at the edge of the frame if it is bowed (0.13 mm in 50 mm).
+_TILT_SPREAD, _BOW_SPREAD = 0.009, 0.01
+# Level of an LED, gradient and curvature of its light, without a cause worth a warning: its
+# temperature, another paper's sheen.
+_LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
+# Natural logarithm of the odds against a cause, and against a sheet that lies askew: a sheet on a
+# table does not. test_drift.py counts which causes are mistaken for others.
+_AGAINST, _AGAINST_TILT = 3.0, 6.0
+_MOST_CAUSES = 3
+# Gauss-Newton in standard deviations of the numbers: for derivatives, and where it ends.
+_SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
+_LEVEL: FloatArray = np.zeros(2)
+_LOWEST_LIGHT = 0.02  # z of a unit vector: no light of a fit sinks below the plane
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """One thing that may have changed.
+
+    Attributes
+    ----------
+    light
+        Index of the light, None for what all lights share.
+    spreads
+        Standard deviations of its numbers.
+    change
+        The change (N, B) for its numbers.
+    """
+
+    kind: Kind
+    light: int | None
+    spreads: tuple[float, ...]
+    change: Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The most probable causes of a change.
+
+    Attributes
+    ----------
+    causes
+        Each cause with its numbers.
+    levels
+        (N,) logarithm of the level of each light, without what all lights share.
+    brightness
+        Logarithm of the brightness that all lights share.
+    slope
+        (2,) slope of the sheet along x and y.
+    residual
+        rms of the ratios of lights that nothing explains.
+    """
+
+    causes: tuple[tuple[Cause, FloatArray], ...]
+    levels: FloatArray
+    brightness: float
+    slope: FloatArray
+    residual: float
+
+
+class DriftModel:
+    """The sheet under the lights of one calibration.
+
+    Parameters
+    ----------
+    positions
+        (N, 3) positions of the lights, in the unit of `x` and `y`.
+    lobe_exponent, aim
+        m of the lobe cos^m of each LED, and where its axis points.
+    x, y
+        (B,) middles of the blocks.
+    """
+
+    def __init__(
+        self, positions: FloatArray, lobe_exponent: float, aim: Aim, x: FloatArray, y: FloatArray
+    ) -> None:
+        self.positions, self._lobe_exponent, self._aim = positions, lobe_exponent, aim
+        self._x, self._y = x, y
+        self._radius_2 = (x * x + y * y) / float((x * x + y * y).max())
+        self._tangents = positions[:, :2] / positions[:, 2:]
+        self._strengths = self._all_strengths(x, y)
+        nuisances = np.array(list(self._nuisances()))
+        self._nuisance_count = len(nuisances)
+        lights, blocks = self._strengths.shape
+        shared = np.kron(np.ones((lights, lights)), np.eye(blocks))
+        own = np.eye(lights * blocks)
+        covariance = nuisances.T @ nuisances + _RATIO_SPREAD**2 * own + _COMMON_SPREAD**2 * shared
+        lower = cholesky(covariance, lower=True)
+        self._whitener = solve_triangular(lower, own, lower=True)
+        self._posterior = nuisances @ self._whitener.T @ self._whitener
+        self._nuisance_changes = nuisances
+        self._causes = tuple(self._all_causes())
+
+    def explain(self, change: FloatArray) -> Explanation:
+        """The causes of a change (N, B), at most three."""
+        chosen: tuple[Cause, ...] = ()
+        score, numbers = self._fit(change, chosen, np.empty(0))
+        while len(chosen) < _MOST_CAUSES:
+            longer, better, found = self._best(change, chosen, numbers)
+            for place in range(len(longer) - 1):
+                # An earlier cause may have stood for others that are known now.
+                rest = longer[:place] + longer[place + 1 :]
+                other, lower, instead = self._best(change, rest, _without(found, longer, place))
+                if lower < better:
+                    longer, better, found = other, lower, instead
+            if better >= score:
+                break
+            chosen, score, numbers = longer, better, found
+        return self._explanation(change, chosen, numbers)
+
+    def _best(
+        self, change: FloatArray, chosen: tuple[Cause, ...], numbers: FloatArray
+    ) -> tuple[tuple[Cause, ...], float, FloatArray]:
+        """`chosen`, whose numbers are about these, and the cause that explains most of the rest."""
+        tried = []
+        for cause in self._causes:
+            if cause not in chosen:
+                longer = (*chosen, cause)
+                start = np.append(numbers, np.zeros(len(cause.spreads)))
+                tried.append((longer, *self._fit(change, longer, start)))
+        return min(tried, key=lambda each: each[1])
+
+    def _fit(
+        self, change: FloatArray, causes: Sequence[Cause], start: FloatArray
+    ) -> tuple[float, FloatArray]:
+        """Minus twice the log evidence of some causes, up to a constant, and their numbers."""
+        spreads = np.array([spread for cause in causes for spread in cause.spreads])
+        scaled, here = start / spreads, self._change(causes, start)
+        odds = sum(_AGAINST_TILT if cause.kind == "sheet tilted" else _AGAINST for cause in causes)
+        left, volume = self._whitener @ (change - here).ravel(), 0.0
+        for _ in range(_MOST_STEPS if causes else 0):
+            slopes = [
+                self._whitener @ (self._change(causes, (scaled + shift) * spreads) - here).ravel()
+                for shift in _SHIFT * np.eye(len(spreads))
+            ]
+            jacobian = np.stack(slopes, axis=1) / _SHIFT
+            precision = jacobian.T @ jacobian + np.eye(len(spreads))
+            step = np.linalg.solve(precision, jacobian.T @ left - scaled)
+            volume = float(np.linalg.slogdet(precision)[1])
+            scaled = scaled + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+            here = self._change(causes, scaled * spreads)
+            left = self._whitener @ (change - here).ravel()
+            if np.abs(step).max() < _SHIFT:
+                break
+        return float(left @ left + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
+
+    def _change(self, causes: Sequence[Cause], numbers: FloatArray) -> FloatArray:
+        total, first = np.zeros_like(self._strengths), 0
+        for cause in causes:
+            last = first + len(cause.spreads)
+            total += cause.change(numbers[first:last])
+            first = last
+        return total
+
+    def _explanation(
+        self, change: FloatArray, causes: tuple[Cause, ...], numbers: FloatArray
+    ) -> Explanation:
+        left = change - self._change(causes, numbers)
+        nuisances = self._posterior @ left.ravel()
+        rest = left - (nuisances @ self._nuisance_changes).reshape(left.shape)
+        brightness = _WHITE_SPREAD * float(nuisances[0])
+        slope = _TILT_SPREAD * nuisances[1:3]
+        levels = _LEVEL_SPREAD * nuisances[3 : 3 + len(change)]
+        named, first = [], 0
+        for cause in causes:
+            found = numbers[first : first + len(cause.spreads)]
+            first += len(found)
+            named.append((cause, found))
+            if cause.kind == "led level" and cause.light is not None:
+                levels[cause.light] += found[0]
+            elif cause.kind == "exposure":
+                brightness += float(found[0])
+            elif cause.kind == "sheet tilted":
+                slope += found
+        residual = float(np.sqrt(np.square(rest - rest.mean(axis=0)).mean()))
+        return Explanation(tuple(named), levels, brightness, slope, residual)
+
+    def _nuisances(self) -> Iterator[FloatArray]:
+        """(N B,) changes that need no cause, each one standard deviation.
+
+        Brightness, slope and levels come first; `_explanation` reads them.
+        """
+        x, y, one = self._x, self._y, np.ones_like(self._x)
+        along_x, along_y = self._tangents.T[..., None]
+        all_lights = np.ones((len(self.positions), 1))
+        yield (_WHITE_SPREAD * all_lights * one).ravel()
+        for slope in _TILT_SPREAD * np.eye(2):
+            yield self._tilt_change(slope).ravel()
+        own = np.eye(len(self.positions))[..., None]
+        for light in own:
+            yield (_LEVEL_SPREAD * light * one).ravel()
+        for term in (x, y, x * x, x * y, y * y):
+            yield (_UNEVEN_SPREAD * all_lights * term).ravel()
+        for bow in (along_x * x, along_y * y, along_x * y + along_y * x):
+            yield (-_BOW_SPREAD * bow).ravel()
+        for light in own:
+            for term in (x, y):
+                yield (_GRADIENT_SPREAD * light * term).ravel()
+            for term in (x * x, x * y, y * y):
+                yield (_CURVATURE_SPREAD * light * term).ravel()
+
+    def _all_causes(self) -> Iterator[Cause]:
+        for light in range(len(self.positions)):
+            yield Cause("led level", light, (0.3,), self._level_change(light))
+            yield Cause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
+        yield Cause("camera moved", None, (0.3, 0.3, 0.2), self._camera_change)
+        yield Cause("lens", None, (0.2, 0.1, 0.05), self._lens_change)
+        yield Cause("exposure", None, (0.7,), lambda numbers: self._even(numbers[0]))
+        yield Cause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
+
+    def _even(self, values: npt.ArrayLike) -> FloatArray:
+        """(N, B) the same value in all blocks."""
+        return np.zeros_like(self._strengths) + np.asarray(values, np.float64)
+
+    def _level_change(self, light: int) -> Callable[[FloatArray], FloatArray]:
+        own = np.eye(len(self.positions))[:, light, None]
+        return lambda numbers: self._even(numbers[0] * own)
+
+    def _light_change(self, light: int) -> Callable[[FloatArray], FloatArray]:
+        """Numbers: two angles in radians, and the logarithm of the distance."""
+
+        def change(numbers: FloatArray) -> FloatArray:
+            moved = self._even(0.0)
+            place = moved_light(self.positions[light], numbers)
+            moved[light] = self._strength(place, self._x, self._y) - self._strengths[light]
+            return moved
+
+        return change
+
+    def _camera_change(self, numbers: FloatArray) -> FloatArray:
+        """Numbers: shift along x and y, angle in radians anticlockwise, of the camera."""
+        cosine, sine = np.cos(numbers[2]), np.sin(numbers[2])
+        x = cosine * self._x - sine * self._y + numbers[0]
+        y = sine * self._x + cosine * self._y + numbers[1]
+        return self._all_strengths(x, y) - self._strengths
+
+    def _lens_change(self, numbers: FloatArray) -> FloatArray:
+        """Numbers: logarithm of the magnification, vignetting by the radius^2 and radius^4."""
+        field = float(np.exp(-numbers[0]))
+        vignetting = numbers[1] * self._radius_2 + numbers[2] * self._radius_2**2
+        seen = self._all_strengths(field * self._x, field * self._y)
+        return np.asarray(seen - self._strengths + vignetting, np.float64)
+
+    def _tilt_change(self, numbers: FloatArray) -> FloatArray:
+        """Numbers: slope of the sheet along x and y; its middle stays in place."""
+        return self._all_strengths(self._x, self._y, numbers) - self._strengths
+
+    def _all_strengths(
+        self, x: FloatArray, y: FloatArray, slope: FloatArray = _LEVEL
+    ) -> FloatArray:
+        return np.array([self._strength(position, x, y, slope) for position in self.positions])
+
+    def _strength(
+        self, position: FloatArray, x: FloatArray, y: FloatArray, slope: FloatArray = _LEVEL
+    ) -> FloatArray:
+        return led_strength(position, self._lobe_exponent, self._aim, x, y, slope)
+
+
+def led_strength(
+    position: FloatArray,
+    lobe_exponent: float,
+    aim: Aim,
+    x: FloatArray,
+    y: FloatArray,
+    slope: FloatArray = _LEVEL,
+) -> FloatArray:
+    """(B,) logarithm of the light of an LED on a plane: inverse square, Lambert, lobe."""
+    z = slope[0] * x + slope[1] * y
+    away = np.stack([position[0] - x, position[1] - y, position[2] - z])
+    squared = np.square(away).sum(axis=0)
+    facing = (position[2] - position[:2] @ slope) / math.sqrt(1.0 + float(slope @ slope))
+    axis = position / np.linalg.norm(position) if aim == "centre" else np.array([0.0, 0.0, 1.0])
+    towards = np.maximum(axis @ away / np.sqrt(squared), _LOWEST_LIGHT)
+    light = math.log(max(facing, 1e-9)) - 1.5 * np.log(squared) + lobe_exponent * np.log(towards)
+    return np.asarray(light, np.float64)
+
+
+def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
+    """(3,) position after two turns about the middle of the frame and a change of distance.
+
+    The first angle is along the tilt, the second raises the light; both in radians.
+    """
+    distance = float(np.linalg.norm(position))
+    towards = position / distance
+    across = np.array([-towards[1], towards[0], 0.0])
+    length = float(np.linalg.norm(across))
+    across = across / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+    moved = towards + numbers[0] * across + numbers[1] * np.cross(towards, across)
+    moved[2] = max(moved[2], _LOWEST_LIGHT)
+    return np.asarray(moved * (distance * np.exp(numbers[2]) / np.linalg.norm(moved)), np.float64)
+
+
+def _without(numbers: FloatArray, causes: Sequence[Cause], place: int) -> FloatArray:
+    """`numbers` of the causes but for that at `place`."""
+    ends = np.cumsum([len(cause.spreads) for cause in causes])
+    return np.delete(numbers, slice(ends[place] - len(causes[place].spreads), ends[place]))
