@@ -106,9 +106,9 @@ def response_of(values: FloatArray, exposures_ms: FloatArray, full_scale: float)
     order = np.argsort(times, kind="stable")
     times, levels = times[order], values[order] / full_scale
     levels = np.where(levels < 1.0, levels, np.nan)
+    _check_levels(levels[:, np.isfinite(levels).any(axis=0)], times)
     # A block with one exposure alone says nothing.
     levels = levels[:, np.isfinite(levels).sum(axis=0) > 1]
-    _check_levels(levels, times)
     fit = _Fit.of(levels, times)
     if not fit.is_consistent:
         raise CalibrationRejected(_cause(levels, times, fit))
@@ -147,6 +147,11 @@ def _check_levels(levels: FloatArray, times: FloatArray) -> None:
         )
     rises = np.diff(levels, axis=0)
     steps = np.array([np.nan if np.isnan(each).all() else np.nanmedian(each) for each in rises])
+    if np.isnan(steps).all():
+        raise CalibrationRejected(
+            "no part of the frame is neither saturated nor black at two neighbouring exposures; "
+            "give exposures that differ by less"
+        )
     if np.nanmin(steps) < -_FALL:
         worst = int(np.nanargmin(steps))
         raise CalibrationRejected(

@@ -1,0 +1,175 @@
+"""``calibrate dark`` and ``calibrate response`` on the simulated rig, and on files."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.calibration.ps4cal import CalibrationFile
+from rig.simulation.sensor import SensorModel
+
+Run = Callable[..., Any]
+SIDE = 128
+LEVELS = np.linspace(0.0, 1.0, 257)
+
+
+def rig_toml(folder: Path, bits: int = 12, **simulation: object) -> Path:
+    """A simulated rig with near LEDs, ambient light and vignetting."""
+    values = {"led_distance_px": 5 * SIDE, "ambient": 0.03, "vignetting_percent": 20} | simulation
+    lines = "\n".join(f"{key} = {value}" for key, value in values.items())
+    path = folder / "rig.toml"
+    path.write_text(
+        f"[lights]\nport = 'simulated'\n[camera]\nbits = {bits}\nwidth_px = {SIDE}\n"
+        f"height_px = {SIDE}\n[simulation]\n{lines}\n"
+    )
+    return path
+
+
+def calibrated(ps4rig: Run, folder: Path, *commands: str, **rig: Any) -> list[Any]:
+    """Run commands of `calibrate` on a rig, one file for all; return their JSON."""
+    toml, answers = rig_toml(folder, **rig), []
+    for command in commands:
+        done = ps4rig("calibrate", command, "--rig", toml, folder / "rig.ps4cal", "--json")
+        assert done.exit_code == 0, (done.stderr, done.exception)
+        answers.append(json.loads(done.stdout))
+    return answers
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_the_noise_of_the_simulated_sensor_is_found(ps4rig: Run, tmp_path: Path, bits: int) -> None:
+    dark, (response, noise) = calibrated(ps4rig, tmp_path, "dark", "response", bits=bits)
+    sensor = SensorModel(bits)
+    assert dark["figures"]["offset_dn"] == pytest.approx(sensor.black_level_dn, abs=0.05)
+    assert dark["figures"]["hot_pixels"] == 0
+    assert "linear" in response["quality"]
+    found = noise["figures"]
+    gain_error = abs(found["gain_e_per_dn"] / sensor.gain_e_per_dn - 1.0)
+    assert gain_error < 3.0 * found["gain_error_share"] < 0.03
+    # In the dark of 12 bits the noise shows; rounding hides it at 8 bits, where the line gives it.
+    allowed = 3.0 * found.get("read_noise_error_dn", 0.01 * sensor.read_noise_dn)
+    assert abs(found["read_noise_dn"] - sensor.read_noise_dn) < allowed
+    kept = CalibrationFile.read(tmp_path / "rig.ps4cal").calibration
+    assert kept.response is not None
+    assert kept.response.linear
+
+
+def test_gamma_of_an_eight_bit_camera_is_found_and_its_noise_left_out(
+    ps4rig: Run, tmp_path: Path
+) -> None:
+    rig = {"bits": 8, "response_gamma": 2.2, "hot_pixels": 20}
+    dark, response = calibrated(ps4rig, tmp_path, "dark", "response", **rig)
+    kept = CalibrationFile.read(tmp_path / "rig.ps4cal").calibration
+    assert kept.response is not None
+    assert not kept.response.linear
+    assert np.abs(kept.response.curve - LEVELS**2.2).max() < 0.005
+    assert kept.noise is None
+    assert "needs a linear camera" in response["warnings"][0]
+    assert kept.dark is not None
+    assert dark["figures"]["hot_pixels"] == len(kept.dark.hot_pixels) == 20
+    assert kept.dark.ambient is not None
+    assert kept.dark.ambient > 1.0
+
+
+def test_the_exposure_is_as_before_the_ladder(ps4rig: Run, tmp_path: Path) -> None:
+    calibrated(ps4rig, tmp_path, "response")
+    record = CalibrationFile.read(tmp_path / "rig.ps4cal").records["response"]
+    assert record.setting.exposure_ms == pytest.approx(20.0)
+    assert record.source == ("captured",)
+
+
+@pytest.mark.parametrize("command", ["dark", "response"])
+def test_a_rig_or_files_are_needed_and_not_both(
+    refused: Callable[..., str], tmp_path: Path, command: str
+) -> None:
+    path = tmp_path / "rig.ps4cal"
+    assert "give --rig RIG" in refused("calibrate", command, path)
+    assert "give --rig RIG" in refused("calibrate", command, path, "--rig", "sim", "--from", path)
+    assert not path.exists()
+
+
+def test_sets_of_several_exposures_show_the_response(ps4rig: Run, tmp_path: Path) -> None:
+    toml, sets = rig_toml(tmp_path, response_gamma=1.8), []
+    text = toml.read_text()
+    for number, exposure_ms in enumerate((1.5, 3, 6, 10, 15, 20, 28)):
+        toml.write_text(text.replace("[camera]\n", f"[camera]\nexposure_ms = {exposure_ms}\n"))
+        sets += ["--from", tmp_path / f"{number}.ome.tif"]
+        done = ps4rig("capture", "--rig", toml, "--surface", "peel", sets[-1])
+        assert done.exit_code == 0, done.stderr
+    done = ps4rig("calibrate", "response", tmp_path / "rig.ps4cal", *sets)
+    assert done.exit_code == 0, done.stderr
+    assert "not linear" in done.stdout
+    kept = CalibrationFile.read(tmp_path / "rig.ps4cal")
+    assert np.abs(kept.calibration.response.curve - LEVELS**1.8).max() < 0.005
+    assert kept.records["response"].source == tuple(f"{number}.ome.tif" for number in range(7))
+
+
+def test_sets_that_cannot_show_a_response_are_refused(
+    ps4rig: Run, refused: Callable[..., str], made_set: Callable[..., CapturedSet], tmp_path: Path
+) -> None:
+    photographs, single = tmp_path / "photographs.ome.tif", tmp_path / "one.ome.tif"
+    made_set(np.full((4, 64, 64), 100, np.uint16)).save(photographs)
+    path = tmp_path / "rig.ps4cal"
+    message = refused("calibrate", "response", path, "--from", photographs)
+    assert "does not state its exposure" in message
+    assert ps4rig("capture", "--rig", rig_toml(tmp_path), single).exit_code == 0
+    message = refused("calibrate", "response", path, "--from", single, status=1)
+    assert "1 different exposures" in message
+    assert not path.exists()
+
+
+def dark_photographs(folder: Path, count: int = 4) -> Path:
+    rng = np.random.default_rng(1)
+    folder.mkdir()
+    for number in range(count):
+        values = 30 + 2.0 * rng.standard_normal((64, 80))
+        values[3, 5] = 200
+        cv2.imwrite(str(folder / f"{number}.png"), np.rint(values).astype(np.uint16))
+    return folder
+
+
+def test_photographs_of_the_covered_lens_give_the_dark_part(ps4rig: Run, tmp_path: Path) -> None:
+    path, folder = tmp_path / "rig.ps4cal", dark_photographs(tmp_path / "dark")
+    done = ps4rig("calibrate", "dark", path, "--from", folder, "--bits", 12, "--json")
+    assert done.exit_code == 0, done.stderr
+    figures = json.loads(done.stdout)["figures"]
+    assert figures["offset_dn"] == pytest.approx(30.0, abs=0.1)
+    assert figures["noise_dn"] == pytest.approx(2.02, abs=0.05)
+    dark = CalibrationFile.read(path).calibration.dark
+    np.testing.assert_array_equal(dark.hot_pixels, [[3, 5]])
+    assert dark.full_scale == 4095
+
+
+def test_a_set_gives_the_depth_of_dark_photographs_and_the_ambient_light(
+    ps4rig: Run, made_set: Callable[..., CapturedSet], tmp_path: Path
+) -> None:
+    path, folder = tmp_path / "rig.ps4cal", dark_photographs(tmp_path / "dark")
+    lit, ambient = np.full((4, 64, 80), 900, np.uint16), np.full((64, 80), 50, np.uint16)
+    made_set(lit, ambient, bit_depth=12, full_scale=4095).save(tmp_path / "sheet.ome.tif")
+    given = ("--from", folder, "--from", tmp_path / "sheet.ome.tif")
+    done = ps4rig("calibrate", "dark", path, *given, "--json")
+    assert done.exit_code == 0, done.stderr
+    figures = json.loads(done.stdout)["figures"]
+    assert figures["ambient_dn"] == pytest.approx(20.0, abs=0.1)
+
+
+def test_photographs_that_cannot_show_the_dark_are_refused(
+    refused: Callable[..., str], tmp_path: Path
+) -> None:
+    path, folder = tmp_path / "rig.ps4cal", dark_photographs(tmp_path / "dark")
+    assert "give --bits" in refused("calibrate", "dark", path, "--from", folder)
+    assert "1 frames" in refused(
+        "calibrate", "dark", path, "--from", folder / "0.png", "--bits", 12
+    )
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.jpg"), np.zeros((64, 64), np.uint8))
+    jpegs = ("--from", tmp_path / "0.jpg", "--from", tmp_path / "1.jpg")
+    assert "JPEG does not state" in refused("calibrate", "dark", path, *jpegs)
+    cv2.imwrite(str(tmp_path / "lit.png"), np.full((64, 64), 128, np.uint8))
+    lit = ("--from", tmp_path / "lit.png", "--from", tmp_path / "lit.png")
+    assert "cover the lens" in refused("calibrate", "dark", path, *lit, status=1)
+    assert not path.exists()
