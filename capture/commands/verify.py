@@ -1,0 +1,52 @@
+"""``ps4rig verify``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import out, print_json, progress, reported
+
+from . import options
+
+
+@reported
+def verify(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Folders, with all folders below.")
+    ],
+    json: options.Json = False,
+) -> None:
+    """Check that sets, libraries, calibrations and sessions are whole and unaltered.
+
+    Every file is read and hashed anew. The exit status is 1 if something is missing, altered,
+    without its calibration, or of a schema without a hash.
+    """
+    from capture.session.verification import files_below, verify_file
+
+    paths = [path for folder in folders for path in files_below(folder)]
+    findings = [
+        finding for path in progress(paths, len(paths), "verify") for finding in verify_file(path)
+    ]
+    wrong = [finding for finding in findings if finding.state != "good"]
+    if json:
+        print_json(
+            {
+                "files": len(paths),
+                "findings": [
+                    {"path": str(each.path), "state": each.state, "said": each.said}
+                    for each in wrong
+                ],
+            }
+        )
+    else:
+        for finding in wrong:
+            out.print(f"{finding.path}: {finding.state}: {finding.said}", soft_wrap=True)
+        counts = Counter(finding.state for finding in findings)
+        said = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
+        out.print(f"{len(paths)} files: {said}", soft_wrap=True)
+    if wrong:
+        raise typer.Exit(1)

@@ -1,0 +1,103 @@
+"""What is wrong with the files of a folder: missing, altered, old, or without a calibration."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from capture.calibration.lookup import calibration_of
+from capture.calibration.ps4cal import SUFFIX as CALIBRATION_SUFFIX
+from capture.calibration.ps4cal import CalibrationFile
+from capture.sets.captured_set import CapturedSet
+from capture.sets.metadata import UNPROTECTED
+from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
+from capture.sets.ome_tiff import read_header
+from classify import TextureLibrary
+from classify.errors import InputError
+
+from .folder import JOURNAL, SessionFolder
+
+State = Literal["good", "missing", "altered", "old schema", "without calibration", "not in journal"]
+_LIBRARY_SUFFIX = ".ps4lib"
+_SUFFIXES = (SET_SUFFIX, _LIBRARY_SUFFIX, CALIBRATION_SUFFIX, JOURNAL)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A file and what was found; `said` says more, and is empty where the file is good."""
+
+    path: Path
+    state: State
+    said: str = ""
+
+
+def files_below(folder: Path) -> list[Path]:
+    """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
+
+    Raises
+    ------
+    InputError
+        If it is no folder, or holds none of them.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    found = sorted(
+        path
+        for path in folder.rglob("*")
+        if path.name.endswith(_SUFFIXES) and path.is_file() and not path.name.startswith(".")
+    )
+    if not found:
+        raise InputError(f"{folder}: holds no captured sets, libraries, calibrations or sessions")
+    return found
+
+
+def verify_file(path: Path) -> Iterator[Finding]:
+    """Read a file whole and check its hashes; of a session, check that its sets are there."""
+    try:
+        if path.name == JOURNAL:
+            yield from _session(path.parent)
+        elif path.name.endswith(SET_SUFFIX):
+            yield _captured_set(path)
+        elif path.name.endswith(_LIBRARY_SUFFIX):
+            # Only arrays that are read, not mapped, are compared with their checksums.
+            TextureLibrary.load(path, map_from_bytes=sys.maxsize)
+            yield Finding(path, "good")
+        else:
+            CalibrationFile.read(path)
+            yield Finding(path, "good")
+    except InputError as error:
+        yield Finding(path, "altered", str(error).removeprefix(f"{path}: "))
+
+
+def _captured_set(path: Path) -> Finding:
+    captured = CapturedSet.load(path)
+    if not captured.metadata.is_protected:
+        return Finding(path, "old schema", UNPROTECTED)
+    try:
+        calibration_of(path, captured.metadata, captured.images.shape[1:])
+    except InputError as error:
+        return Finding(path, "without calibration", str(error).removeprefix(f"{path}: "))
+    return Finding(path, "good")
+
+
+def _session(folder: Path) -> Iterator[Finding]:
+    session = SessionFolder(folder)
+    entered = {}
+    for entry in session.journal.entries:
+        if entry.file is not None:
+            entered[folder / entry.file] = entry
+    for path, entry in entered.items():
+        if not path.is_file():
+            yield Finding(path, "missing", "it is in the journal of the session")
+            continue
+        try:
+            metadata, _ = read_header(path)
+        except InputError:
+            continue  # as a set it is a finding too
+        if metadata.pixels_sha256 != entry.pixels_sha256:
+            yield Finding(path, "altered", "its pixels are not those that the journal names")
+    for path in sorted((folder / "sets").glob(f"*{SET_SUFFIX}")):
+        if path not in entered:
+            yield Finding(path, "not in journal", "ps4rig session resume enters or replaces it")
+    yield Finding(folder / JOURNAL, "good")
