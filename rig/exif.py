@@ -1,5 +1,6 @@
-"""The orientation that a camera writes beside the pixels, as EXIF data."""
+"""Orientation and exposure time that a camera writes beside the pixels, as EXIF data."""
 
+import math
 import struct
 from typing import Any
 
@@ -7,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 UPRIGHT = 1
-_ORIENTATION_TAG = 0x0112
-_SHORT = 3
+# Tags and types of EXIF 2.32, sections 4.6.3 to 4.6.5.
+_ORIENTATION_TAG, _DIRECTORY_TAG, _EXPOSURE_TAG = 0x0112, 0x8769, 0x829A
+_SHORT, _LONG, _RATIONAL = 3, 4, 5
 _EXIF = b"Exif\0\0"
 _START_OF_SCAN = 0xDA
 # Turns by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
@@ -18,19 +20,47 @@ _MIRRORED = (2, 4, 5, 7)
 
 def exif_orientation(data: bytes) -> int:
     """Orientation, 1 to 8, in EXIF data, which have the form of a TIFF header; 1 if missing."""
+    value = _first_value(data, (_ORIENTATION_TAG, _SHORT))
+    return UPRIGHT if value is None else checked_orientation(int(value))
+
+
+def exif_exposure_ms(data: bytes) -> float | None:
+    """Exposure time in EXIF data; None if missing or not a positive number."""
+    seconds = _first_value(data, (_DIRECTORY_TAG, _LONG), (_EXPOSURE_TAG, _RATIONAL))
+    return 1e3 * seconds if seconds is not None and 0.0 < seconds < math.inf else None
+
+
+def _first_value(data: bytes, *path: tuple[int, int]) -> float | None:
+    """The value at the end of a path of tags and types, all but the last of directories."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
-    if order is None or len(data) < 8:
-        return UPRIGHT
-    (start,) = struct.unpack_from(f"{order}I", data, 4)
+    if order is None:
+        return None
+    value: float | None = None
     try:
-        (count,) = struct.unpack_from(f"{order}H", data, start)
-        for entry in range(start + 2, start + 2 + 12 * count, 12):
-            tag, kind, _, value = struct.unpack_from(f"{order}HHIH", data, entry)
-            if tag == _ORIENTATION_TAG and kind == _SHORT:
-                return checked_orientation(value)
+        (start,) = struct.unpack_from(f"{order}I", data, 4)
+        for wanted in path:
+            value = None
+            (count,) = struct.unpack_from(f"{order}H", data, start)
+            for entry in range(start + 2, start + 2 + 12 * count, 12):
+                if struct.unpack_from(f"{order}HH", data, entry) == wanted:
+                    value = _value_at(data, order, entry + 8, wanted[1])
+                    break
+            if value is None:
+                return None
+            start = int(value)
     except struct.error:  # the data end early
-        return UPRIGHT
-    return UPRIGHT
+        return None
+    return value
+
+
+def _value_at(data: bytes, order: str, place: int, kind: int) -> float | None:
+    if kind == _SHORT:
+        return float(struct.unpack_from(f"{order}H", data, place)[0])
+    (value,) = struct.unpack_from(f"{order}I", data, place)
+    if kind == _LONG:
+        return float(value)
+    numerator, denominator = struct.unpack_from(f"{order}II", data, value)
+    return numerator / denominator if denominator else None
 
 
 def checked_orientation(value: int) -> int:

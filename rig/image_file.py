@@ -8,7 +8,7 @@ import io
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,14 @@ import numpy.typing as npt
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
-from .exif import UPRIGHT, checked_orientation, exif_orientation, jpeg_exif, upright
+from .exif import (
+    UPRIGHT,
+    checked_orientation,
+    exif_exposure_ms,
+    exif_orientation,
+    jpeg_exif,
+    upright,
+)
 
 Image = npt.NDArray[np.uint8 | np.uint16]
 _MAX_BYTES = 2**31
@@ -87,6 +94,25 @@ def read_oriented_image(path: Path) -> tuple[Image, int]:
     return image if image.ndim == 2 else image[:, :, :3], orientation
 
 
+def read_exposure_ms(path: Path) -> float | None:
+    """Return the exposure time in the EXIF data of an image; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, or is a PNG that is damaged.
+    """
+    content = read_regular_file(path, _MAX_BYTES)
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".png":
+            return exif_exposure_ms(_png_exif(_png_chunks(content)))
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+    # A TIFF, and so a DNG, has the form of EXIF data itself.
+    return exif_exposure_ms(jpeg_exif(content) if suffix in (".jpg", ".jpeg") else content)
+
+
 def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
     if not (0 < rows <= _MAX_SIDE_PX and 0 < columns <= _MAX_SIDE_PX):
         raise ValueError(f"{columns} x {rows} px; sides up to {_MAX_SIDE_PX} are handled")
@@ -138,9 +164,12 @@ def _png(content: bytes) -> tuple[npt.NDArray[Any], int]:
         raise ValueError(f"not a complete PNG image: {error}; it may be truncated") from error
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if indexed else ()))
     image = _by_opencv(_PNG_SIGNATURE + b"".join(c for c in chunks if c[4:8] in critical), "PNG")
-    exif = next((chunk[8:-4] for chunk in chunks if chunk[4:8] == b"eXIf"), b"")
-    orientation = exif_orientation(exif)
+    orientation = exif_orientation(_png_exif(chunks))
     return upright(image, orientation), orientation
+
+
+def _png_exif(chunks: Iterable[bytes]) -> bytes:
+    return next((chunk[8:-4] for chunk in chunks if chunk[4:8] == b"eXIf"), b"")
 
 
 def _png_chunks(content: bytes) -> Iterator[bytes]:

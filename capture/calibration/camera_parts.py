@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
+import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
+from capture.sets.photographs import Photographs
 from classify.calibration.block_levels import BlockLevels, Frames, block_levels
 from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark
@@ -93,13 +95,14 @@ def response_parts(
     try:
         if not ladder.response.linear:
             raise CalibrationRejected("photon transfer needs a linear camera")
-        dark = calibration.dark
-        known = dark is not None and dark.full_scale == full_scale
+        black_level, dark_noise = ladder.offset, None
+        if calibration.dark is not None:
+            scale = full_scale / calibration.dark.full_scale
+            black_level, dark_noise = (
+                scale * each for each in (calibration.dark.offset, calibration.dark.noise)
+            )
         noise = photon_transfer(
-            [rung.levels for rung in rungs],
-            dark.offset if dark is not None and known else ladder.offset,
-            full_scale,
-            dark.noise if dark is not None and known else None,
+            [rung.levels for rung in rungs], black_level, full_scale, dark_noise
         )
         warnings = []
     except CalibrationRejected as cause:
@@ -113,6 +116,25 @@ def levels_of(frames: Frames, full_scale: float, calibration: Calibration) -> Bl
     dark = calibration.dark
     known = dark is not None and not (dark.hot_pixels >= frames.shape[1:]).any()
     return block_levels(frames, full_scale, dark.hot_pixels if dark is not None and known else None)
+
+
+def rungs_of_photographs(
+    photographs: Photographs, exposures_ms: Sequence[float], calibration: Calibration
+) -> list[Rung]:
+    """Return the levels of photographs of one still scene, by exposure."""
+    by_exposure: dict[float, list[npt.NDArray[np.uint16]]] = {}
+    for plane, exposure_ms in zip(photographs.planes, exposures_ms, strict=True):
+        by_exposure.setdefault(exposure_ms, []).append(plane)
+    full_scale = photographs.full_scale
+    return [
+        Rung(exposure_ms, levels_of(np.stack(planes), full_scale, calibration))
+        for exposure_ms, planes in by_exposure.items()
+    ]
+
+
+def whole_stops(exposure_ms: float) -> float:
+    """Return the nearest exposure at a whole number of thirds of a stop from one second."""
+    return float(1e3 * 2.0 ** (round(3.0 * np.log2(exposure_ms / 1e3)) / 3.0))
 
 
 def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> tuple[list[Rung], int]:
@@ -129,8 +151,8 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> tupl
     for captured in sets:
         if captured.metadata.camera is None:
             raise InputError(
-                "a set of photographs does not state its exposure; capture the sets with a rig at "
-                "several values of camera.exposure_ms"
+                "a set of photographs does not state its exposure; give the photographs "
+                "themselves, one for each exposure"
             )
         if differences := first.differences(Setting.of_set(captured), "response"):
             raise InputError(f"the sets differ: {'; '.join(differences)}")

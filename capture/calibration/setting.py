@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import SetMetadata, Vector
+from capture.sets.photographs import Photographs
 from rig import CameraInfo, Rig
 
 from .parts import PartName
@@ -83,6 +84,22 @@ class Setting(BaseModel):
             led_levels_percent=tuple(
                 record.led_level_percent for record in metadata.images if record.light is not None
             ),
+        )
+
+    @classmethod
+    def of_photographs(cls, photographs: Photographs) -> Self:
+        """Return the setting of photographs that are no set, without lights and exposure."""
+        rows, columns = photographs.planes[0].shape
+        return cls(
+            simulated=False,
+            rig_name=None,
+            camera=None,
+            width_px=columns,
+            height_px=rows,
+            bit_depth=photographs.bit_depth,
+            exposure_ms=None,
+            gamma=photographs.gamma,
+            light_directions=(),
         )
 
     @classmethod

@@ -16,7 +16,7 @@ Gamma = Literal["linear", "srgb"]
 Crop = tuple[int, int, int, int]
 BoolArray = npt.NDArray[np.bool_]
 
-DNG, JPEG = ".dng", (".jpg", ".jpeg")
+DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
 _DEPTHS = (8, 10, 12, 14, 16)
 
@@ -57,7 +57,7 @@ def read_photographs(
     if raw and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
     for path in paths:
-        if gamma is None and path.suffix.lower() in JPEG:
+        if gamma is None and path.suffix.lower() in (".jpg", ".jpeg"):
             raise InputError(
                 f"{path}: a JPEG does not state its response; give --gamma srgb "
                 "(an ordinary camera) or --gamma linear"

@@ -11,8 +11,9 @@ import tifffile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.exif import exif_orientation, jpeg_exif, upright
-from rig.image_file import read_image, read_oriented_image
+from classify.errors import InputError
+from rig.exif import exif_exposure_ms, exif_orientation, jpeg_exif, upright
+from rig.image_file import read_exposure_ms, read_image, read_oriented_image
 
 IMAGE = np.random.default_rng(3).integers(0, 255, (40, 56), np.uint8)
 ORIENTATIONS = range(1, 9)
@@ -90,3 +91,47 @@ def test_damaged_exif_data_are_no_error(data: st.DataObject) -> None:
     assert exif_orientation(jpeg_exif(cut)) in ORIENTATIONS
     assert exif_orientation(cut) in ORIENTATIONS
     assert exif_orientation(exif(6, kind=4)) == 1
+
+
+def exposure_exif(numerator: int, denominator: int, order: str = "<") -> bytes:
+    """A TIFF header with a directory that names another, which has the exposure time."""
+    mark = b"II*\0" if order == "<" else b"MM\0*"
+    first = struct.pack(f"{order}IHHHIII", 8, 1, 0x8769, 4, 1, 26, 0)
+    second = struct.pack(f"{order}HHHIII", 1, 0x829A, 5, 1, 44, 0)
+    return mark + first + second + struct.pack(f"{order}II", numerator, denominator)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_the_exposure_time_is_read(order: str) -> None:
+    assert exif_exposure_ms(exposure_exif(1, 60, order)) == pytest.approx(1000 / 60)
+
+
+@pytest.mark.parametrize("data", [exif(3), b"", exposure_exif(1, 0), exposure_exif(0, 1)])
+def test_no_exposure_time_is_none(data: bytes) -> None:
+    assert exif_exposure_ms(data) is None
+
+
+@given(st.binary(max_size=60), st.integers(4, 52))
+def test_damaged_exposure_data_are_no_error(noise: bytes, start: int) -> None:
+    data = exposure_exif(1, 60)
+    exif_exposure_ms(data[:start] + noise)
+    exif_exposure_ms(noise)
+
+
+def test_the_exposure_time_of_every_format_is_read(tmp_path: Path) -> None:
+    data = exposure_exif(1, 60)
+    plain = cv2.imencode(".jpg", IMAGE)[1].tobytes()
+    segment = b"Exif\0\0" + data
+    head = b"\xff\xe1" + struct.pack(">H", len(segment) + 2) + segment
+    (tmp_path / "a.jpg").write_bytes(plain[:2] + head + plain[2:])
+    plain, chunk = cv2.imencode(".png", IMAGE)[1].tobytes(), b"eXIf" + data
+    framed = struct.pack(">I", len(data)) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (tmp_path / "a.png").write_bytes(plain[:33] + framed + plain[33:])
+    (tmp_path / "a.dng").write_bytes(data)
+    for name in ("a.jpg", "a.png", "a.dng"):
+        assert read_exposure_ms(tmp_path / name) == pytest.approx(1000 / 60)
+    tifffile.imwrite(tmp_path / "a.tif", IMAGE)
+    assert read_exposure_ms(tmp_path / "a.tif") is None
+    (tmp_path / "cut.png").write_bytes(plain[:40])
+    with pytest.raises(InputError, match=r"cut\.png"):
+        read_exposure_ms(tmp_path / "cut.png")

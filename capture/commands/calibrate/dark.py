@@ -11,15 +11,24 @@ from capture.commands import options
 from capture.console import reported
 from classify.errors import InputError
 
-from .flow import CalibrationPath, RigToCalibrate, Yes, ask, calibration_at, keep_parts
+from .flow import (
+    CalibrationPath,
+    PhotographGamma,
+    RigToCalibrate,
+    Yes,
+    ask,
+    calibration_at,
+    files_given,
+    keep_parts,
+)
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
+    from capture.sets.photographs import Gamma
     from rig import Rig
 
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
 _FRAMES = 16
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 
 
 @reported
@@ -35,6 +44,7 @@ def dark(
             metavar="IMG|SET",
         ),
     ] = None,
+    gamma: PhotographGamma = None,
     bits: Annotated[
         int | None,
         typer.Option(
@@ -55,12 +65,12 @@ def dark(
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
     file = calibration_at(calibration, given or ())
     if rig is None:
-        part = _of_photographs(given or [], bits)
+        part = _of_photographs(given or [], gamma, bits)
     else:
         from rig import open_rig
 
-        if bits is not None:
-            raise InputError("--bits is for photographs; leave it out with --rig")
+        if bits is not None or gamma is not None:
+            raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
             part = _of_rig(opened, yes)
     keep_parts(calibration, file, [part], json=json)
@@ -95,29 +105,21 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     return dark_part(found, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _of_photographs(given: list[Path], bits: int | None) -> MeasuredPart:
+def _of_photographs(given: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
     from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
-    from capture.sets.ome_tiff import SUFFIX
-    from capture.sets.photographs import JPEG, Gamma, read_photographs
+    from capture.sets.photographs import DNG, read_photographs
     from classify.calibration.dark_frames import dark_of, with_ambient
 
-    files = [path for place in given for path in _files(place)]
-    sets = [CapturedSet.load(path) for path in files if path.name.endswith(SUFFIX)]
-    images = [path for path in files if not path.name.endswith(SUFFIX)]
-    if not sets and any(path.suffix.lower() in JPEG for path in images):
-        raise InputError(
-            "a JPEG does not state its response; give a set of the same camera, imported with "
-            "--gamma, with --from too"
-        )
+    images, set_paths = files_given(given)
     if not images:
         raise InputError("--from names no photographs of the covered lens; give two or more")
-    if bits is None and sets:
+    sets = [CapturedSet.load(path) for path in set_paths]
+    if bits is None and sets and images[0].suffix.lower() != DNG:
         bits = sets[0].metadata.bit_depth
-    gamma: Gamma = "srgb" if sets and sets[0].metadata.gamma == "srgb" else "linear"
     photographs = read_photographs(images, gamma=gamma, bits=bits, crop=None)
     if photographs.largest is not None:
         raise InputError(
@@ -131,25 +133,5 @@ def _of_photographs(given: list[Path], bits: int | None) -> MeasuredPart:
         if captured.ambient is None:
             raise InputError("a set of --from has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
-    setting = Setting(
-        simulated=False,
-        rig_name=None,
-        camera=None,
-        width_px=frames.shape[2],
-        height_px=frames.shape[1],
-        bit_depth=photographs.bit_depth,
-        exposure_ms=None,
-        gamma=photographs.gamma,
-        light_directions=(),
-    )
-    return dark_part(found, dark, setting, [path.name for path in files])
-
-
-def _files(place: Path) -> list[Path]:
-    """Return the file, or the photographs and sets of a folder."""
-    if not place.is_dir():
-        return [place]
-    found = sorted(path for path in place.iterdir() if path.suffix.lower() in _SUFFIXES)
-    if not found:
-        raise InputError(f"{place}: holds no photographs ({', '.join(_SUFFIXES)})")
-    return found
+    setting = Setting.of_photographs(photographs)
+    return dark_part(found, dark, setting, [path.name for path in (*images, *set_paths)])

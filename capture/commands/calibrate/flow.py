@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -39,7 +39,14 @@ FromSets = Annotated[
         metavar="SET",
     ),
 ]
+PhotographGamma = Annotated[
+    Literal["linear", "srgb"] | None,
+    typer.Option(
+        "--gamma", help="Coding of brightness of photographs, as for import; needed for JPEG."
+    ),
+]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target is in place.")]
+_PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 
 
 @dataclass(frozen=True)
@@ -82,6 +89,28 @@ def sets_given(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ..
 
     paths = find_sets(places)
     return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
+
+
+def files_given(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the photographs and the sets among the files of ``--from`` and in its folders.
+
+    Raises
+    ------
+    InputError
+        If a folder holds none of them.
+    """
+    from capture.sets.ome_tiff import SUFFIX
+
+    files: list[Path] = []
+    for place in places:
+        found = [place]
+        if place.is_dir():
+            found = sorted(each for each in place.iterdir() if each.suffix.lower() in _PHOTOGRAPHS)
+        if not found:
+            raise InputError(f"{place}: holds no photographs ({', '.join(_PHOTOGRAPHS)})")
+        files += found
+    sets = [path for path in files if path.name.endswith(SUFFIX)]
+    return [path for path in files if path not in sets], sets
 
 
 def target_sets(

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from capture.commands import options
 from capture.console import progress, reported
-from classify.errors import InputError
+from classify.errors import CalibrationRejected, InputError
 
 from .flow import (
     CalibrationPath,
-    FromSets,
+    PhotographGamma,
     RigToCalibrate,
     Target,
     Yes,
     calibration_at,
+    files_given,
     keep_parts,
     place_target,
-    sets_given,
 )
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
+    from capture.sets.photographs import Gamma
     from classify.calibration.calibration import Calibration
     from rig import Rig
 
@@ -34,33 +40,109 @@ _FRAMES = 4
 def response(
     calibration: CalibrationPath,
     rig: RigToCalibrate = None,
-    given: FromSets = None,
+    given: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="Photograph or captured set of one still scene at one of six exposures or more, "
+            "instead of a rig, or a folder of photographs. Repeat the option.",
+            metavar="IMG|SET",
+        ),
+    ] = None,
+    exposures_ms: Annotated[
+        str | None,
+        typer.Option(
+            "--exposures-ms",
+            help="Exposures of the photographs in their order, separated by commas.",
+            show_default="as in their EXIF data",
+            metavar="T,T,...",
+        ),
+    ] = None,
+    gamma: PhotographGamma = None,
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
     """Measure whether the camera is linear, by a ladder of exposures of a white sheet; its noise.
 
     A camera that is not linear gets the inverse of its curve. Neither the sheet nor the light of
-    the room may change meanwhile. Sets of --from show one scene at six exposures or more; two sets
-    of each exposure show the noise too.
+    the room may change meanwhile. Two photographs or sets of each exposure show the noise too.
     """
-    from capture.calibration.camera_parts import response_parts, rungs_of_sets
-    from capture.calibration.setting import Setting
-
     if (rig is None) == (not given):
-        raise InputError("give --rig RIG to capture a ladder of exposures, or --from SET of it")
+        raise InputError("give --rig RIG to capture a ladder of exposures, or --from IMG|SET of it")
     file = calibration_at(calibration, given or ())
     if rig is None:
-        sets, names = sets_given(given or [])
-        rungs, full_scale = rungs_of_sets(sets, file.calibration)
-        setting = Setting.of_set(sets[0])
-        parts = response_parts(rungs, full_scale, file.calibration, setting, names)
+        parts = _of_files(given or [], exposures_ms, gamma, file.calibration)
     else:
         from rig import open_rig
 
+        if exposures_ms is not None or gamma is not None:
+            raise InputError("--exposures-ms and --gamma are for photographs; leave them out")
         with open_rig(rig) as opened:
             parts = _of_rig(opened, file.calibration, yes)
     keep_parts(calibration, file, parts, json=json)
+
+
+def _of_files(
+    given: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
+) -> list[MeasuredPart]:
+    from capture.calibration.camera_parts import (
+        response_parts,
+        rungs_of_photographs,
+        rungs_of_sets,
+        whole_stops,
+    )
+    from capture.calibration.setting import Setting
+    from capture.sets.captured_set import CapturedSet
+    from capture.sets.photographs import read_photographs
+
+    photographs, sets = files_given(given)
+    if photographs and sets:
+        raise InputError("--from names photographs and sets; give one kind of them")
+    names = [path.name for path in (*photographs, *sets)]
+    if photographs:
+        times_ms = _exposures_ms(photographs, exposures_ms)
+        read = read_photographs(photographs, gamma=gamma, bits=None, crop=None)
+        rungs = rungs_of_photographs(read, times_ms, calibration)
+        setting = Setting.of_photographs(read)
+        try:
+            return response_parts(rungs, read.full_scale, calibration, setting, names)
+        except CalibrationRejected:
+            if exposures_ms is not None:
+                raise
+            # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
+            with suppress(CalibrationRejected):
+                rungs = [replace(each, exposure_ms=whole_stops(each.exposure_ms)) for each in rungs]
+                return response_parts(rungs, read.full_scale, calibration, setting, names)
+            raise
+    if exposures_ms is not None or gamma is not None:
+        raise InputError("--exposures-ms and --gamma are for photographs; sets state both")
+    captured = [CapturedSet.load(path) for path in sets]
+    rungs, full_scale = rungs_of_sets(captured, calibration)
+    return response_parts(rungs, full_scale, calibration, Setting.of_set(captured[0]), names)
+
+
+def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
+    from rig.image_file import read_exposure_ms
+
+    if given is None:
+        found = [(path, read_exposure_ms(path)) for path in photographs]
+        missing = next((path for path, exposure_ms in found if exposure_ms is None), None)
+        if missing is not None:
+            raise InputError(
+                f"{missing}: its EXIF data state no exposure; give --exposures-ms with one for "
+                "each photograph"
+            )
+        return [exposure_ms for _, exposure_ms in found if exposure_ms is not None]
+    try:
+        times_ms = [float(each) for each in given.split(",")]
+    except ValueError as error:
+        raise InputError(f"--exposures-ms {given}: give numbers separated by commas") from error
+    if len(times_ms) != len(photographs) or not all(0.0 < each < 1e7 for each in times_ms):
+        raise InputError(
+            f"--exposures-ms {given}: give a positive exposure for each of {len(photographs)} "
+            "photographs"
+        )
+    return times_ms
 
 
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:

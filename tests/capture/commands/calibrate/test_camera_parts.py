@@ -1,6 +1,7 @@
 """``calibrate dark`` and ``calibrate response`` on the simulated rig, and on files."""
 
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,53 @@ def test_sets_that_cannot_show_a_response_are_refused(
     message = refused("calibrate", "response", path, "--from", single, status=1)
     assert "1 different exposures" in message
     assert not path.exists()
+
+
+def ladder_photographs(folder: Path, gamma: float, exposures_s: list[str]) -> Path:
+    """JPEGs of a white sheet with fall-off; `exposures_s` are fractions for the EXIF data."""
+    rng = np.random.default_rng(1)
+    sheet = np.linspace(0.5, 1.0, 96)[:, None] * np.linspace(0.7, 1.0, 128)
+    longest = max(true_s(each) for each in exposures_s)
+    folder.mkdir()
+    for number, exposure in enumerate(exposures_s):
+        light = 0.98 * sheet * true_s(exposure) / longest
+        light = np.clip(light + 0.004 * rng.standard_normal(light.shape), 0.0, 1.0)
+        pixels = np.rint(255 * light ** (1 / gamma)).astype(np.uint8)
+        plain = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes()
+        numerator, denominator = map(int, exposure.split("/"))
+        exif = b"Exif\0\0II*\0" + struct.pack("<IHHHIII", 8, 1, 0x8769, 4, 1, 26, 0)
+        exif += struct.pack("<HHHIIIII", 1, 0x829A, 5, 1, 44, 0, numerator, denominator)
+        head = b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif
+        (folder / f"{number:02}.jpg").write_bytes(plain[:2] + head + plain[2:])
+    return folder
+
+
+def true_s(marked: str) -> float:
+    """The exposure of a shutter that is marked with a rounded fraction."""
+    return 2.0 ** (round(3 * np.log2(int(marked.split("/")[0]) / int(marked.split("/")[1]))) / 3)
+
+
+def test_photographs_with_marked_exposures_show_the_response(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    marked = ["1/8", "1/10", "1/13", "1/15", "1/20", "1/30", "1/40", "1/60", "1/125", "1/250"]
+    folder, path = ladder_photographs(tmp_path / "sheet", 2.0, marked), tmp_path / "rig.ps4cal"
+    command = ("calibrate", "response", path, "--from", folder)
+    done = ps4rig(*command, "--gamma", "linear")
+    assert done.exit_code == 0, done.stderr
+    curve = CalibrationFile.read(path).calibration.response.curve
+    assert np.abs(curve - LEVELS**2.0).max() < 0.005
+    times_ms = ",".join(f"{1e3 * true_s(each):.6f}" for each in marked)
+    done = ps4rig(*command, "--gamma", "linear", "--exposures-ms", times_ms)
+    assert done.exit_code == 0, done.stderr
+    np.testing.assert_allclose(
+        CalibrationFile.read(path).calibration.response.curve, curve, atol=1e-3
+    )
+    assert "JPEG does not state" in refused(*command)
+    assert "give a positive exposure for each of 10" in refused(*command, "--exposures-ms", "1,2")
+    assert "give numbers" in refused(*command, "--exposures-ms", "1;2")
+    cv2.imwrite(str(folder / "99.png"), np.zeros((96, 128), np.uint8))
+    assert "99.png: its EXIF data state no exposure" in refused(*command, "--gamma", "linear")
 
 
 def dark_photographs(folder: Path, count: int = 4) -> Path:
