@@ -10,9 +10,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
+from capture.calibration.lookup import FoundCalibration, calibration_of
 from capture.console import complain
 from capture.errors import SetRejected
 from capture.maps.files import write_maps
@@ -20,7 +22,8 @@ from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED, SetMetadata
-from classify import Lighting, Match, Method, TextureLibrary
+from classify import Lighting, Match, Method, SurfaceEstimate, TextureLibrary
+from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
 from classify.errors import InputError
 from classify.images.stack import ImageStack
@@ -46,30 +49,41 @@ class SetHeader:
     lighting: Lighting
     pixels_sha256: str
     protected: bool
+    warnings: tuple[str, ...]
 
 
-def read_header(path: Path, method: Method | None = None) -> SetHeader:
+def read_header(
+    path: Path, method: Method | None = None, calibration: Path | None = None
+) -> SetHeader:
     """Read the header of a labelled set, to be solved by `method`, without its pixels.
+
+    `calibration` is used instead of the one that the set names.
 
     Raises
     ------
     InputError
-        If the set cannot be read, has no label, has too few lights, or is too small for a texture.
+        If the set cannot be read, has no label, has too few lights, is too small for a texture, or
+        its calibration is missing or does not hold.
     """
     metadata, shape = ome_tiff.read_header(path)
+    found = calibration_of(path, metadata, shape, calibration)
     with _named(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
         segment_px = segment_for(shape)
+        lighting = metadata.lighting.to_lighting()
+        if found is not None:
+            lighting = found.file.calibration.lighting_of(lighting)
     return SetHeader(
         label,
         metadata.orientation_deg,
         metadata.simulated,
         segment_px,
         method,
-        metadata.lighting.to_lighting(),
+        lighting,
         metadata.pixels_sha256,
         metadata.is_protected,
+        () if found is None else found.warnings,
     )
 
 
@@ -78,14 +92,66 @@ def warn_unprotected(protected: Iterable[tuple[Path, bool]]) -> None:
 
     Files of schema 1 are not: they have no hash over their metadata.
     """
-    paths = [path for path, is_protected in protected if not is_protected]
-    if paths:
-        more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
-        complain(f"warning: {paths[0]}{more}: {UNPROTECTED}")
+    warn_of_sets((path, () if is_protected else (UNPROTECTED,)) for path, is_protected in protected)
+
+
+def warn_of_sets(warnings: Iterable[tuple[Path, tuple[str, ...]]]) -> None:
+    """Print each warning once, with the first of the sets that it is about."""
+    paths: dict[str, list[Path]] = {}
+    for path, texts in warnings:
+        for text in texts:
+            paths.setdefault(text, []).append(path)
+    for text, (first, *others) in paths.items():
+        more = f" and {len(others)} more" if others else ""
+        complain(f"warning: {first}{more}: {text}")
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedSet:
+    """A captured set with its calibration, if it has one."""
+
+    captured: CapturedSet
+    found: FoundCalibration | None
+
+    @classmethod
+    def of(cls, path: Path, calibration: Path | None = None) -> Self:
+        """Load a set with the given calibration, or with the one that it names.
+
+        Raises
+        ------
+        InputError
+            If the set or its calibration cannot be read, or the calibration does not hold for it.
+        """
+        captured = CapturedSet.load(path)
+        metadata, shape = captured.metadata, captured.images.shape[1:]
+        return cls(captured, calibration_of(path, metadata, shape, calibration))
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What is known of the rig; None without a calibration."""
+        return None if self.found is None else self.found.file.calibration
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be said about the calibration."""
+        return () if self.found is None else self.found.warnings
+
+    def solve_texture(self, method: Method | None, *, planar: bool) -> SurfaceEstimate:
+        """Solve a part with a texture.
+
+        A flat field replaces the fall-off of a planar part: that is fitted to the part itself.
+        """
+        known = self.calibration
+        planar = planar and (known is None or known.flat_field is None)
+        return self.captured.solve(method, planar=planar, calibration=known)
 
 
 def observe_set(
-    path: Path, segment_px: int, classifier: str = DEFAULT_CLASSIFIER, method: Method | None = None
+    path: Path,
+    segment_px: int,
+    classifier: str = DEFAULT_CLASSIFIER,
+    method: Method | None = None,
+    calibration: Path | None = None,
 ) -> Observation:
     """Solve a set as a planar part and compute its observation for training.
 
@@ -94,9 +160,9 @@ def observe_set(
     InputError
         If the set cannot be read or solved.
     """
-    captured = CapturedSet.load(path)
+    loaded = LoadedSet.of(path, calibration)
     with _named(path):
-        return observe(captured.solve(method, planar=PLANAR), segment_px, classifier)
+        return observe(loaded.solve_texture(method, planar=PLANAR), segment_px, classifier)
 
 
 @dataclass(frozen=True)
@@ -110,10 +176,15 @@ class ClassifiedSet:
     orientation_deg: float | None
     simulated: bool
     protected: bool
+    warnings: tuple[str, ...]
 
 
 def classify_set(
-    path: Path, library: Path, label_required: bool = False, method: Method | None = None
+    path: Path,
+    library: Path,
+    label_required: bool = False,
+    method: Method | None = None,
+    calibration: Path | None = None,
 ) -> ClassifiedSet:
     """Solve a set as those of a library were, or by `method`, and classify its surface with it.
 
@@ -123,10 +194,10 @@ def classify_set(
     ------
     InputError
         If the set or the library cannot be read, the library does not fit the set, or the set has
-        too few lights or lacks a required label.
+        too few lights, lacks a required label, or has no valid calibration although it names one.
     """
-    captured = CapturedSet.load(path)
-    metadata = captured.metadata
+    loaded = LoadedSet.of(path, calibration)
+    captured, metadata = loaded.captured, loaded.captured.metadata
     about = library.stat()
     trained = _loaded(library, about.st_mtime_ns, about.st_size)
     with _named(path):
@@ -135,7 +206,7 @@ def classify_set(
         if method is None and trained.method and suits(trained.method, len(captured.images)):
             method = trained.method
         method = _solver(metadata, method)
-        surface = captured.solve(method, planar=trained.planar)
+        surface = loaded.solve_texture(method, planar=trained.planar)
         with warnings.catch_warnings():
             # The commands say it once for all sets.
             warnings.simplefilter("ignore")
@@ -143,11 +214,12 @@ def classify_set(
     return ClassifiedSet(
         match,
         method,
-        trained.planar,
+        surface.planar,
         metadata.label,
         metadata.orientation_deg,
         metadata.simulated,
         metadata.is_protected,
+        loaded.warnings,
     )
 
 
@@ -174,6 +246,11 @@ class SolvedSet:
     led_levels
         Levels of the lights that were estimated from the images; None if the set gives them, or the
         solver does not estimate them.
+    calibration
+        File of the calibration that was used.
+    residual, raw_residual
+        Median difference of the images from the solution, as a share of the signal; `raw_residual`
+        is that without the calibration, None if there is none.
     """
 
     files: tuple[str, ...]
@@ -186,6 +263,10 @@ class SolvedSet:
     simulated: bool
     protected: bool
     lights: int
+    calibration: str | None
+    residual: float | None
+    raw_residual: float | None
+    warnings: tuple[str, ...]
 
 
 def solve_set(
@@ -194,9 +275,13 @@ def solve_set(
     light: Lighting = RELIT_LIGHT,
     *,
     planar: bool = False,
+    calibration: Path | None = None,
+    raw: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> SolvedSet:
     """Write the maps of a set, `relit.tif` under `light`; see `CapturedSet.solve` for `planar`.
+
+    With `raw` a calibration that the set names is left out.
 
     Raises
     ------
@@ -205,9 +290,16 @@ def solve_set(
     SetRejected
         If no pixel is valid; nothing is written.
     """
-    captured = CapturedSet.load(task.path)
+    if raw:
+        loaded = LoadedSet(CapturedSet.load(task.path), None)
+    else:
+        loaded = LoadedSet.of(task.path, calibration)
+    captured, known = loaded.captured, loaded.calibration
     with _named(task.path):
-        surface = captured.solve(method, planar=planar, on_progress=on_progress)
+        surface = captured.solve(method, planar=planar, calibration=known, on_progress=on_progress)
+        raw_residual = None
+        if known is not None:
+            raw_residual = captured.solve(method, planar=planar).residual_share
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
     if not surface.valid.any():
@@ -216,11 +308,19 @@ def solve_set(
             f"{1.0 - saturated:.0%} too dark; check exposure and lights"
         )
     found = surface.fall_off
-    if not planar:
+    if not planar and (known is None or known.flat_field is None):
         stack = ImageStack(captured.images, captured.ambient)
         found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    written = write_maps(captured, surface, task.folder, light=light)
+    written = write_maps(
+        captured,
+        surface,
+        task.folder,
+        light=light,
+        mm_per_px=None if known is None or known.scale is None else known.scale.mm_per_px,
+        calibration=None if loaded.found is None else loaded.found.path.name,
+        raw_residual=raw_residual,
+    )
     return SolvedSet(
         files=tuple(path.name for path in written),
         valid=float(surface.valid.mean()),
@@ -232,6 +332,10 @@ def solve_set(
         simulated=captured.metadata.simulated,
         protected=captured.metadata.is_protected,
         lights=len(captured.images),
+        calibration=None if loaded.found is None else str(loaded.found.path),
+        residual=surface.residual_share,
+        raw_residual=raw_residual,
+        warnings=loaded.warnings,
     )
 
 

@@ -12,7 +12,7 @@ from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 
 from .runner import Batch
-from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_unprotected
+from .tasks import PLANAR, SetHeader, observe_set, read_header, warn_of_sets, warn_unprotected
 
 
 def train_library(
@@ -21,11 +21,13 @@ def train_library(
     batch: Batch,
     classifier: str = DEFAULT_CLASSIFIER,
     method: Method | None = None,
+    calibration: Path | None = None,
 ) -> tuple[TextureLibrary, dict[str, int]]:
     """Train a library from labelled sets; return it and the number of sets of each class.
 
     All sets are solved by `method`, by default the default solver for their number of lights. The
-    library stores the paths of the sets relative to `folder`, where it will be saved.
+    library stores the paths of the sets relative to `folder`, where it will be saved. `calibration`
+    is used for all sets instead of those that they name.
 
     Raises
     ------
@@ -34,15 +36,23 @@ def train_library(
         have different default solvers.
     """
     absolute = [path.absolute() for path in paths]
+    calibration = None if calibration is None else calibration.absolute()
     for path in absolute:
         if str(path).encode(errors="replace").decode() != str(path):
             raise InputError(f"{path}: not valid UTF-8, and the library stores the path; rename it")
-    read = batch.map(partial(read_header, method=method), absolute)
+    read = batch.map(partial(read_header, method=method, calibration=calibration), absolute)
     headers = list(progress(read, len(paths), "read labels"))
+    warn_of_sets((path, header.warnings) for path, header in zip(paths, headers, strict=True))
     warn_unprotected((path, header.protected) for path, header in zip(paths, headers, strict=True))
     method = _one_solver(paths, headers)
     segment_px = min(header.segment_px for header in headers)
-    task = partial(observe_set, segment_px=segment_px, classifier=classifier, method=method)
+    task = partial(
+        observe_set,
+        segment_px=segment_px,
+        classifier=classifier,
+        method=method,
+        calibration=calibration,
+    )
     observations = list(progress(batch.map(task, absolute), len(paths), "train"))
     library = TextureLibrary.from_observations(
         [

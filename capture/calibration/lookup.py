@@ -2,12 +2,13 @@
 
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
 from capture.errors import CalibrationError
+from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import SetMetadata
 from classify.durable_file import durable_file, make_folder
 
@@ -66,8 +67,8 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
         Naming for each part what differs.
     """
     causes: dict[str, list[str]] = {}
-    for name, record in file.records.items():
-        for difference in record.setting.differences(setting, name):
+    for name in sorted(file.records):
+        for difference in file.records[name].setting.differences(setting, name):
             causes.setdefault(difference, []).append(name.replace("_", " "))
     if causes:
         each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
@@ -75,6 +76,19 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
             f"the calibration does not hold for {what}: {each}; restore the setting, or calibrate "
             "again at this one"
         )
+
+
+def named_by(captured: CapturedSet, file: CalibrationFile) -> CapturedSet:
+    """Return a set that names its calibration.
+
+    Raises
+    ------
+    CalibrationError
+        As `check_setting`.
+    """
+    check_setting(file, Setting.of_set(captured), "these images")
+    metadata = captured.metadata.model_copy(update={"calibration_ids": (file.hash,)})
+    return replace(captured, metadata=metadata)
 
 
 def read_calibration(path: Path) -> CalibrationFile:

@@ -30,6 +30,14 @@ Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
 Operator = Annotated[str | None, typer.Option(help="Who captures it.")]
 Note = Annotated[str | None, typer.Option(help="Anything else that belongs to the set.")]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(
+        help="Calibration of the rig, NAME.ps4cal.",
+        show_default="the one that the set or rig.toml names",
+        metavar="CAL",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(

@@ -18,6 +18,7 @@ from classify.errors import InputError
 from . import options
 
 if TYPE_CHECKING:
+    from capture.calibration.ps4cal import CalibrationFile
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import Crop
     from rig import Placement, Rig
@@ -34,6 +35,7 @@ def capture(
     operator: options.Operator = None,
     note: options.Note = None,
     average: Annotated[int, typer.Option(min=1, help="Frames that each image averages.")] = 1,
+    calibration: options.Calibration = None,
     count: Annotated[
         int,
         typer.Option(
@@ -67,12 +69,16 @@ def capture(
     json: options.Json = False,
 ) -> None:
     """Capture one set or several: the ambient image, then one image under each LED."""
+    from capture.calibration.lookup import keep_beside, read_calibration
     from capture.sets.description import described
     from capture.sets.ome_tiff import SUFFIX
     from rig import ConfigError, open_rig
     from rig.config.rig import config_of
 
     config = config_of(rig)
+    if calibration is None and config.calibration is not None and not target:
+        calibration = Path(config.calibration)
+    known = None if calibration is None else read_calibration(calibration)
     replayed = [Path(config.camera.set_file)] if config.camera.kind == "replay" else []
     orientations_deg: list[float] | list[None] = rotate or [None]
     paths = _numbered(output, len(orientations_deg) * count, replace=force)
@@ -94,9 +100,11 @@ def capture(
     describe = partial(described, specimen=specimen, operator=operator, note=note)
     with open_rig(configs[0]) as opened:
         placements = [each.simulation.placement for each in configs]
-        sets = _captured(opened, placements, count, label, average, target)
+        sets = _captured(opened, placements, count, label, average, known, target)
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
             describe(captured).save(path)
+            if calibration is not None and known is not None:
+                keep_beside(calibration, known, path)
             if not json:
                 note = " (simulated)" if captured.metadata.simulated else ""
                 lights = f"{len(captured.images)} lights in {_duration(captured)}"
@@ -120,6 +128,7 @@ def _captured(
     count: int,
     label: str | None,
     average: int,
+    calibration: CalibrationFile | None,
     is_target: bool,
 ) -> Iterator[CapturedSet]:
     from capture.acquisition.attempts import capture_set
@@ -131,7 +140,9 @@ def _captured(
         placed = None if rig.simulation is None else rig.simulation.placement
         is_target = is_target or (placed is not None and placed.surface in TARGETS)
         for _ in range(count):
-            yield capture_set(rig, label, average=average, is_target=is_target)
+            yield capture_set(
+                rig, label, average=average, calibration=calibration, is_target=is_target
+            )
 
 
 def _numbered(output: Path, count: int, replace: bool) -> list[Path]:
@@ -201,6 +212,7 @@ def import_(
             metavar="X,Y,W,H",
         ),
     ] = None,
+    calibration: options.Calibration = None,
     accept: Annotated[
         list[Cause] | None,
         typer.Option(help="Import although this was found. Repeat the option for more causes."),
@@ -216,6 +228,7 @@ def import_(
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """
+    from capture.calibration.lookup import keep_beside, named_by, read_calibration
     from capture.sets.description import described
     from capture.sets.image_import import import_images
     from capture.sets.light_list import load_light_list
@@ -241,12 +254,18 @@ def import_(
         tilts_deg = options.degrees("--tilts", _RING if tilts is None else tilts, _RING)
         lighting = Lighting.from_angles(tilts_deg, slant)
     check_output(output, suffix=SUFFIX, inputs=inputs, force=force)
+    known = None if calibration is None else read_calibration(calibration)
     captured = import_images(
         images, lighting, gamma=gamma, ambient=ambient, label=label, bits=bits, mask=mask,
         crop=None if crop is None else _crop(crop), accept=accept or (), warnings=warnings,
+        calibration=None if known is None else known.calibration,
     )  # fmt: skip
     captured = described(captured, specimen=specimen, operator=operator, note=note)
+    if known is not None:
+        captured = named_by(captured, known)
     captured.save(output)
+    if calibration is not None and known is not None:
+        keep_beside(calibration, known, output)
     metadata = captured.metadata
     for warning in metadata.warnings:
         complain(f"warning: {output}: {warning}")

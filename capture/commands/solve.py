@@ -50,6 +50,10 @@ def solve(
             "This also takes away a tilt or bow of the part.",
         ),
     ] = False,
+    calibration: options.Calibration = None,
+    raw: Annotated[
+        bool, typer.Option("--raw", help="Leave out the calibration that a set names.")
+    ] = False,
     relight: Annotated[
         str | None,
         typer.Option(
@@ -62,22 +66,32 @@ def solve(
 ) -> None:
     """Write the maps of captured sets: p, q, albedo, normals, relative height, shadows and more."""
     from capture.batch.runner import Batch
-    from capture.batch.tasks import SolveTask, solve_set, warn_unprotected
+    from capture.batch.tasks import SolveTask, solve_set, warn_of_sets, warn_unprotected
     from capture.maps.surface_maps import RELIT_LIGHT
     from capture.maps.views import SHOWN_LIGHTS
     from capture.sets.archive import output_folders
 
+    if raw and calibration is not None:
+        raise InputError("--raw leaves out every calibration; leave out --calibration, or --raw")
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
-    rows, protected = [], []
+    rows, protected, warnings = [], [], []
     with Batch(workers, scheduler) as batch:
-        task = partial(solve_set, method=method, light=light, planar=planar)
+        task = partial(
+            solve_set,
+            method=method,
+            light=light,
+            planar=planar,
+            calibration=None if calibration is None else calibration.absolute(),
+            raw=raw,
+        )
         share = ItemProgress()
         solving = batch.map(task, tasks, here=partial(task, on_progress=share))
         solved = progress(solving, len(tasks), "solve", share)
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             protected.append((path, surface.protected))
+            warnings.append((path, surface.warnings))
             if json:
                 rows.append(_as_json(path, folder, surface))
             else:
@@ -89,13 +103,22 @@ def solve(
                     f"valid {surface.valid:.1%}, saturated {surface.saturated:.1%}, "
                     f"in shadow of a light {surface.shadowed:.1%} of the pixels"
                 )
-                for said in (_levels_note(surface), _fall_off_note(surface)):
+                notes = (_residual_note(surface), _levels_note(surface), _fall_off_note(surface))
+                for said in notes:
                     if said:
                         out.print(said, soft_wrap=True)
+    warn_of_sets(warnings)
     warn_unprotected(protected)
     if json:
         # The answer for one set that is given as a file is an object, not a list.
         print_json(rows if folders.get(sets[0]) != output else rows[0])
+
+
+def _residual_note(surface: SolvedSet) -> str | None:
+    if surface.calibration is None or surface.residual is None:
+        return None
+    raw = "" if surface.raw_residual is None else f", {surface.raw_residual:.2%} without it"
+    return f"calibrated by {surface.calibration}: median residual {surface.residual:.2%}{raw}"
 
 
 def _levels_note(surface: SolvedSet) -> str | None:
@@ -134,4 +157,9 @@ def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
     files = [str(folder / name) for name in surface.files]
     part = {"planar": surface.planar, "fall_off": surface.fall_off}
     lights = {"led_levels": surface.led_levels, "simulated": surface.simulated}
-    return {"set": str(path), "files": files, **shares, **part, **lights}
+    calibrated = {
+        "calibration": surface.calibration,
+        "residual": surface.residual,
+        "raw_residual": surface.raw_residual,
+    }
+    return {"set": str(path), "files": files, **shares, **part, **lights, **calibrated}

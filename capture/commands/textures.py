@@ -54,6 +54,7 @@ def train(
     library: LibraryOption,
     classifier: ClassifierOption = DEFAULT_CLASSIFIER,
     method: TrainingSolver = None,
+    calibration: options.Calibration = None,
     force: options.Force = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
@@ -68,7 +69,9 @@ def train(
     check_output(library, suffix=".ps4lib", inputs=paths, force=force)
     _check_classifier(classifier)
     with Batch(workers, scheduler) as batch:
-        trained, classes = train_library(paths, library.parent, batch, classifier, method)
+        trained, classes = train_library(
+            paths, library.parent, batch, classifier, method, calibration
+        )
     trained.save(library)
     if json:
         about = {
@@ -90,6 +93,7 @@ def classify(
     sets: options.Sets,
     library: LibraryOption,
     method: LibrarySolver = None,
+    calibration: options.Calibration = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     json: options.Json = False,
@@ -100,7 +104,7 @@ def classify(
 
     paths = find_sets(sets)
     with Batch(workers, scheduler) as batch:
-        answers, trained = _classified(paths, library, batch, method)
+        answers, trained = _classified(paths, library, batch, method, calibration=calibration)
     if json:
         fields = (asdict(each.match) | _solved(each, trained) for each in answers)
         print_json([{"set": str(path), **own} for path, own in zip(paths, fields, strict=True)])
@@ -178,16 +182,22 @@ def _classified(
     batch: Batch,
     method: Method | None,
     label_required: bool = False,
+    calibration: Path | None = None,
 ) -> tuple[list[ClassifiedSet], TextureLibrary]:
-    from capture.batch.tasks import classify_set, warn_unprotected
+    from capture.batch.tasks import classify_set, warn_of_sets, warn_unprotected
     from classify import TextureLibrary
 
     trained = TextureLibrary.load(library)  # so that a wrong one is found before the first set
     task = partial(
-        classify_set, library=library.absolute(), label_required=label_required, method=method
+        classify_set,
+        library=library.absolute(),
+        label_required=label_required,
+        method=method,
+        calibration=None if calibration is None else calibration.absolute(),
     )
     answers = batch.map(task, [path.absolute() for path in paths])
     answered = list(progress(answers, len(paths), "classify"))
+    warn_of_sets((path, answer.warnings) for path, answer in zip(paths, answered, strict=True))
     warn_unprotected((path, answer.protected) for path, answer in zip(paths, answered, strict=True))
     _warn_other_solver(paths, answered, library, trained)
     return answered, trained

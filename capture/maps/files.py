@@ -32,6 +32,8 @@ def write_maps(
     *,
     light: Lighting = RELIT_LIGHT,
     mm_per_px: float | None = None,
+    calibration: str | None = None,
+    raw_residual: float | None = None,
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
@@ -48,6 +50,8 @@ def write_maps(
     mm_per_px
         Scale of the image. With it heights and curvatures are in mm, Sa and Sq in micrometres;
         without it they are relative, in pixels.
+    calibration, raw_residual
+        Name of the calibration that was used, and the `residual_share` without it.
 
     Raises
     ------
@@ -61,6 +65,7 @@ def write_maps(
         "method": surface.method,
         "planar": surface.planar,
         "mm_per_px": mm_per_px,
+        "calibration": calibration,
         "simulated": captured.metadata.simulated,
         "label": captured.label,
         "pixels_sha256": captured.metadata.pixels_sha256,
@@ -96,7 +101,7 @@ def write_maps(
     }
     texts = {
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
-        _PAGE: map_page(captured, maps, views),
+        _PAGE: map_page(captured, maps, views, calibration, raw_residual),
     }
     names = [*(f"{name}.tif" for name in tiffs), *(f"{name}.png" for name in pngs), *texts]
     with durable_folder(folder, names, first=_PAGE) as temporary:

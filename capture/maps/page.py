@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED
+from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField
 
 from .pictures import ColourScale, Picture
@@ -33,8 +34,17 @@ _SIMULATED = (
 _UNPROTECTED = f'<p class="notice">This is {UNPROTECTED}.</p>'
 
 
-def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[MapView]]) -> str:
-    """Return the page as HTML; all text from the set is escaped."""
+def map_page(
+    captured: CapturedSet,
+    maps: SurfaceMaps,
+    views: dict[str, list[MapView]],
+    calibration: str | None = None,
+    raw_residual: float | None = None,
+) -> str:
+    """Return the page as HTML; all text from the set is escaped.
+
+    `calibration` is the name of the one that was used, `raw_residual` the residual without it.
+    """
     sections = {name: "".join(map(_figure, members)) for name, members in views.items()}
     sections["Curvature"] += _roughness_table(maps)
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
@@ -44,7 +54,10 @@ def map_page(captured: CapturedSet, maps: SurfaceMaps, views: dict[str, list[Map
         + "".join(map(_warning, captured.metadata.warnings)),
         facts="".join(
             f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in _facts(captured, maps)
+            for name, value in (
+                *_facts(captured, maps),
+                *_calibration(maps.surface, calibration, raw_residual),
+            )
         ),
         sections="".join(
             f'<h2>{escape(name)}</h2><div class="maps">{figures}</div>'
@@ -59,7 +72,8 @@ def _warning(text: str) -> str:
 
 
 def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]]:
-    surface, metadata, lighting = maps.surface, captured.metadata, captured.lighting
+    surface, metadata = maps.surface, captured.metadata
+    lighting = surface.lighting or captured.lighting
     rows, columns = surface.shape
     yield "solver", surface.method
     if surface.planar:
@@ -68,8 +82,13 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     if maps.mm_per_px is not None:
         yield "scale", f"{maps.mm_per_px:.4g} mm/px"
     yield "lights", f"{len(lighting)}, slant {_span(lighting.slants_deg)}°"
-    if lighting.intensities_given:
-        yield "LED levels", f"{_levels(lighting.intensities)}, as given"
+    if lighting.positions_px is not None:
+        distances_px = np.linalg.norm(lighting.positions_px, axis=1)
+        yield "distance of the lights", f"{_span(distances_px)} px"
+    if surface.flat_field is not None:
+        yield "LED levels", "in the flat field of the calibration"
+    elif captured.lighting.intensities_given:
+        yield "LED levels", f"{_levels(captured.lighting.intensities)}, as given"
     elif surface.led_levels is not None:
         yield "LED levels", f"{_levels(surface.led_levels)}, found in the images"
     yield "captured", metadata.created_utc
@@ -85,6 +104,16 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     yield "SHA-256 of pixels", f"{metadata.pixels_sha256[:12]}…"
 
 
+def _calibration(
+    surface: SurfaceEstimate, calibration: str | None, raw_residual: float | None
+) -> Iterator[tuple[str, str]]:
+    yield "calibration", "none" if calibration is None else calibration
+    residual = surface.residual_share
+    if residual is not None:
+        without = "" if raw_residual is None else f", {raw_residual:.2%} without calibration"
+        yield "median residual", f"{residual:.2%} of the signal{without}"
+
+
 def _divided(fall_off: FlatField | None) -> str:
     if fall_off is None:
         return "too little of it is lit: no fall-off divided out"
@@ -95,8 +124,8 @@ def _levels(levels: FloatArray) -> str:
     return ", ".join(f"{level:.3f}" for level in levels)
 
 
-def _span(degrees: FloatArray) -> str:
-    low, high = f"{degrees.min():.1f}", f"{degrees.max():.1f}"
+def _span(values: FloatArray) -> str:
+    low, high = f"{values.min():.1f}", f"{values.max():.1f}"
     return low if low == high else f"{low} to {high}"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from capture.errors import SetRejected
 from classify import Lighting
+from classify.calibration.calibration import Calibration
 from classify.errors import InputError
 from classify.labels import checked_label
 from classify.lights.algebra import require_solvable
@@ -33,6 +34,7 @@ def import_images(
     crop: Crop | None = None,
     accept: Collection[str] = (),
     warnings: Sequence[str] = (),
+    calibration: Calibration | None = None,
 ) -> CapturedSet:
     """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit, grey or colour.
 
@@ -60,6 +62,8 @@ def import_images(
         Names of a `Cause` for which the set is not refused; what was found is a warning then.
     warnings
         Warnings about the lights, to be kept in the set before those of the checks.
+    calibration
+        Of camera and lights, which the checks take into account.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def import_images(
         full_scale=photographs.full_scale,
         noise=None,
     )
-    findings, checks = check_photographs(checked, part)
+    findings, checks = check_photographs(checked, part, calibration or Calibration())
     refused = [each for each in findings if each.refutes and each.cause not in accept]
     if refused:
         causes = "; ".join(f"{each.text} (--accept {each.cause})" for each in refused)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.errors import Cause
+from classify.calibration.calibration import Calibration
 from classify.errors import InputError
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
@@ -48,12 +49,15 @@ class Finding:
 
 
 def check_photographs(
-    images: LightImages, mask: npt.NDArray[np.bool_] | None
+    images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
 ) -> tuple[list[Finding], ChecksRecord]:
-    """Check photographs inside `mask` (H, W); the record holds the results as of a capture."""
+    """Check photographs inside `mask` (H, W); the record holds the results as of a capture.
+
+    Four lights are compared as they are after the calibration.
+    """
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
     order = shading_order(shading, images.lighting)
-    agreement = _agreement(images)
+    agreement = _agreement(images.calibrated(calibration))
     findings = [
         *_equal(images),
         *_levels(images, mask),

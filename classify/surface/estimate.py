@@ -21,6 +21,7 @@ FloatMap = npt.NDArray[np.float32]
 
 # Pixels from which the limits of highlights are taken: they determine a median to 2 %.
 _SAMPLES = 4096
+_LEAST_ALBEDO = np.float32(1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +135,12 @@ class SurfaceEstimate:
 
         run_on_rows(fit, self.shape)
         return residual
+
+    @property
+    def residual_share(self) -> float | None:
+        """Median of `residual` over the albedo where it is valid; None if it is valid nowhere."""
+        shares = self.residual[self.valid] / np.maximum(self.albedo[self.valid], _LEAST_ALBEDO)
+        return float(np.median(shares)) if shares.size else None
 
     @property
     def shadow_count(self) -> npt.NDArray[np.uint8]:

@@ -34,9 +34,16 @@ _MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB
 
 
 class RigConfig(Section):
-    """The configuration of a rig. ``RigConfig()`` is the simulated rig."""
+    """The configuration of a rig. ``RigConfig()`` is the simulated rig.
+
+    Attributes
+    ----------
+    calibration
+        Calibration file that captures use; in ``rig.toml`` relative to that file.
+    """
 
     name: str = Field(default="rig", min_length=1, max_length=200)
+    calibration: str | None = Field(default=None, min_length=1)
     lights: LightsConfig = LightsConfig()
     camera: AnyCameraConfig = SimulatedCameraConfig()
     simulation: SimulationConfig = SimulationConfig()
@@ -214,6 +221,8 @@ def load_config(path: Path) -> RigConfig:
         camera["set_file"] = str(path.parent / camera["set_file"])
     if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
         simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
+    if isinstance(values.get("calibration"), str) and values["calibration"]:
+        values["calibration"] = str(path.parent / values["calibration"])
     lights = values.get("lights", {})
     if isinstance(lights, dict) and "port" not in lights:
         # The default is the simulated controller, which must be asked for.

@@ -12,10 +12,16 @@ import numpy.typing as npt
 import pytest
 from typer.testing import CliRunner
 
-from capture import CapturedSet, SetMetadata
+from capture import CapturedSet, SetMetadata, capture_set
+from capture.calibration.ps4cal import CalibrationFile, PartRecord
+from capture.calibration.setting import Setting
 from capture.cli import app
 from capture.sets.metadata import ImageRecord, LightingRecord
 from classify import Lighting
+from classify.calibration.flat_field import fit_flat_field
+from classify.calibration.lights import CalibratedLights
+from classify.calibration.plate_blocks import PlateBlocks
+from classify.images.stack import ImageStack
 from rig import Rig, RigConfig, open_rig
 from rig.set_file import pixels_sha256
 
@@ -26,6 +32,33 @@ Images = npt.NDArray[np.uint16]
 @pytest.fixture(scope="session")
 def small_config() -> RigConfig:
     return RigConfig().with_changes(camera={"width_px": 64, "height_px": 64})
+
+
+@pytest.fixture(scope="session")
+def near_config() -> RigConfig:
+    """A rig whose LEDs are two and a half fields of view away and unequal, above a white sheet."""
+    return RigConfig().with_changes(
+        camera={"width_px": 128, "height_px": 128, "exposure_ms": 15.0},
+        simulation={
+            "led_distance_px": 320.0,
+            "led_levels": (1.0, 0.9, 1.05, 0.85),
+            "placement": {"surface": "plate"},
+        },
+    )
+
+
+@pytest.fixture(scope="session")
+def near_calibration(near_config: RigConfig) -> CalibrationFile:
+    """The flat field of the near rig, measured, and the true positions of its LEDs."""
+    with open_rig(near_config) as opened:
+        plate = capture_set(opened, average=4, is_target=True)
+        record = PartRecord(setting=Setting.of_rig(opened), quality="", source=("captured",))
+        near = Lighting.near(320.0 * opened.lighting.directions)
+    stack = ImageStack(plate.images, plate.ambient)
+    blocks = PlateBlocks.of([stack], plate.metadata.full_scale)
+    lights = CalibratedLights(near, "plate", np.zeros(4), np.zeros(4), 0.0, 1.0)
+    flat = CalibrationFile().with_part("flat_field", fit_flat_field(blocks).flat_field, record)
+    return flat.with_part("lights", lights, record)
 
 
 @pytest.fixture

@@ -1,0 +1,173 @@
+"""capture, import, solve, train, classify and evaluate with a calibration."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.calibration.ps4cal import CalibrationFile
+
+RIG = """
+calibration = "rig.ps4cal"
+[lights]
+port = "simulated"
+[camera]
+width_px = 128
+height_px = 128
+exposure_ms = 15.0
+[simulation]
+led_distance_px = 320.0
+led_levels = [1.0, 0.9, 1.05, 0.85]
+"""
+
+
+@pytest.fixture(scope="module")
+def lab(
+    tmp_path_factory: pytest.TempPathFactory,
+    near_calibration: CalibrationFile,
+    ps4rig: Callable[..., Any],
+) -> Path:
+    """A folder with a near, unequal rig, its calibration, and sets of two textures; read-only."""
+    folder = tmp_path_factory.mktemp("lab")
+    (folder / "rig.toml").write_text(RIG)
+    near_calibration.write(folder / "rig.ps4cal")
+    (folder / "sets").mkdir()
+    for name in ("rock", "malv"):
+        done = ps4rig(
+            "capture", "--rig", folder / "rig.toml", "--surface", name, "--label", name,
+            "--rotate", 0, "--rotate", 40, folder / "sets" / f"{name}.ome.tif",
+        )  # fmt: skip
+        assert done.exit_code == 0, done.stderr
+    return folder
+
+
+def solved(ps4rig: Callable[..., Any], out: Path, *arguments: object) -> dict[str, Any]:
+    done = ps4rig("solve", *arguments, "--out", out, "--json")
+    assert done.exit_code == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_set_names_the_calibration_of_rig_toml_and_a_copy_travels_with_it(
+    lab: Path, near_calibration: CalibrationFile
+) -> None:
+    captured = CapturedSet.load(lab / "sets" / "rock-001.ome.tif")
+    assert captured.metadata.calibration_ids == (near_calibration.hash,)
+    (copy,) = (lab / "sets" / "calibration").iterdir()
+    assert CalibrationFile.read(copy).hash == near_calibration.hash
+
+
+def test_solve_uses_it_says_both_residuals_and_leaves_it_out_with_raw(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any]
+) -> None:
+    path = lab / "sets" / "rock-001.ome.tif"
+    calibrated = solved(ps4rig, tmp_path / "calibrated", path)
+    raw = solved(ps4rig, tmp_path / "raw", path, "--raw")
+    assert "sets/calibration/rig-" in calibrated["calibration"]
+    assert calibrated["residual"] < 0.5 * calibrated["raw_residual"]
+    assert raw["residual"] == calibrated["raw_residual"]
+    assert (raw["calibration"], raw["raw_residual"]) == (None, None)
+    page = (tmp_path / "calibrated" / "index.html").read_text()
+    assert f"{calibrated['residual']:.2%} of the signal, {raw['residual']:.2%} without" in page
+    assert f"{raw['residual']:.2%} of the signal<" in (tmp_path / "raw" / "index.html").read_text()
+    said = ps4rig("solve", path, "--out", tmp_path / "said").stdout
+    assert f"median residual {calibrated['residual']:.2%}, {raw['residual']:.2%} without" in said
+
+
+def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: CalibrationFile) -> None:
+    captured = CapturedSet.load(lab / "sets" / "rock-001.ome.tif")
+    surface = captured.solve(calibration=near_calibration.calibration)
+    raw = captured.solve()
+    # A periodic texture has no mean slope across the frame; near light alone makes a dome.
+    thirds = [slice(0, 42), slice(86, 128)]
+
+    def dome(found: Any) -> float:
+        left, right = (float(found.p[:, third].mean()) for third in thirds)
+        return abs(right - left)
+
+    assert dome(surface) < 0.3 * dome(raw)
+
+
+def test_textures_are_trained_and_classified_with_it(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any]
+) -> None:
+    library = tmp_path / "textures.ps4lib"
+    first = [lab / "sets" / f"{name}-001.ome.tif" for name in ("rock", "malv")]
+    assert ps4rig("train", *first, "--library", library).exit_code == 0
+    second = [lab / "sets" / f"{name}-002.ome.tif" for name in ("rock", "malv")]
+    done = ps4rig("classify", *second, "--library", library, "--json")
+    answers = json.loads(done.stdout)
+    assert [answer["nearest"] for answer in answers] == ["rock", "malv"]
+    assert [answer["planar"] for answer in answers] == [False, False]
+    assert "warning" not in done.stderr
+    evaluated = ps4rig("evaluate", lab / "sets", "--library", library, "--json")
+    assert json.loads(evaluated.stdout)["sets"] == 4
+
+
+def test_a_set_without_its_calibration_is_refused_by_every_command(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], refused: Callable[..., str]
+) -> None:
+    path = tmp_path / "alone.ome.tif"
+    shutil.copy(lab / "sets" / "rock-001.ome.tif", path)
+    library = tmp_path / "textures.ps4lib"
+    for command in (
+        ("solve", path, "--out", tmp_path / "maps"),
+        ("train", path, "--library", library),
+    ):
+        assert "was captured with the calibration" in refused(*command)
+        assert ps4rig(*command, "--calibration", lab / "rig.ps4cal").exit_code == 0
+    assert "which is neither beside it nor in a folder" in refused(
+        "classify", path, "--library", library
+    )
+    given = ("--library", library, "--calibration", lab / "rig.ps4cal", "--json")
+    assert ps4rig("classify", path, *given).exit_code == 0
+    assert "leave out --calibration" in refused(
+        "solve", path, "--out", tmp_path / "x", "--raw", "--calibration", lab / "rig.ps4cal"
+    )
+
+
+def test_a_capture_with_another_frame_is_refused(
+    lab: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    out = tmp_path / "a.ome.tif"
+    line = refused("capture", "--rig", lab / "rig.toml", "--size", 64, out)
+    assert "64 x 64 px instead of 128 x 128 px (flat field, lights)" in line
+    assert not out.exists()
+    (tmp_path / "rig.toml").write_text(RIG)
+    line = refused("capture", "--rig", tmp_path / "rig.toml", out)
+    assert line.startswith(f"{tmp_path / 'rig.ps4cal'}: no such calibration; make one")
+
+
+def test_photographs_are_imported_with_a_calibration(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], refused: Callable[..., str]
+) -> None:
+    captured = CapturedSet.load(lab / "sets" / "rock-001.ome.tif")
+    files = [tmp_path / f"{k}.png" for k in range(5)]
+    for file, image in zip(files, [*captured.images, captured.ambient], strict=True):
+        cv2.imwrite(str(file), np.asarray(image, np.uint16))
+    arguments = (*files[:4], tmp_path / "p.ome.tif", "--slant", 45, "--ambient", files[4])
+    options = ("--calibration", lab / "rig.ps4cal", "--bits", 12)
+    # The calibration is of a simulated rig, photographs are real.
+    assert "one is simulated and the other is not" in refused("import", *arguments, *options)
+    real = CalibrationFile.read(lab / "rig.ps4cal")
+    for name, record in real.records.items():
+        setting = record.setting.model_copy(update={"simulated": False})
+        record = record.model_copy(update={"setting": setting})
+        real = real.with_part(name, getattr(real.calibration, name), record)
+    real.write(tmp_path / "real.ps4cal")
+    plain = ps4rig("import", *arguments, "--bits", 12)
+    assert plain.exit_code == 0, plain.stderr
+    done = ps4rig(
+        "import", *arguments, "--bits", 12, "--calibration", tmp_path / "real.ps4cal", "--force"
+    )
+    assert done.exit_code == 0, done.stderr
+    imported = CapturedSet.load(tmp_path / "p.ome.tif")
+    assert imported.metadata.calibration_ids == (real.hash,)
+    assert imported.metadata.checks.light_levels == pytest.approx([1.0] * 4, abs=0.02)
+    maps = solved(ps4rig, tmp_path / "maps", tmp_path / "p.ome.tif")
+    assert maps["residual"] < 0.5 * maps["raw_residual"]
