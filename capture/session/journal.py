@@ -112,6 +112,11 @@ class Journal(_Record):
         """Return the entry of a planned set; None where it is still missing."""
         return self._by_key.get((planned.specimen, planned.orientation_deg, planned.repeat))
 
+    def entry_with(self, pixels_sha256: str) -> SetEntry | None:
+        """Return the entry of the set with these pixels; None if there is none."""
+        same = (entry for entry in self.entries if entry.pixels_sha256 == pixels_sha256)
+        return next(same, None)
+
     @cached_property
     def _by_key(self) -> Mapping[tuple[str, float, int], SetEntry]:
         return {entry.key: entry for entry in self.entries}

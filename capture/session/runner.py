@@ -235,9 +235,7 @@ class _Runner:
         specimen = self._folder.plan.specimen_named(planned.specimen)
         rig = self._opened(planned)
         self._state(State.CAPTURING, planned)
-        captured = capture_set(
-            rig, specimen.label or specimen.id, average=self._folder.plan.average
-        )
+        captured = self._new_pixels(rig, specimen.label or specimen.id)
         described = captured.metadata.model_copy(
             update={
                 "specimen": specimen.id,
@@ -247,6 +245,24 @@ class _Runner:
             }
         )
         return replace(captured, metadata=described)
+
+    def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:
+        """Capture a set that no other set of the session equals pixel by pixel.
+
+        The noise of two sets differs. The simulated rig begins with the same noise at each start,
+        so that the first set of a run may equal an earlier one; a second never does.
+        """
+        average = self._folder.plan.average
+        captured = capture_set(rig, label, average=average)
+        if self._folder.journal.entry_with(captured.metadata.pixels_sha256) is None:
+            return captured
+        captured = capture_set(rig, label, average=average)
+        twin = self._folder.journal.entry_with(captured.metadata.pixels_sha256)
+        if twin is not None:
+            raise SetRejected(
+                f"every pixel is that of {twin.file}: the camera repeats its images; restart it"
+            )
+        return captured
 
     def _entry(self, planned: PlannedSet, captured: CapturedSet) -> SetEntry:
         """Measure a set against the first one of its specimen."""

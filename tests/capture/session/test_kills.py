@@ -24,8 +24,8 @@ specimen = [
 ]
 """
 KILLS = 40
-# From before the first set, with a cold start, to after several.
-_EARLIEST_S, _LATEST_S = 0.5, 4.0
+# A kill comes after up to so many new files, and so much later: longer than a set takes.
+_MOST_FILES, _LATEST_S = 3, 0.3
 Spawn = Callable[..., subprocess.Popen[str]]
 
 
@@ -33,6 +33,10 @@ def small_rig(folder: Path) -> Path:
     rig = folder / "rig.toml"
     rig.write_text('[lights]\nport = "simulated"\n[camera]\nwidth_px = 96\nheight_px = 96\n')
     return rig
+
+
+def files_of(session: Path) -> int:
+    return len(list((session / "sets").glob("*.ome.tif")))
 
 
 def assert_whole(session: Path) -> int:
@@ -70,13 +74,15 @@ def test_a_killed_session_loses_the_set_in_progress_at_most(tmp_path: Path, spaw
         session = make_session(plan)
         while SessionFolder(session).missing():
             process = spawn("session", "resume", session, "--rig", rig, "--yes")
-            time.sleep(choice.uniform(_EARLIEST_S, _LATEST_S))
+            wanted = files_of(session) + choice.randint(0, _MOST_FILES)
+            while files_of(session) < wanted and process.poll() is None:
+                time.sleep(0.002)
+            time.sleep(choice.uniform(0.0, _LATEST_S))
             process.send_signal(signal.SIGKILL)
             process.communicate()
             kills += process.returncode == -signal.SIGKILL
             # The set in progress may have a file, and no entry yet.
-            files = len(list((session / "sets").glob("*.ome.tif")))
-            assert files - assert_whole(session) in (0, 1)
+            assert files_of(session) - assert_whole(session) in (0, 1)
         done = spawn("session", "resume", session, "--rig", rig, "--yes")
         out, error = done.communicate(timeout=120)
         assert (done.returncode, error) == (0, ""), out

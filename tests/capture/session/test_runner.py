@@ -10,6 +10,7 @@ import pytest
 
 from capture import CapturedSet
 from capture.errors import SetRejected
+from capture.session import runner
 from capture.session.events import (
     Answer,
     DecideFailure,
@@ -145,8 +146,6 @@ def test_a_damaged_or_foreign_file_is_captured_anew_and_kept_aside(
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, times: int) -> None:
     """Let the next captures of the runner raise `error`, as failures of the rig do."""
-    import capture.session.runner as runner
-
     real, left = runner.capture_set, [error] * times
 
     def capture_set(*arguments: object, **options: object) -> CapturedSet:
@@ -166,6 +165,23 @@ def test_a_rejected_set_is_asked_about(
     assert asked == [PlaceSpecimen, DecideFailure, DecideFailure]
     assert names(folder()) == FILES[1:]
     assert folder().journal.entries[0].skipped == "LED 2 is dark"
+
+
+def test_a_set_that_equals_another_one_is_captured_again(
+    run: Run, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    run()  # the simulated rig begins with the same noise
+    hashes = {entry.pixels_sha256 for entry in folder().journal.entries}
+    assert len(hashes) == 4
+    first = CapturedSet.load(folder().path / "sets" / f"{FILES[0]}.ome.tif")
+    monkeypatch.setattr(runner, "capture_set", lambda *_, **__: first)
+    (folder().path / "sets" / f"{FILES[3]}.ome.tif").unlink()
+    script = run(Answer.GO, Answer.SKIP)
+    assert isinstance(script.questions[1], DecideFailure)
+    assert script.questions[1].reason == (
+        f"every pixel is that of sets/{FILES[0]}.ome.tif: the camera repeats its images; restart it"
+    )
 
 
 def test_without_questions_a_rejected_set_stays_missing(
