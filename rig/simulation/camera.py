@@ -35,24 +35,6 @@ class LitScene(Protocol):
 
 
 @dataclass(frozen=True)
-class CoveredLens:
-    """The scene of a camera with its lens covered."""
-
-    led_count: int
-    shape: tuple[int, ...]
-
-    @property
-    def lights(self) -> npt.NDArray[np.float32]:
-        """(N, H, W) zeros."""
-        return np.broadcast_to(np.float32(0.0), (self.led_count, *self.shape))
-
-    @property
-    def ambient(self) -> npt.NDArray[np.float32]:
-        """(H, W) zeros."""
-        return np.broadcast_to(np.float32(0.0), self.shape)
-
-
-@dataclass(frozen=True)
 class ReportedTiming:
     """What a simulated camera reports of its exposures.
 

@@ -23,7 +23,7 @@ from rig.config.simulation import Placement
 from rig.errors import ConfigError
 from rig.lights.keep_alive import KeepAliveClock
 
-from .camera import CoveredLens, LitScene, SimulatedCamera
+from .camera import LitScene, SimulatedCamera
 from .exposures import Exposures, FreeRunning, Shutter, Triggered
 from .frame_faults import FaultyCamera
 from .scenes import SceneRenderer
@@ -125,22 +125,6 @@ class Simulation:
             )
         self.camera.replace_scene(self._renderer.render(placement), placement.seed)
         self.placement = placement
-
-    def cover_lens(self) -> None:
-        """Let no light reach the camera until a part is placed.
-
-        Raises
-        ------
-        InputError
-            If the camera replays a captured set.
-        """
-        if self.placement is None:
-            raise InputError(
-                "the lens of a camera that replays a set cannot be covered; set camera.kind = "
-                "'simulated'"
-            )
-        covered = CoveredLens(len(self.camera.scene.lights), self.camera.scene.ambient.shape)
-        self.camera.replace_scene(covered, self.placement.seed)
 
     def unplug_lights(self) -> None:
         """Unplug the controller: its LEDs go out, and its port disappears."""

@@ -87,20 +87,21 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     require_free_running(rig)
     full_scale = (1 << rig.camera.info.bit_depth) - 1
     simulation = rig.simulation
-    if simulation is not None:
-        simulation.cover_lens()
+    placement = None if simulation is None else simulation.placement
+    if simulation is not None and placement is not None:
+        simulation.place(placement.model_copy(update={"surface": "lens_cap"}))
     elif not yes:
         ask("cover the lens with its cap or with black foil, then press Enter")
     frames = frame_series(rig, None, _FRAMES)
     lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
     found = dark_of(frames, full_scale, lit)
     dark = found.dark
-    # With --yes nobody uncovers the lens, and ambient light is not measured.
-    if simulation is not None or not yes:
-        if simulation is not None and simulation.placement is not None:
-            simulation.place(simulation.placement)
-        else:
-            ask("uncover the lens, with the room's light as for captures, then press Enter")
+    if simulation is not None and placement is not None:
+        simulation.place(placement)
+    elif not yes:
+        ask("uncover the lens, with the room's light as for captures, then press Enter")
+    # With --yes nobody uncovers the lens of a real camera, and ambient light is not measured.
+    if placement is not None or not yes:
         dark = with_ambient(dark, frame_series(rig, None, 1)[0], full_scale)
     return dark_part(found, dark, Setting.of_rig(rig), ("captured",))
 

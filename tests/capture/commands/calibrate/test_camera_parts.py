@@ -221,3 +221,23 @@ def test_photographs_that_cannot_show_the_dark_are_refused(
     lit = ("--from", tmp_path / "lit.png", "--from", tmp_path / "lit.png")
     assert "cover the lens" in refused("calibrate", "dark", path, *lit, status=1)
     assert not path.exists()
+
+
+def test_a_lens_that_is_not_covered_is_refused_by_the_light_of_an_led(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    # A camera that replays a set stands for a real one, which a person must cover.
+    assert ps4rig("capture", "--rig", rig_toml(tmp_path), tmp_path / "a.ome.tif").exit_code == 0
+    replay = tmp_path / "replay.toml"
+    replay.write_text(
+        "[lights]\nport = 'simulated'\n[camera]\nkind = 'replay'\nset_file = 'a.ome.tif'\n"
+    )
+    path = tmp_path / "rig.ps4cal"
+    message = refused("calibrate", "dark", "--rig", replay, path, "--yes", status=1)
+    assert "an LED makes the frame brighter" in message
+    asked = ps4rig("calibrate", "dark", "--rig", replay, path)
+    assert asked.exit_code == 2
+    assert "cover the lens with its cap" in asked.stderr
+    message = refused("calibrate", "response", "--rig", replay, path, "--yes", status=3)
+    assert "one exposure only" in message
+    assert not path.exists()
