@@ -1,13 +1,11 @@
 """The page of maps: one self-contained HTML file."""
 
-import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +14,7 @@ from capture.sets.metadata import UNPROTECTED
 from classify import SurfaceEstimate
 from classify.lights.flat_field import FlatField
 
-from .pictures import ColourScale, Picture
+from .figures import figure_html, number_text
 from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import SurfaceMaps
 from .views import MapView
@@ -26,8 +24,6 @@ FloatArray = npt.NDArray[np.float64]
 _TEMPLATE = Path(__file__).with_name("page.html")
 # Units on the page that differ from those in files.
 _UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
-# A smaller picture is enlarged on the page, with square pixels instead of interpolation.
-_SMALL_PX = 256
 _SIMULATED = (
     '<p class="notice"><b>Simulated.</b> No light, camera or part behind these maps is real.</p>'
 )
@@ -45,7 +41,7 @@ def map_page(
 
     `calibration` is the name of the one that was used, `raw_residual` the residual without it.
     """
-    sections = {name: "".join(map(_figure, members)) for name, members in views.items()}
+    sections = {name: "".join(map(figure_html, members)) for name, members in views.items()}
     sections["Curvature"] += _roughness_table(maps)
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=escape(captured.label or "Captured set without a label"),
@@ -129,43 +125,10 @@ def _span(values: FloatArray) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _figure(view: MapView) -> str:
-    rows, columns = view.picture.shape[:2]
-    small = ' class="small"' if max(rows, columns) < _SMALL_PX else ""
-    legend = _bar(view.scale) if view.scale else _swatches(view.legend)
-    unit = f", {escape(view.unit)}" if view.unit else ""
-    file = f" <code>{escape(view.file)}</code>" if view.file else ""
-    return (
-        f'<figure><img{small} alt="{escape(view.title)}" src="{_data_uri(view.picture)}">{legend}'
-        f"<figcaption><b>{escape(view.title)}</b>{unit}{file}<br>{escape(view.caption)}</figcaption>"
-        "</figure>"
-    )
-
-
-def _bar(scale: ColourScale) -> str:
-    """Return a colour bar, with the values at both ends and in the middle."""
-    low, middle, high = (scale.colours[i] for i in (0, len(scale.colours) // 2, -1))
-    colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (low, middle, high))
-    values = (scale.low, (scale.low + scale.high) / 2.0, scale.high)
-    ticks = "".join(f"<span>{_number(value)}</span>" for value in values)
-    return (
-        f'<div class="bar" style="background:linear-gradient(to right, {colours})"></div>'
-        f'<div class="ticks">{ticks}</div>'
-    )
-
-
-def _swatches(legend: tuple[tuple[Sequence[int], str], ...]) -> str:
-    entries = "".join(
-        f'<span><i style="background:rgb({r},{g},{b})"></i>{escape(name)}</span>'
-        for (r, g, b), name in legend
-    )
-    return f'<div class="legend">{entries}</div>' if entries else ""
-
-
 def _roughness_table(maps: SurfaceMaps) -> str:
     rows = "".join(
         f"<tr><td><b>{symbol}</b></td><td>{each['name']}{' (relative)' * each['relative']}</td>"
-        f'<td class="value">{"-" if each["value"] is None else _number(each["value"])}'
+        f'<td class="value">{"-" if each["value"] is None else number_text(each["value"])}'
         f"{_UNITS.get(each['unit'], ' ' + each['unit'])}</td></tr>"
         for symbol, each in roughness_parameters(maps.roughness, maps.mm_per_px).items()
     )
@@ -173,17 +136,3 @@ def _roughness_table(maps: SurfaceMaps) -> str:
         '<div class="wide"><b>Roughness</b> <code>roughness.json</code>'
         f"<table>{rows}</table><figcaption>{escape(roughness_note(maps.mm_per_px))}</figcaption></div>"
     )
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
-
-
-def _data_uri(picture: Picture) -> str:
-    options = [
-        cv2.IMWRITE_JPEG_QUALITY, 85,
-        # Without subsampling, thin lines keep their colours.
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-    ]  # fmt: skip
-    _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.tobytes()).decode("ascii")

@@ -2,13 +2,14 @@
 
 import typer
 
-from . import dark, response
+from . import dark, response, show
 
 __all__ = ["calibrate_app"]
 
 calibrate_app = typer.Typer()
 calibrate_app.command()(dark.dark)
 calibrate_app.command()(response.response)
+calibrate_app.command()(show.show)
 
 
 @calibrate_app.callback(invoke_without_command=True)

@@ -1,0 +1,73 @@
+"""``ps4rig calibrate show``."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.commands import options
+from capture.console import new_table, out, print_json, print_table, reported
+from capture.outputs import check_output
+
+if TYPE_CHECKING:
+    from capture.calibration.ps4cal import CalibrationFile
+    from capture.calibration_page.summary import Benefit
+
+_PAGE_SUFFIX = ".html"
+
+
+@reported
+def show(
+    path: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration file, NAME.ps4cal.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="The page. One that exists is replaced.",
+            show_default="NAME.html beside CAL; none with --json",
+            metavar="PAGE.html",
+        ),
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Say how good a calibration is, how old, what it buys and what is missing; write a page."""
+    from capture.calibration.ps4cal import CalibrationFile
+    from capture.calibration_page.page import calibration_page
+    from capture.calibration_page.summary import benefit_of, summary_json
+    from classify.durable_file import durable_file
+
+    page = output if output is not None or json else path.with_suffix(_PAGE_SUFFIX)
+    if page is not None:
+        check_output(page, suffix=_PAGE_SUFFIX, inputs=[path], force=True)
+    file, now = CalibrationFile.read(path), datetime.now(UTC)
+    found = benefit_of(file)
+    if page is not None:
+        with durable_file(page) as temporary:
+            temporary.write_text(calibration_page(path, file, found, now), encoding="utf-8")
+    if json:
+        print_json(summary_json(path, file, found, now))
+        return
+    _print(file, found, now)
+    out.print(f"{page}: maps, positions and curves", soft_wrap=True)
+
+
+def _print(file: CalibrationFile, found: Benefit, now: datetime) -> None:
+    from capture.calibration_page.summary import part_summaries
+
+    parts = part_summaries(file, now)
+    table = new_table("part", "age", "how good", prose="how good")
+    for part in parts:
+        if part.record is not None:
+            age = "-" if part.age_days is None else f"{part.age_days} days"
+            table.add_row(part.title, age, part.record.quality)
+    print_table(table)
+    for part in parts:
+        if part.record is None:
+            out.print(f"missing: {part.title}, for {part.use}: {part.command}", soft_wrap=True)
+    if found:
+        out.print("mean error of normals on a matt part, with the faults that were measured:")
+        for name, degrees in found:
+            out.print(f"  {name}: {degrees:.2f} degrees", soft_wrap=True)

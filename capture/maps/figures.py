@@ -1,0 +1,62 @@
+"""Maps as figures of an HTML page: picture, legend, caption."""
+
+import base64
+from collections.abc import Sequence
+from html import escape
+
+import cv2
+
+from .pictures import ColourScale, Picture
+from .views import MapView
+
+# A smaller picture is enlarged on the page, with square pixels instead of interpolation.
+_SMALL_PX = 256
+
+
+def figure_html(view: MapView) -> str:
+    """Return the figure of a map with its colours; all text is escaped."""
+    rows, columns = view.picture.shape[:2]
+    small = ' class="small"' if max(rows, columns) < _SMALL_PX else ""
+    legend = _bar(view.scale) if view.scale else _swatches(view.legend)
+    unit = f", {escape(view.unit)}" if view.unit else ""
+    file = f" <code>{escape(view.file)}</code>" if view.file else ""
+    return (
+        f'<figure><img{small} alt="{escape(view.title)}" src="{_data_uri(view.picture)}">{legend}'
+        f"<figcaption><b>{escape(view.title)}</b>{unit}{file}<br>{escape(view.caption)}</figcaption>"
+        "</figure>"
+    )
+
+
+def _bar(scale: ColourScale) -> str:
+    """Return a colour bar, with the values at both ends and in the middle."""
+    low, middle, high = (scale.colours[i] for i in (0, len(scale.colours) // 2, -1))
+    colours = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (low, middle, high))
+    values = (scale.low, (scale.low + scale.high) / 2.0, scale.high)
+    ticks = "".join(f"<span>{number_text(value)}</span>" for value in values)
+    return (
+        f'<div class="bar" style="background:linear-gradient(to right, {colours})"></div>'
+        f'<div class="ticks">{ticks}</div>'
+    )
+
+
+def _swatches(legend: tuple[tuple[Sequence[int], str], ...]) -> str:
+    entries = "".join(
+        f'<span><i style="background:rgb({r},{g},{b})"></i>{escape(name)}</span>'
+        for (r, g, b), name in legend
+    )
+    return f'<div class="legend">{entries}</div>' if entries else ""
+
+
+def number_text(value: float) -> str:
+    """Return three digits of a number, with a minus sign."""
+    return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _data_uri(picture: Picture) -> str:
+    options = [
+        cv2.IMWRITE_JPEG_QUALITY, 85,
+        # Without subsampling, thin lines keep their colours.
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]  # fmt: skip
+    _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.tobytes()).decode("ascii")

@@ -1,0 +1,174 @@
+"""What a calibration buys: errors of normals with and without it, from the faults it measured."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from .calibration.calibration import Calibration
+from .calibration.response import Response
+from .lighting import Lighting
+from .lights.flat_field import FlatField
+from .solvers.solver import photometric_stereo
+
+FloatArray = npt.NDArray[np.float64]
+
+# The part is an egg crate of rms slope 0.3, as that of the table in classify/README.md, on a frame
+# of so many pixels; its period is no multiple of a pixel, so that all slopes occur.
+_LONGER_SIDE_PX, _SLOPE, _PERIOD_PX = 128, 0.3, 7.3
+# Brightest value of the part as a share of full scale: the exposure that the doctor proposes.
+_BRIGHTEST = 0.8
+_DRAWS = 4  # of the errors that the calibration itself has
+_STEPS = (
+    ("response", "and the response"),
+    ("flat_field", "and the flat field"),
+    ("lights", "and the lights"),
+)
+
+
+def errors_left(
+    calibration: Calibration,
+    configured: Lighting,
+    shape: tuple[int, int],
+    flat_field_error: float = 0.0,
+) -> tuple[tuple[str, float], ...]:
+    """Solve a simulated part that has the faults of this calibration, and no noise.
+
+    Parameters
+    ----------
+    configured
+        The lights as they are taken without calibration: distant, and of equal strength.
+    shape
+        Rows and columns of the frame of the calibration.
+    flat_field_error
+        Standard error of the flat field, as a share.
+
+    Returns
+    -------
+    Name and mean angular error of the normals in degrees: without calibration, then with one more
+    part each. The true rig differs from the calibration by the errors that this states.
+    """
+    scale = _LONGER_SIDE_PX / max(shape)
+    small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
+    part = _Part.of(_scaled(calibration.lighting_of(configured), scale), calibration, small)
+    rigs = [
+        replace(part, lighting=true, flat_field=field)
+        for true, field in _draws(part, calibration, flat_field_error)
+    ]
+    given, lighting = Calibration(), configured
+    steps = [("without calibration", _mean_error_deg(rigs, given, lighting))]
+    for name, words in _STEPS:
+        found = getattr(calibration, name)
+        if found is None or (isinstance(found, Response) and found.linear):
+            continue
+        given = replace(given, **{name: found})
+        lighting = part.lighting if name == "lights" else lighting
+        steps.append((words, _mean_error_deg(rigs, given, lighting)))
+    return tuple(steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A surface under the true lights, seen by the true camera.
+
+    Attributes
+    ----------
+    slopes
+        (2, H, W) p and q.
+    lighting, flat_field
+        The true lights in the small frame, and their light on a white sheet.
+    """
+
+    slopes: FloatArray
+    lighting: Lighting
+    flat_field: FlatField
+    calibration: Calibration
+
+    @classmethod
+    def of(cls, lighting: Lighting, calibration: Calibration, shape: tuple[int, int]) -> "_Part":
+        rows, columns = (np.arange(length) for length in shape)
+        p, q = (_SLOPE * np.sin(2.0 * np.pi / _PERIOD_PX * each) for each in (columns, rows))
+        slopes = np.stack(np.broadcast_arrays(p, q[:, None]))
+        field = calibration.flat_field
+        if field is None:
+            logarithms = np.log(lighting.directions[:, 2])
+            field = FlatField(logarithms[:, None, None], np.stack([logarithms] * 2, axis=1))
+        return cls(slopes, lighting, field, calibration)
+
+    def error_deg(self, given: Calibration, lighting: Lighting) -> float:
+        """Mean angle between the true normals and those solved with the given parts."""
+        images, ambient = (each.astype(np.float32) for each in self._images())
+        if given.response is not None:
+            images, ambient = (given.response.linearise(each, 1.0) for each in (images, ambient))
+        solved = photometric_stereo(
+            images, lighting, "least_squares", ambient=ambient, flat_field=given.flat_field
+        )
+        true = np.concatenate([-self.slopes, np.ones_like(self.slopes[:1])])
+        true /= np.linalg.norm(true, axis=0)
+        cosines = np.einsum("chw,hwc->hw", true, solved.normals.astype(np.float64))
+        return float(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[solved.valid].mean())
+
+    def _images(self) -> tuple[FloatArray, FloatArray]:
+        """(N, H, W) light images and (H, W) ambient image as shares of full scale."""
+        rows, columns = (np.arange(length) for length in self.slopes.shape[1:])
+        shape = (len(rows), len(columns))
+        light = self.flat_field.strengths(rows, columns, shape) * self._shading()
+        light *= _BRIGHTEST / light.max()
+        dark, response = self.calibration.dark, self.calibration.response
+        even = 0.0 if dark is None else (dark.offset + (dark.ambient or 0.0)) / dark.full_scale
+        ambient = np.full(shape, even)
+        if response is None or response.linear:
+            return light + ambient, ambient
+        levels = np.linspace(0.0, 1.0, len(response.curve))
+        if dark is not None:
+            ambient = np.asarray(response.linearise(ambient, 1.0), np.float64)
+        raw, raw_ambient = (
+            np.interp(each, response.curve, levels) for each in (light + ambient, ambient)
+        )
+        return raw, raw_ambient
+
+    def _shading(self) -> FloatArray:
+        """(N, H, W) light on the part as a multiple of that on a level sheet."""
+        (p, q), (height, width) = self.slopes, self.slopes.shape[1:]
+        steepness = np.sqrt(1.0 + p * p + q * q)
+        if self.lighting.positions_px is None:
+            x, y, z = self.lighting.directions.T[..., None, None]
+        else:
+            x, y, z = self.lighting.positions_px.T[..., None, None]
+            x = x - (np.arange(width) - 0.5 * (width - 1))
+            y = y - (0.5 * (height - 1) - np.arange(height))[:, None]
+        shading: FloatArray = np.maximum(1.0 - (p * x + q * y) / z, 0.0) / steepness
+        return shading
+
+
+def _mean_error_deg(rigs: Sequence[_Part], given: Calibration, lighting: Lighting) -> float:
+    return float(np.mean([rig.error_deg(given, lighting) for rig in rigs]))
+
+
+def _scaled(lighting: Lighting, scale: float) -> Lighting:
+    if lighting.positions_px is None:
+        return lighting
+    return Lighting.near(lighting.positions_px * scale)
+
+
+def _draws(
+    part: _Part, calibration: Calibration, flat_field_error: float
+) -> Iterator[tuple[Lighting, FlatField]]:
+    """True lights and flat fields that the calibration may have been measured from."""
+    rng = np.random.default_rng(0)
+    lights, count = calibration.lights, len(part.lighting)
+    for _ in range(_DRAWS):
+        directions = part.lighting.directions.copy()
+        distances = np.ones(count)
+        if lights is not None:
+            spread = np.radians(lights.direction_errors_deg)[:, None] / np.sqrt(2.0)
+            directions += spread * rng.standard_normal((count, 3))
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+            if lights.distance_errors is not None:
+                distances += lights.distance_errors * rng.standard_normal(count)
+        true = Lighting(directions)
+        if part.lighting.positions_px is not None:
+            far = np.linalg.norm(part.lighting.positions_px, axis=1) * np.maximum(distances, 0.1)
+            true = Lighting.near(directions * far[:, None])
+        yield true, part.flat_field.times(1.0 + flat_field_error * rng.standard_normal(count))

@@ -1,0 +1,188 @@
+"""The page and the summary of a calibration: complete, self-contained, escaped."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration_page.page import calibration_page
+from capture.calibration_page.summary import benefit_of, part_summaries
+from classify import Lighting
+from classify.calibration.dark import Dark
+from classify.calibration.response import Response
+from classify.calibration.scale import Scale
+from tests.html_page import Page
+
+NOW = datetime(2026, 11, 22, tzinfo=UTC)
+EVIL = "<script>alert(\"$title & 'x'\")</script>"
+
+
+@pytest.fixture(scope="module")
+def whole(near_calibration: CalibrationFile) -> CalibrationFile:
+    """The calibration of a simulated rig, with all parts but the noise."""
+    record = near_calibration.records["flat_field"].model_copy(
+        update={"quality": f"good {EVIL}", "date": (NOW - timedelta(days=40)).isoformat()}
+    )
+    lights = near_calibration.calibration.lights
+    assert lights is not None
+    errors = replace(lights, direction_errors_deg=np.full(4, 0.4), distance_errors=np.full(4, 0.02))
+    file = near_calibration.with_part("lights", errors, record)
+    hot = np.array([[3, 4], [100, 20]], np.int32)
+    file = file.with_part("dark", Dark(64.0, 2.0, hot, None, 4095.0), record)
+    curve = Response(np.linspace(0.0, 1.0, 257) ** 2.2, 0.002, linear=False)
+    file = file.with_part("response", curve, record)
+    return file.with_part("scale", Scale(0.02, 0.001, np.eye(3), None, 0.1), record)
+
+
+def page_of(file: CalibrationFile) -> Page:
+    page = Page(calibration_page(Path(f"{EVIL}.ps4cal"), file, benefit_of(file), NOW))
+    assert page.open == []
+    return page
+
+
+def test_the_page_shows_maps_positions_curve_and_hot_pixels(whole: CalibrationFile) -> None:
+    page = page_of(whole)
+    drawings = [drawing["aria-label"] for drawing in page.all("svg")]
+    assert drawings == [
+        "Positions of the lights from above", "Positions of the lights from the side",
+        "Response of the camera", "Places of hot pixels",
+    ]  # fmt: skip
+    assert [image["alt"] for image in page.all("img")] == [
+        f"light {light}: tilt {90 * light}" for light in range(4)
+    ]
+    assert len([each for each in page.all("circle") if each["class"] == "hot"]) == 2
+    assert len(page.all("ellipse")) == 8
+
+
+def test_the_page_says_age_scale_and_what_is_missing(whole: CalibrationFile) -> None:
+    text = page_of(whole).text
+    for words in (
+        "40 days", "0.02 mm/px", "not measured: the noise", "ps4rig calibrate response",
+        "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "and the lights", "Simulated",
+    ):  # fmt: skip
+        assert words in text
+
+
+def test_the_page_refers_to_no_other_file_and_escapes_text(whole: CalibrationFile) -> None:
+    page = page_of(whole)
+    assert not [*page.all("script"), *page.all("link"), *page.all("a")]
+    assert page.text.count(EVIL) >= 3
+    policies = [meta["content"] for meta in page.all("meta") if "http-equiv" in meta]
+    assert policies == ["default-src 'none'; img-src data:; style-src 'unsafe-inline'"]
+
+
+def test_drawn_positions_are_the_measured_ones(whole: CalibrationFile) -> None:
+    """Light 0 is on the right and light 1 above, by the same distance."""
+    leds = [each for each in page_of(whole).all("circle") if each["class"] == "led"]
+    above = np.array([(float(each["cx"] or 0), float(each["cy"] or 0)) for each in leds[:4]]) - 50.0
+    reach = 50.0 / 1.25
+    expected = reach * np.array([(1, 0), (0, -1), (-1, 0), (0, 1)])
+    np.testing.assert_allclose(above, expected, atol=0.02)
+
+
+def test_each_part_reduces_the_error_of_near_unequal_lights(whole: CalibrationFile) -> None:
+    names, degrees = zip(*benefit_of(whole), strict=True)
+    assert names == (
+        "without calibration", "and the response", "and the flat field", "and the lights",
+    )  # fmt: skip
+    assert degrees[0] > 8.0
+    assert degrees[2] < 0.15 * degrees[0]
+    assert degrees[3] < 0.6 * degrees[2]
+
+
+def test_a_perfect_rig_gains_nothing(near_calibration: CalibrationFile) -> None:
+    record = near_calibration.records["lights"]
+    measured = near_calibration.calibration.lights
+    assert measured is not None
+    ideal = replace(measured, lighting=Lighting.ring(45.0), distance_errors=None)
+    ((_, before), (_, after)) = benefit_of(CalibrationFile().with_part("lights", ideal, record))
+    assert before < 0.01
+    assert after == pytest.approx(before)
+
+
+def test_parts_without_plate_or_with_a_strange_date_are_summarised(
+    near_calibration: CalibrationFile,
+) -> None:
+    record = near_calibration.records["lights"].model_copy(update={"date": "yesterday"})
+    dark = Dark(64.0, 2.0, np.zeros((0, 2), np.int32), None, 4095.0)
+    file = CalibrationFile().with_part("dark", dark, record)
+    assert benefit_of(file) == ()
+    first, *others = part_summaries(file, NOW)
+    assert (first.title, first.age_days) == ("dark", None)
+    assert all(part.record is None and part.command for part in others)
+    assert "What it buys" not in page_of(file).text
+    assert page_of(CalibrationFile()).text
+
+
+def test_distant_lights_are_drawn_as_directions(near_calibration: CalibrationFile) -> None:
+    measured = near_calibration.calibration.lights
+    assert measured is not None
+    distant = replace(
+        measured, lighting=Lighting.ring(45.0), distance_errors=None, lobe_exponent=None
+    )
+    file = near_calibration.with_part("lights", distant, near_calibration.records["lights"])
+    text = page_of(file).text
+    assert "Distant lights: directions" in text
+    assert " px \N{PLUS-MINUS SIGN}" not in text
+
+
+@pytest.fixture
+def saved(whole: CalibrationFile, tmp_path: Path) -> Path:
+    path = tmp_path / "rig.ps4cal"
+    whole.write(path)
+    return path
+
+
+def test_show_prints_a_summary_and_writes_the_page(ps4rig: Callable[..., Any], saved: Path) -> None:
+    done = ps4rig("calibrate", "show", saved)
+    assert done.exit_code == 0
+    for words in ("flat field", "missing: noise", "without calibration:", "rig.html: maps"):
+        assert words in done.stdout
+    assert "<svg" in saved.with_suffix(".html").read_text(encoding="utf-8")
+    other = saved.with_name("other.html")
+    assert ps4rig("calibrate", "show", saved, "--out", other).exit_code == 0
+    assert other.exists()
+
+
+def test_show_prints_json_without_a_page(
+    ps4rig: Callable[..., Any], saved: Path, whole: CalibrationFile
+) -> None:
+    done = ps4rig("calibrate", "show", saved, "--json")
+    assert done.exit_code == 0
+    said = json.loads(done.stdout)
+    assert said["calibration_id"] == whole.hash
+    assert set(said["parts"]) == {"dark", "response", "flat_field", "lights", "scale"}
+    assert set(said["missing"]) == {"noise"}
+    assert said["lights"]["each"][0]["distance_mm"] == pytest.approx(320.0 * 0.02)
+    assert said["normal_error_deg"]["without calibration"] > 8.0
+    assert not saved.with_suffix(".html").exists()
+
+
+def test_show_refuses_another_file_and_another_suffix(
+    refused: Callable[..., str], saved: Path
+) -> None:
+    page = saved.with_name("page.pdf")
+    assert "must end in .html" in refused("calibrate", "show", saved, "--out", page)
+    missing = saved.with_name("none.ps4cal")
+    assert "make one with ps4rig calibrate" in refused("calibrate", "show", missing)
+
+
+@pytest.mark.browser
+def test_chromium_shows_the_page_without_an_error(saved: Path, ps4rig: Callable[..., Any]) -> None:
+    assert ps4rig("calibrate", "show", saved).exit_code == 0
+    page = saved.with_suffix(".html")
+    done = subprocess.run(
+        ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
+         f"--user-data-dir={saved.parent / 'profile'}", "--enable-logging=stderr", "--dump-dom",
+         page.as_uri()],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert done.stdout.count("<svg") == 4
+    assert "CONSOLE" not in done.stderr
