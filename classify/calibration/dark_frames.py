@@ -89,6 +89,8 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
     # The median over blocks leaves out those with hot or flickering pixels.
     _, variances, _ = temporal_variances(blocks, np.ones(blocks.shape[1:], np.bool_))
     noise = float(np.sqrt(np.median(variances)))
+    if lit is not None:
+        _check_unlit(frames, lit, noise, float(full_scale))
     mean = frames.mean(axis=0, dtype=np.float64)
     excess = mean - _spread(medians, mean.shape)
     hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + _ROUNDING_VARIANCE)
@@ -99,8 +101,6 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
             "beside the cover, or the exposure is too long for this camera; cover the lens, or "
             "shorten the exposure"
         )
-    if lit is not None:
-        _check_unlit(frames, lit, noise, float(full_scale))
     spread = float(np.median(np.abs(excess[~hot] - np.median(excess[~hot])))) / 0.6745
     pattern = np.sqrt(max(0.0, spread**2 - noise**2 / len(frames)))
     dark = Dark(
