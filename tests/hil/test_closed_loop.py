@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
+from capture.calibration.ps4cal import CalibrationFile
 from classify import Lighting
 from rig import synthetic_surface
 from rig.scene.render import render_frame
@@ -18,7 +19,16 @@ from rig.scene.synthetic import tile_side_px
 from rig.simulation.sensor import SensorModel
 
 from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
-from .guest.loop_bench import EXPOSURE_MS, ROTATE_DEG, SEED, SETS, SIDE_PX, SURFACE, ps4rig
+from .guest.loop_bench import (
+    EXPOSURE_MS,
+    HOT_PIXELS,
+    ROTATE_DEG,
+    SEED,
+    SETS,
+    SIDE_PX,
+    SURFACE,
+    ps4rig,
+)
 
 pytestmark = pytest.mark.kernel
 
@@ -108,6 +118,16 @@ def test_every_frame_began_after_its_light_had_settled(loop: Loop) -> None:
 def test_solve_accepts_the_set(loop: Loop) -> None:
     run("solve", loop.sets[0], "--out", loop.shared / "maps")
     assert (loop.shared / "maps" / "normals.tif").exists()
+
+
+def test_the_calibration_describes_the_sensor(loop: Loop) -> None:
+    found, sensor = CalibrationFile.read(loop.shared / "rig.ps4cal"), SensorModel(bit_depth=16)
+    dark = found.calibration.dark
+    assert dark is not None
+    assert found.records["dark"].setting.simulated
+    assert dark.offset == pytest.approx(sensor.black_level_dn, rel=0.01)
+    assert dark.noise == pytest.approx(sensor.read_noise_dn, rel=0.05)
+    assert len(dark.hot_pixels) == HOT_PIXELS
 
 
 def test_classify_finds_the_texture_and_its_angle(loop: Loop) -> None:

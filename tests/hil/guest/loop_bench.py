@@ -18,6 +18,7 @@ EXPOSURE_MS = 20.0
 SETS = 2
 # The part: another patch of the surface than the library is trained on, and rotated.
 SURFACE, SEED, ROTATE_DEG = "sand", 7, 40.0
+HOT_PIXELS = 6
 
 
 def rig_toml(pixel_format: str = "Y16") -> str:
@@ -49,11 +50,13 @@ def ps4rig(*arguments: object) -> list[str]:
 
 
 @contextmanager
-def simulated_rig(config: Path, serial: str) -> Iterator[subprocess.Popen[str]]:
+def simulated_rig(
+    config: Path, serial: str, surface: str = SURFACE
+) -> Iterator[subprocess.Popen[str]]:
     """Run ``ps4rig rig simulate`` as a process, and end it with Ctrl-C."""
     command = ps4rig(
         *("rig", "simulate", "--rig", config, "--serial", serial, "--video", VIDEO),
-        *("--surface", SURFACE, "--seed", SEED, "--rotate", ROTATE_DEG),
+        *("--surface", surface, "--seed", SEED, "--rotate", ROTATE_DEG),
     )
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

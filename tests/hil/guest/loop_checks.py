@@ -22,6 +22,7 @@ from rig.v4l2.output import V4l2Output
 from rig.v4l2.pixel_formats import PIXEL_FORMATS
 from rig.v4l2.pixel_packing import PACKINGS
 from tests.hil.guest.loop_bench import (
+    HOT_PIXELS,
     PERIOD_S,
     SETS,
     SHARED,
@@ -172,8 +173,18 @@ def test_a_device_that_takes_no_frames_is_named() -> None:
 
 
 def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: subprocess.Popen[str]) -> None:
-    # Must be the last check, because the others need the process.
+    # The checks above need the process, and those below the devices.
     simulation.send_signal(signal.SIGINT)
     _, said = simulation.communicate(timeout=20.0)
     assert simulation.returncode == 0
     assert re.fullmatch(r"no LED lit, \d+ frames written, \d+ too late\n", said)
+
+
+def test_dark_frames_are_measured_through_real_devices(gadget: Gadget, config: Path) -> None:
+    covered = SHARED / "covered.toml"
+    covered.write_text(f"{rig_toml()}\n[simulation]\nhot_pixels = {HOT_PIXELS}\n")
+    command = ps4rig("calibrate", "dark", "--rig", config, "--yes", SHARED / "rig.ps4cal")
+    with simulated_rig(covered, gadget.far_end, "lens_cap") as simulation:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert simulation.poll() is None
