@@ -22,6 +22,9 @@ class Scale:
         (5,) float64 k1, k2, p1, p2, k3 of OpenCV; None if it moves no pixel by more than 0.5 px.
     residual_px
         rms distance of the corners of the checkerboard from the model.
+    focal_error
+        Standard error of the focal length as a share of it; None if it was not measured, and the
+        camera matrix is that of `nominal_camera_matrix`.
 
     Raises
     ------
@@ -34,6 +37,12 @@ class Scale:
     camera_matrix: npt.NDArray[np.float64]
     distortion: npt.NDArray[np.float64] | None
     residual_px: float
+    focal_error: float | None = None
+
+    @property
+    def focal_px(self) -> float | None:
+        """The focal length in pixels, where it was measured."""
+        return None if self.focal_error is None else float(self.camera_matrix[0, 0])
 
     def __post_init__(self) -> None:
         if not 1e-6 <= self.mm_per_px <= 1e3:
@@ -47,3 +56,21 @@ class Scale:
             distortion.shape == (5,) and np.isfinite(distortion).all()
         ):
             raise InputError(f"distortion is {distortion.shape}; give 5 finite coefficients")
+        if self.focal_error is not None and not (
+            0.0 <= self.focal_error < np.inf and self.camera_matrix[0, 0] > 0.0
+        ):
+            raise InputError(
+                f"focal length of {self.camera_matrix[0, 0]:g} px with an error of "
+                f"{self.focal_error:g}; give positive numbers"
+            )
+
+
+def nominal_camera_matrix(frame: tuple[int, int]) -> npt.NDArray[np.float64]:
+    """Camera matrix of a frame (rows, columns) whose focal length is unknown.
+
+    Coefficients of distortion refer to a focal length; twice the longer side stands for it here.
+    """
+    rows, columns = frame
+    focal_px = 2.0 * max(rows, columns)
+    middle = 0.5 * (columns - 1), 0.5 * (rows - 1)
+    return np.array([[focal_px, 0.0, middle[0]], [0.0, focal_px, middle[1]], [0.0, 0.0, 1.0]])

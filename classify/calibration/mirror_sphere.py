@@ -1,0 +1,143 @@
+"""Directions of lights from their images in a mirror sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from classify.errors import CalibrationRejected
+
+from .sphere import FloatArray, Sphere
+
+# A highlight covers the pixels of which it is more than this share.
+_HIGHLIGHT = 0.5
+# Beyond this share of the radius an outline's own blur and background mix in.
+_INSIDE = 0.97
+# Least ratio of a highlight's peak to the noise of the rest of the sphere, by its robust scatter.
+_LEAST_CONTRAST = 8.0
+# A second reflection with this share of the light of the first makes the choice doubtful.
+_DOUBTFUL = 0.5
+# Lights this low and lower are reflections from below, such as of the table: z of their direction.
+_LOWEST_Z = 0.02
+# A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
+# lit wall or an overexposed picture.
+_LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
+# Position of a highlight's centre within its own size: a lamp is not brightest in its middle.
+_CENTRE_SHARE = 0.1
+# Of a highlight of a few pixels, whose light is cut at full scale.
+_PIXEL = 0.15
+
+
+def mirror_directions(
+    images: npt.NDArray[Any], sphere: Sphere, ambient: npt.NDArray[Any] | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
+    """Find the light of each picture by its image in a mirror sphere.
+
+    What the pictures have in common is the room. What is left of each is its light, at
+    l = 2 (n . v) n - v, averaged over the highlight with its light as weight: equal areas of the
+    picture of a mirror sphere are equal solid angles, 4 / radius^2.
+
+    Parameters
+    ----------
+    images
+        (N, H, W) pictures, one per light.
+    ambient
+        (H, W) picture without any light, which shows the room too.
+
+    Returns
+    -------
+    directions, errors_deg, points
+        (N, 3) unit vectors, (N,) standard errors and (N, 3) reflecting points.
+    doubts
+        A sentence for each light whose highlight is not the only one.
+
+    Raises
+    ------
+    CalibrationRejected
+        If a picture has no highlight; the message names the picture.
+    """
+    rows, columns = sphere.pixels(_INSIDE)
+    top, left = int(rows.min()), int(columns.min())
+    values = images[:, rows, columns].astype(np.float64)
+    without = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
+    normals, views = sphere.surface_at(columns, rows)
+    towards = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
+    shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
+    directions, errors, points, doubts = [], [], [], []
+    for light in range(len(values)):
+        room = _room([*np.delete(values, light, axis=0), *without], values[light])
+        change = values[light] - room
+        share = _lit_share(values[light], room, light)
+        picture = np.zeros(shape, np.bool_)
+        picture[rows - top, columns - left] = share > _HIGHLIGHT
+        label = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
+        blobs = []
+        for each in range(1, int(label.max()) + 1):
+            at = np.flatnonzero(label == each)
+            weights = share[at] - _HIGHLIGHT
+            direction = weights @ towards[at]
+            direction /= np.linalg.norm(direction)
+            blobs.append((float(change[at].sum()), at, weights, direction))
+        above = [blob for blob in blobs if blob[3][2] > _LOWEST_Z]
+        if not above:
+            raise CalibrationRejected(
+                f"picture {light}: its brightest reflection is in the rim of the sphere, as of a "
+                "light behind the plane of the part; light it from the camera's side, or leave "
+                "the picture out"
+            )
+        above.sort(key=lambda blob: -blob[0])
+        total, at, weights, direction = above[0]
+        if at.size * 4.0 / sphere.radius_px**2 > _LARGEST:
+            raise CalibrationRejected(
+                f"picture {light}: the light fills {at.size / len(rows):.0%} of the sphere; use a "
+                "smaller lamp or a shorter exposure, and a polished sphere"
+            )
+        if len(above) > 1 and above[1][0] > _DOUBTFUL * total:
+            doubts.append(
+                f"picture {light} has two reflections that differ from the other pictures, with "
+                f"{above[1][0] / total:.0%} of the light of the brighter one; that one was taken"
+            )
+        normal = direction + weights @ views[at] / weights.sum()
+        normal /= np.linalg.norm(normal)
+        spread = np.sqrt(weights @ ((towards[at] - direction) ** 2).sum(axis=1) / weights.sum())
+        half = max(float(normal[2]), 0.1)
+        # l turns twice as fast as n, which turns by 1 / (radius n_z) per px.
+        outline, pixel = (2.0 * px / sphere.radius_px / half for px in (sphere.error_px, _PIXEL))
+        errors.append(np.degrees(np.sqrt(outline**2 + pixel**2 + (_CENTRE_SHARE * spread) ** 2)))
+        directions.append(direction)
+        points.append(sphere.centre + sphere.radius_px * normal)
+    return np.array(directions), np.array(errors), np.array(points), doubts
+
+
+def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
+    """What every picture shows: the median of the others, or the least of one or two others."""
+    if not others:
+        return np.full(values.shape, np.median(values))
+    return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
+
+
+def _lit_share(values: FloatArray, room: FloatArray, light: int) -> FloatArray:
+    """Share of each pixel, 0 to 1, that shows the light and not the room.
+
+    A highlight is often at full scale. It then adds less to a bright window than to a dark wall
+    beside it, and the share is of what is left up to full scale.
+    """
+    change = values - room
+    highest = float(change.max())
+    middle = float(np.median(change))
+    scatter = 1.4826 * float(np.median(np.abs(change - middle)))
+    # Values of one digit have no scatter, and are uncertain by one.
+    noise = max(scatter, 1.0 if float(values.max()) > 1.0 else 0.0)
+    if highest - middle < _LEAST_CONTRAST * noise or highest <= 0.0:
+        raise CalibrationRejected(
+            f"picture {light} has no highlight on the sphere that the other pictures lack; is it a "
+            "polished sphere, and does each picture have its own light?"
+        )
+    bright = values[change >= 0.5 * highest]
+    is_clipped = (bright == bright.max()).sum() > 1
+    share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
+    return np.where(change > 0.25 * _LEAST_CONTRAST * noise + middle, np.clip(share, 0.0, 1.0), 0.0)

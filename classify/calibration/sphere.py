@@ -1,0 +1,127 @@
+"""Geometry of a sphere in a picture: normals, views and points of its surface, pixel by pixel.
+
+Coordinates are pixels of the image at the plane of the part, from the middle of the frame: x right,
+y up, z towards the camera. The sphere lies on that plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import CalibrationRejected
+
+from .sphere_outline import Outline
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere:
+    """A sphere at rest on the plane of the part.
+
+    Attributes
+    ----------
+    centre
+        (3,) its centre.
+    radius_px, error_px
+        Radius, and standard error of the centre in the picture.
+    focal_px
+        Distance of the camera from the plane of the part, which is its focal length in pixels;
+        None for an orthographic view.
+    frame
+        Rows and columns of the picture.
+    """
+
+    centre: FloatArray
+    radius_px: float
+    error_px: float
+    focal_px: float | None
+    frame: tuple[int, int]
+
+    @classmethod
+    def of_outline(
+        cls, outline: Outline, frame: tuple[int, int], focal_px: float | None = None
+    ) -> Sphere:
+        """Return the sphere with this outline.
+
+        Rays of a pinhole camera to the outline of a sphere form a circular cone. For unit vectors d
+        along it and the unit vector c to the centre of the sphere, d . c = cos(g), so
+        d . (c / cos(g)) = 1 is solved by linear least squares. sin(g) is radius / distance.
+
+        Raises
+        ------
+        CalibrationRejected
+            If the rays of the outline form no cone.
+        """
+        rows, columns = frame
+        if focal_px is None:
+            x, y = (
+                outline.circle.column - 0.5 * (columns - 1),
+                0.5 * (rows - 1) - outline.circle.row,
+            )
+            radius = outline.circle.radius
+            return cls(np.array([x, y, radius]), radius, outline.error_px, None, frame)
+        rays = _rays(outline.rim[:, 0], outline.rim[:, 1], frame, focal_px)
+        axis = np.linalg.lstsq(rays, np.ones(len(rays)), rcond=None)[0]
+        length = float(np.linalg.norm(axis))
+        if length <= 1.0:
+            raise CalibrationRejected(
+                "the outline is not that of a sphere in perspective; calibrate the scale again"
+            )
+        # Distance of the centre in radii; the lowest point of the sphere is on the plane z = 0.
+        distance = 1.0 / np.sqrt(1.0 - 1.0 / length**2)
+        towards = axis / length
+        radius = focal_px / (1.0 - distance * towards[2])
+        centre = np.array([0.0, 0.0, focal_px]) + distance * radius * towards
+        return cls(centre, float(radius), outline.error_px, focal_px, frame)
+
+    def surface_at(
+        self, columns: npt.ArrayLike, rows: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
+        """Unit normals, and unit vectors to the camera, (n, 3) each, at pixels of the sphere.
+
+        Pixels beyond the outline get the normal at the outline.
+        """
+        at_column, at_row = np.asarray(columns, np.float64), np.asarray(rows, np.float64)
+        if self.focal_px is None:
+            height, width = self.frame
+            x = (at_column - 0.5 * (width - 1) - self.centre[0]) / self.radius_px
+            y = (0.5 * (height - 1) - at_row - self.centre[1]) / self.radius_px
+            beyond = np.maximum(np.hypot(x, y), 1.0)
+            x, y = x / beyond, y / beyond
+            normals = np.stack([x, y, np.sqrt(np.maximum(1.0 - x * x - y * y, 0.0))], axis=-1)
+            return normals, np.broadcast_to([0.0, 0.0, 1.0], normals.shape)
+        rays = _rays(at_column, at_row, self.frame, self.focal_px)
+        centre = self.centre - (0.0, 0.0, self.focal_px)
+        along = rays @ centre
+        inside = along**2 - centre @ centre + self.radius_px**2
+        points = rays * (along - np.sqrt(np.maximum(inside, 0.0)))[..., None]
+        normals = points - centre
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        return normals, -rays
+
+    def pixels(self, share: float = 1.0) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Rows and columns of the pixels within this share of the outline's radius."""
+        height, width = self.frame
+        away = 1.0 if self.focal_px is None else 1.0 - self.centre[2] / self.focal_px
+        x, y = self.centre[0] / away, self.centre[1] / away
+        radius = share * self.radius_px / away
+        column, row = x + 0.5 * (width - 1), 0.5 * (height - 1) - y
+        rows = np.arange(max(int(row - radius), 0), min(int(row + radius) + 2, height))
+        columns = np.arange(max(int(column - radius), 0), min(int(column + radius) + 2, width))
+        inside = (rows[:, None] - row) ** 2 + (columns - column) ** 2 < radius**2
+        at = np.nonzero(inside)
+        return rows[at[0]], columns[at[1]]
+
+
+def _rays(
+    columns: FloatArray, rows: FloatArray, frame: tuple[int, int], focal_px: float
+) -> FloatArray:
+    """Unit vectors from the camera through pixels."""
+    height, width = frame
+    x, y = columns - 0.5 * (width - 1), 0.5 * (height - 1) - rows
+    rays = np.stack([x, y, np.full_like(x, -focal_px)], axis=-1)
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))

@@ -1,0 +1,359 @@
+"""Find the sphere in pictures of it: its outline, to a fraction of a pixel.
+
+Edges vote for centres (Duda and Hart 1972, with the direction of the gradient), and the best
+circles are compared by the edges that lie on them, ray by ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from classify.errors import CalibrationRejected
+
+from .circle import Circle, centre_error, circles_through, fitted_circle
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Image = npt.NDArray[np.float32]
+
+# The search reduces frames to this, and the last fit to spheres of this radius: 0.1 px is then
+# 0.03 degrees of a normal.
+_SEARCH_PX, _FIT_RADIUS_PX = 320, 200.0
+# At 12 px an outline known to 0.2 px gives lights to 2 degrees.
+_SMALLEST_RADIUS_PX = 12.0
+_RADIUS_STEP = 1.05
+# Gradients point to the centre within about this angle, in radians.
+_VOTE_SCATTER = 0.05
+_CANDIDATES = 10
+_RAYS, _SECTORS, _EDGES_PER_RAY = 360, 8, 5
+_TRIALS = 400
+# Bands of radii in which edges are sought, and the tolerance, each as a share of the radius.
+_COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
+_SMALLEST_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
+# Rooms rendered without a sphere give 0 to 0.2, spheres in them 0.07 to 1
+# (tests/sphere_pictures.py). What has no highlight or no shading of a sphere is refused later.
+_LOWEST_SCORE = 0.05
+# Systematic error of an outline from edges: 0.2 px, and this share of the radius, divided by the
+# score. A mirror reflects its background in its rim, so that the last edge that is seen is inside
+# (40 spheres of tests/sphere_pictures.py in four kinds of background).
+_SYSTEMATIC_PX, _SYSTEMATIC_SHARE = 0.2, 0.002
+# A circle around the best one is the outline if it has this share of its score: windows and lamps
+# in a mirror are small circles too.
+_OUTER_SHARE, _OUTER_RADIUS = 0.4, 1.5
+# rms deviation of a mask from a circle, as a share of the radius. Perspective gives 0.01 at 15
+# degrees from the axis, a square 0.08.
+_ROUND = 0.02
+# Masks are drawn to whole pixels; 0.1 px is what rounding leaves on circles of 60 to 200 px across.
+_MASK_PX = 0.1
+# Share of the circumference that may be beyond the frame.
+_CUT = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The outline of a sphere in a picture.
+
+    Attributes
+    ----------
+    circle
+        The circle that fits it best.
+    rim
+        (n, 2) columns and rows of points on it.
+    error_px
+        Standard error of the circle's centre.
+    score
+        How much of the circumference is visible as an edge, 0 to 1; 1 for a mask.
+    """
+
+    circle: Circle
+    rim: FloatArray
+    error_px: float
+    score: float
+
+
+def outline_of_mask(mask: BoolArray) -> Outline:
+    """Return the outline of the largest white region of an (H, W) mask of the sphere.
+
+    Raises
+    ------
+    CalibrationRejected
+        If that region is small, cut by the frame, or not round.
+    """
+    labels, count = ndimage.label(ndimage.binary_fill_holes(mask))
+    sizes = np.bincount(labels.ravel(), minlength=2)
+    sizes[0] = 0
+    region = labels == np.argmax(sizes) if count else np.zeros_like(mask)
+    rows, columns = np.nonzero(region)
+    radius = float(np.sqrt(rows.size / np.pi))
+    if radius < _SMALLEST_RADIUS_PX:
+        raise CalibrationRejected(
+            f"the sphere in the mask has {2 * radius:.0f} px across; show it with at least "
+            f"{2 * _SMALLEST_RADIUS_PX:.0f} px"
+        )
+    height, width = mask.shape
+    if (
+        rows.min() == 0
+        or columns.min() == 0
+        or rows.max() == height - 1
+        or columns.max() == width - 1
+    ):
+        raise CalibrationRejected(
+            "the sphere in the mask is cut by the frame; show the whole of it"
+        )
+    # The middle between a white pixel and its black neighbour, along rows and along columns.
+    rim = np.concatenate([
+        np.argwhere(region[:, 1:] != region[:, :-1])[:, ::-1] + (0.5, 0.0),
+        np.argwhere(region[1:] != region[:-1])[:, ::-1] + (0.0, 0.5),
+    ])  # fmt: skip
+    start = Circle(float(columns.mean()), float(rows.mean()), radius)
+    circle = fitted_circle(rim, np.ones(len(rim)), start)
+    off = np.hypot(rim[:, 0] - circle.column, rim[:, 1] - circle.row) / circle.radius - 1.0
+    if (rms := float(np.sqrt(np.mean(off**2)))) > _ROUND + 0.5 / radius:
+        raise CalibrationRejected(
+            f"the mask is not round: its edge is {rms:.1%} of the radius off a circle; let it be "
+            "white on one sphere and black elsewhere"
+        )
+    error_px = float(np.hypot(centre_error(rim, np.ones(len(rim)), circle), _MASK_PX))
+    return Outline(circle, rim, error_px, 1.0)
+
+
+def find_outline(images: npt.NDArray[Any]) -> Outline:
+    """Find the outline of the one sphere in (N, H, W) pictures under N lights.
+
+    Raises
+    ------
+    CalibrationRejected
+        If there is none, or it is cut by the frame.
+    """
+    features = _features(images)
+    height, width = features[0].shape
+    factor = min(1.0, _SEARCH_PX / max(height, width))
+    small = _reduced(features, factor)
+    found = [_fitted(small, each, _COARSE) for each in _candidates(small, factor)]
+    if not found:
+        raise CalibrationRejected(_NONE)
+    best = _chosen(found)
+    near = _scaled(best.circle, 1.0 / factor)
+    factor = min(1.0, _FIT_RADIUS_PX / near.radius)
+    fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
+    if max(best.score, fine.score) < _LOWEST_SCORE:
+        raise CalibrationRejected(_NONE)
+    circle = _scaled(fine.circle, 1.0 / factor)
+    angles = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
+    columns = circle.column + circle.radius * np.cos(angles)
+    rows = circle.row + circle.radius * np.sin(angles)
+    beyond = (columns < -0.5) | (columns > width - 0.5) | (rows < -0.5) | (rows > height - 0.5)
+    if float(np.mean(beyond)) > _CUT:
+        raise CalibrationRejected(
+            f"the sphere at column {circle.column:.0f}, row {circle.row:.0f} with a radius of "
+            f"{circle.radius:.0f} px is cut by the frame; show the whole of it"
+        )
+    rim = (fine.rim + 0.5) / factor - 0.5
+    systematic_px = _SYSTEMATIC_SHARE * circle.radius / max(fine.score, _LOWEST_SCORE)
+    error_px = float(np.hypot(fine.error_px / factor, systematic_px)) + _SYSTEMATIC_PX
+    return Outline(circle, rim, error_px, fine.score)
+
+
+_NONE = (
+    "no sphere is seen in the pictures; put it on a background that is brighter or darker than its "
+    "rim, or give a mask that is white where it is"
+)
+
+
+def _scaled(circle: Circle, factor: float) -> Circle:
+    """The circle in a frame with `factor` times as many pixels; centres of pixels are whole."""
+    column, row = ((each + 0.5) * factor - 0.5 for each in circle[:2])
+    return Circle(column, row, circle.radius * factor)
+
+
+def _features(images: npt.NDArray[Any]) -> list[Image]:
+    """Mean, largest and smallest value over the lights, as roots: all values then weigh alike."""
+    each = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
+    top = max(float(image.max()) for image in each) or 1.0
+    return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in each]
+
+
+def _reduced(features: list[Image], factor: float) -> list[Image]:
+    if factor == 1.0:
+        return features
+    height, width = features[0].shape
+    size = (round(width * factor), round(height * factor))
+    return [
+        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_AREA), np.float32)
+        for each in features
+    ]
+
+
+def _edges(features: list[Image]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Columns and rows (n, 2), unit gradients (n, 2) and weights 0 to 1 of edge pixels."""
+    found = []
+    for image in features:
+        smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+        gx, gy = (cv2.Scharr(smooth, cv2.CV_32F, dx, 1 - dx) for dx in (1, 0))
+        size = np.hypot(gx, gy)
+        typical = float(np.median(size)) + 1e-6
+        rows, columns = np.nonzero(size > 2.0 * typical)
+        here = size[rows, columns]
+        ux, uy = gx[rows, columns] / here, gy[rows, columns] / here
+        before, after = (
+            ndimage.map_coordinates(
+                size, (rows + k * uy, columns + k * ux), order=1, mode="nearest"
+            )
+            for k in (-1, 1)
+        )
+        weight = here / (here + 4.0 * typical)
+        edges = np.stack([columns, rows, ux, uy, weight], axis=1)
+        found.append(edges[(here >= before) & (here > after)])
+    edges = np.concatenate(found).astype(np.float64)
+    return edges[:, :2], edges[:, 2:4], edges[:, 4]
+
+
+def _candidates(features: list[Image], factor: float) -> list[Circle]:
+    """Circles that many edges are on, the likeliest first."""
+    points, gradients, weights = _edges(features)
+    height, width = features[0].shape
+    found: list[tuple[float, Circle]] = []
+    radius = max(factor * _SMALLEST_RADIUS_PX, 8.0)
+    while radius <= 0.55 * min(height, width):
+        votes = np.zeros(height * width)
+        for sign in (-radius, radius):
+            at = np.rint(points + sign * gradients).astype(np.intp)
+            inside = ((at >= 0) & (at < (width, height))).all(axis=1)
+            cell = at[inside, 1] * width + at[inside, 0]
+            votes += np.bincount(cell, weights[inside], height * width)
+        scatter = max(1.0, _VOTE_SCATTER * radius)
+        image = votes.reshape(height, width)
+        area = 4.0 * np.pi * scatter**2
+        count = cv2.GaussianBlur(image, (0, 0), scatter) * area
+        expected = cv2.GaussianBlur(image, (0, 0), 4.0 * scatter) * area
+        # Standard deviations above what edges in random places give.
+        score = (count - expected) / np.sqrt(expected + 0.2 * radius)
+        peaks = (score == cv2.dilate(score, np.ones((5, 5)))) & (score > 0.0)
+        found += [
+            (float(score[row, column]), Circle(float(column), float(row), radius))
+            for row, column in np.argwhere(peaks)
+        ]
+        radius *= _RADIUS_STEP
+    found.sort(key=lambda each: -each[0])
+    kept: list[Circle] = []
+    for _, each in found:
+        if all(
+            np.hypot(each.column - other.column, each.row - other.row)
+            + abs(each.radius - other.radius) > 0.1 * each.radius
+            for other in kept
+        ):  # fmt: skip
+            kept.append(each)
+            if len(kept) == _CANDIDATES:
+                break
+    return kept
+
+
+def _chosen(found: list[Outline]) -> Outline:
+    # Longer outlines meet more edges of other things by chance, but say more.
+    best = max(found, key=lambda each: each.score * each.circle.radius**0.25)
+
+    def is_around(each: Outline) -> bool:
+        c, r, radius = (a - b for a, b in zip(each.circle, best.circle, strict=True))
+        return (
+            float(np.hypot(c, r)) < radius + 0.02 * each.circle.radius
+            and each.circle.radius > _OUTER_RADIUS * best.circle.radius
+            and each.score > _OUTER_SHARE * best.score
+        )
+
+    return max(filter(is_around, found), key=lambda each: each.score, default=best)
+
+
+def _radial_edges(
+    features: list[Image], circle: Circle, band_px: float
+) -> tuple[FloatArray, FloatArray]:
+    """Points (rays, k, 2) with the steepest slopes along rays, and their weights 0 to 1."""
+    step = 0.5
+    radii = np.arange(max(circle.radius - band_px, 1.0), circle.radius + band_px, step)
+    angles = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    columns = (circle.column + radii * rays[:, :1]).astype(np.float32)
+    rows = (circle.row + radii * rays[:, 1:]).astype(np.float32)
+    height, width = features[0].shape
+    weights = np.zeros(columns.shape)
+    for image in features:
+        profile = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        slope = np.abs(ndimage.gaussian_filter1d(profile, 1.0 / step, axis=1, order=1))
+        typical = float(np.median(slope)) + 1e-6
+        weights = np.maximum(weights, slope**2 / (slope**2 + (5.0 * typical) ** 2))
+    weights *= (columns > 0) & (columns < width - 1) & (rows > 0) & (rows < height - 1)
+    middle = weights[:, 1:-1]
+    peaks = np.where((middle >= weights[:, :-2]) & (middle > weights[:, 2:]), middle, 0.0)
+    at = np.argsort(-peaks, axis=1)[:, :_EDGES_PER_RAY] + 1
+    ray = np.arange(_RAYS)[:, None]
+    before, here, after = weights[ray, at - 1], weights[ray, at], weights[ray, at + 1]
+    curvature = np.minimum(before - 2.0 * here + after, -1e-12)
+    # The top of the parabola through three values.
+    found = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    points = np.array(circle[:2]) + found[..., None] * rays[:, None, :]
+    return points, peaks[ray, at - 1]
+
+
+def _fitted(
+    features: list[Image], start: Circle, rounds: tuple[tuple[float, float], ...]
+) -> Outline:
+    """Fit the circle near `start` that most rays have an edge on (RANSAC, then least squares)."""
+    rng = np.random.default_rng(0)
+    circle, error_px, score = start, np.inf, 0.0
+    rim = np.empty((0, 2))
+    for band, share in rounds:
+        band_px = max(band * start.radius, 4.0)
+        tolerance = max(_SMALLEST_TOLERANCES_PX[share], share * start.radius)
+        points, weights = _radial_edges(features, circle, band_px)
+        # Three rays about a third of the circumference apart.
+        ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.array([0, 120, 240])
+        ray = (ray + rng.integers(-40, 41, ray.shape)) % _RAYS
+        trials = circles_through(points[ray, rng.integers(0, _EDGES_PER_RAY, ray.shape)])
+        nudged = np.array(circle) + rng.normal(0.0, 0.3 * tolerance, (_TRIALS // 4, 3))
+        trials = np.concatenate([trials, nudged, [circle]])
+        trials = trials[np.abs(trials - np.array(circle)).max(axis=1) < band_px]
+        scores = _scores(points, weights, trials, tolerance)
+        circle = Circle(*map(float, trials[np.argmax(scores)]))
+        for _ in range(3):
+            gain = weights * _nearness(_off(points, np.array([circle]))[0], tolerance) ** 2
+            best = np.argmax(gain, axis=1)
+            gains = gain.max(axis=1)
+            if (gains > 0.0).sum() < 3 * _SECTORS:
+                return Outline(circle, rim, np.inf, 0.0)
+            rim = points[np.arange(_RAYS), best][gains > 0.0]
+            gains = gains[gains > 0.0]
+            circle = fitted_circle(rim, gains, circle)
+        score = float(_scores(points, weights, np.array([circle]), tolerance)[0])
+        error_px = centre_error(rim, gains, circle)
+    return Outline(circle, rim, error_px, score)
+
+
+def _off(points: FloatArray, circles: FloatArray) -> FloatArray:
+    """Distances (circles, rays, k) of points outside circles; negative inside."""
+    dx = points[..., 0] - circles[:, None, None, 0]
+    dy = points[..., 1] - circles[:, None, None, 1]
+    return np.asarray(np.hypot(dx, dy) - circles[:, None, None, 2])
+
+
+def _nearness(off: FloatArray, tolerance: float) -> FloatArray:
+    return np.asarray(np.maximum(1.0 - (off / tolerance) ** 2, 0.0))
+
+
+def _scores(
+    points: FloatArray, weights: FloatArray, circles: FloatArray, tolerance: float
+) -> FloatArray:
+    """Edges on each circle, less half of those just outside it; 1 is an edge all around.
+
+    Reflections in a mirror crowd just inside its outline, so the outermost circle is right. Roots
+    of the means of sectors favour a circle with edges on all sides over one that touches another.
+    """
+    off = _off(points, circles)
+    on = (weights * _nearness(off, tolerance)).max(axis=2)
+    outside = np.where((off > tolerance) & (off < 8.0 * tolerance), weights, 0.0).max(axis=2)
+    sectors = (on - 0.5 * outside).reshape(len(circles), _SECTORS, -1).mean(axis=2)
+    return np.asarray(np.sqrt(np.maximum(sectors, 0.0)).mean(axis=1) ** 2)

@@ -1,0 +1,237 @@
+"""Directions and positions of lights from pictures of a mirror sphere or a matt sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import CalibrationRejected, InputError
+from classify.lighting import Lighting
+
+from .lights import CalibratedLights
+from .matte_sphere import matte_directions
+from .mirror_sphere import mirror_directions
+from .scale import Scale, nominal_camera_matrix
+from .sphere import FloatArray, Sphere
+from .sphere_outline import find_outline, outline_of_mask
+
+SphereKind = Literal["mirror", "matte"]
+
+# Positions are kept if each distance is known to this share of it; else the lights count as
+# distant. Near light at five fields of view costs 10 degrees (table of faults, classify/README.md),
+# of which a distance 15 % off leaves 1.5.
+_KNOWN_DISTANCE = 0.15
+# Errors beyond this are not worth keeping: four lights 10 degrees off turn the normals as far.
+_WORST_ERROR_DEG = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class SpherePictures:
+    """Pictures of a sphere at one place, under each light.
+
+    Attributes
+    ----------
+    images
+        (N, H, W) one picture per light.
+    full_scale
+        Value of saturation.
+    ambient
+        (H, W) picture with all lights off, or None.
+    mask
+        (H, W) true on the sphere, or None if its outline is to be found.
+    """
+
+    images: npt.NDArray[Any]
+    full_scale: float
+    ambient: npt.NDArray[Any] | None = None
+    mask: npt.NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SphereLights:
+    """Lights from spheres, and what they were measured with.
+
+    Attributes
+    ----------
+    spheres
+        The sphere of each placement.
+    outline_scores
+        How much of each outline is visible, 0 to 1.
+    doubts
+        What may be wrong, in sentences.
+    """
+
+    lights: CalibratedLights
+    spheres: tuple[Sphere, ...]
+    outline_scores: tuple[float, ...]
+    doubts: tuple[str, ...]
+
+
+def lights_from_spheres(
+    placements: Sequence[SpherePictures], kind: SphereKind, *, focal_px: float | None = None
+) -> SphereLights:
+    """Measure lights by spheres: one placement gives directions, several give positions.
+
+    Rays from the spheres towards one light meet at its position, by least squares.
+
+    Parameters
+    ----------
+    focal_px
+        Focal length in pixels. Without it the view counts as orthographic, which turns a light by
+        up to (radius / distance of the camera) sin(slant / 2).
+
+    Raises
+    ------
+    InputError
+        For no placement, or placements with different numbers of lights or sizes.
+    CalibrationRejected
+        If a sphere or the light on it is not found; the message names placement and picture.
+    """
+    shapes = {each.images.shape for each in placements}
+    if len(shapes) != 1:
+        raise InputError(
+            f"{len(placements)} placements of the sphere with {len(shapes)} sizes or numbers of "
+            "lights; give the same for each"
+        )
+    frame = placements[0].images.shape[1:]
+    spheres, scores, doubts = [], [], []
+    rays = []
+    levels = []
+    residuals = []
+    for number, each in enumerate(placements):
+        try:
+            outline = find_outline(each.images) if each.mask is None else outline_of_mask(each.mask)
+            sphere = Sphere.of_outline(outline, (frame[0], frame[1]), focal_px)
+            if kind == "mirror":
+                directions, errors, points, said = mirror_directions(
+                    each.images, sphere, each.ambient
+                )
+                residuals.append(sphere.error_px / sphere.radius_px)
+            else:
+                lit = _without_ambient(each)
+                directions, errors, relative, residual = matte_directions(
+                    lit, sphere, each.full_scale
+                )
+                points, said = np.broadcast_to(sphere.centre, directions.shape), []
+                levels.append(relative)
+                residuals.append(residual)
+        except CalibrationRejected as error:
+            where = f"placement {number}: " if len(placements) > 1 else ""
+            raise CalibrationRejected(f"{where}{error}") from error
+        spheres.append(sphere)
+        scores.append(outline.score)
+        doubts += said
+        rays.append((points, directions, np.radians(errors)))
+    points, directions, errors = (np.stack(each) for each in zip(*rays, strict=True))
+    mean, mean_error = _mean_directions(directions, errors)
+    intensities = np.exp(np.mean(np.log(levels), axis=0)) if levels else np.empty(0)
+    residual = float(np.sqrt(np.mean(np.square(residuals))))
+    positions = _positions(points, directions, errors) if len(placements) > 1 else None
+    if positions is not None:
+        at, across, along = positions
+        lighting = Lighting(at, intensities, positions_px=at)
+        distance_errors: FloatArray | None = along
+    else:
+        lighting, across, distance_errors = Lighting(mean, intensities), mean_error, None
+    worst = int(np.argmax(across))
+    if np.degrees(across[worst]) > _WORST_ERROR_DEG:
+        raise CalibrationRejected(
+            f"light {worst} is known to {np.degrees(across[worst]):.0f} degrees only; show the "
+            "sphere larger, on a background that its outline stands out from, or give a mask"
+        )
+    lights = CalibratedLights(
+        lighting=lighting,
+        source="mirror sphere" if kind == "mirror" else "matte sphere",
+        direction_errors_deg=np.degrees(across),
+        distance_errors=distance_errors,
+        residual=residual,
+        lobe_exponent=None,
+    )
+    return SphereLights(lights, tuple(spheres), tuple(scores), tuple(doubts))
+
+
+def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
+    """Return the scale at the plane of the part from spheres of known diameter.
+
+    Raises
+    ------
+    InputError
+        If the diameter is not positive and finite.
+    """
+    if not 0.0 < diameter_mm < np.inf:
+        raise InputError(f"diameter of {diameter_mm:g} mm; give that of the sphere")
+    radii = np.array([each.radius_px for each in spheres])
+    error_px = max(each.error_px for each in spheres)
+    return Scale(
+        mm_per_px=diameter_mm / (2.0 * float(radii.mean())),
+        error=error_px / float(radii.mean()),
+        camera_matrix=nominal_camera_matrix(spheres[0].frame),
+        distortion=None,
+        residual_px=float(radii.std()),
+    )
+
+
+def _without_ambient(pictures: SpherePictures) -> npt.NDArray[Any]:
+    """The pictures less the ambient one; pixels at full scale stay there."""
+    if pictures.ambient is None:
+        return pictures.images
+    images = pictures.images.astype(np.float32)
+    lit = images - pictures.ambient.astype(np.float32)
+    return np.where(images >= 0.995 * pictures.full_scale, np.float32(pictures.full_scale), lit)
+
+
+def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean over placements, weighted by errors in radians, and its error by theory or scatter."""
+    weights = 1.0 / np.maximum(errors, 1e-6) ** 2
+    mean = (weights[..., None] * directions).sum(axis=0)
+    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+    error = weights.sum(axis=0) ** -0.5
+    if len(directions) > 1:
+        off = ((directions - mean) ** 2).sum(axis=-1)
+        scatter = (weights * off).sum(axis=0) / weights.sum(axis=0) / (len(directions) - 1) / 2.0
+        error = np.maximum(error, np.sqrt(scatter))
+    return mean, error
+
+
+def _positions(
+    points: FloatArray, directions: FloatArray, errors: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Where the (J, N, 3) rays towards each of N lights meet; None if a distance stays unknown.
+
+    Minimises the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2 for each light.
+
+    Returns
+    -------
+    positions, across, along
+        (N, 3), and the (N,) errors of direction in radians and of distance as a share, both seen
+        from the middle of the frame.
+    """
+    off = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    distance = np.ones(errors.shape)
+    for _ in range(6):
+        weights = 1.0 / (np.maximum(errors, 1e-6) * distance) ** 2
+        weighted = weights[..., None, None] * off
+        normal = weighted.sum(axis=0)
+        right = np.einsum("jnab,jnb->na", weighted, points)
+        try:
+            at = np.linalg.solve(normal, right[..., None])[..., 0]
+            covariance = np.linalg.inv(normal)
+        except np.linalg.LinAlgError:  # parallel rays
+            return None
+        distance = np.linalg.norm(at - points, axis=-1)
+    misses = np.einsum("jnab,jnb->jna", off, at - points)
+    freedom = misses.shape[1] * (2 * len(points) - 3)
+    excess = max(1.0, float((weights[..., None] * misses**2).sum()) / freedom)
+    length = np.linalg.norm(at, axis=1)
+    towards = at / length[:, None]
+    along = np.einsum("na,nab,nb->n", towards, covariance, towards)
+    across = (np.trace(covariance, axis1=1, axis2=2) - along) / 2.0
+    along, across = np.sqrt(excess * along) / length, np.sqrt(excess * across) / length
+    is_behind = ((at - points) * directions).sum(axis=-1) <= 0.0
+    if is_behind.any() or (towards[:, 2] <= 0.01).any() or along.max() > _KNOWN_DISTANCE:
+        return None
+    return at, across, along
