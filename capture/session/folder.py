@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.sets.captured_set import CapturedSet
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
@@ -146,6 +147,7 @@ def make_session(plan_path: Path) -> Path:
             f"{folder}: exists and is not a session; choose another name in {plan_path}"
         )
     make_folder(folder / _SETS)
+    make_folder(folder / CALIBRATION)
     with durable_file(folder / PLAN) as temporary:
         shutil.copyfile(plan_path, temporary)
     Journal().write(folder / JOURNAL)
@@ -176,7 +178,7 @@ def use_plan(plan_path: Path, folder: SessionFolder) -> None:
 def _is_unfinished(folder: Path) -> bool:
     """Whether a folder holds no more than `make_session` writes before the journal."""
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, _SETS} and not any((folder / _SETS).glob("*.ome.tif"))
+    return names <= {PLAN, _SETS, CALIBRATION} and not any((folder / _SETS).glob("*.ome.tif"))
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from capture.batch.tasks import LoadedSet
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate, TextureLibrary
 from classify.errors import InputError
@@ -27,23 +28,23 @@ class SpecimenReference:
 
     Parameters
     ----------
-    captured
+    loaded
         That set, with its orientation.
     """
 
-    def __init__(self, captured: CapturedSet) -> None:
-        self._orientation_deg = captured.metadata.orientation_deg or 0.0
-        self._signal = float(np.sum(_levels(captured)))
+    def __init__(self, loaded: LoadedSet) -> None:
+        self._orientation_deg = loaded.captured.metadata.orientation_deg or 0.0
+        self._signal = float(np.sum(_levels(loaded.captured)))
         self._library: TextureLibrary | None = None
         try:
-            surface = captured.solve(planar=True)
+            surface = _solved(loaded)
             self._library = TextureLibrary.train([("specimen", surface, self._orientation_deg)])
         except InputError:
             pass  # too small or too empty for a texture: no orientation, and no focus
 
-    def measures(self, captured: CapturedSet) -> SetMeasures:
+    def measures(self, loaded: LoadedSet) -> SetMeasures:
         """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
-        surface = captured.solve(planar=True)
+        captured, surface = loaded.captured, _solved(loaded)
         measures, warnings = _alone(captured, surface)
         signal = sum(measures.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
@@ -76,10 +77,14 @@ class SpecimenReference:
         return measures.model_copy(update={**found, "warnings": tuple(warnings)})
 
 
-def measures_of_first(captured: CapturedSet) -> SetMeasures:
+def measures_of_first(loaded: LoadedSet) -> SetMeasures:
     """Measure the first set of a specimen."""
-    measures, warnings = _alone(captured, captured.solve(planar=True))
+    measures, warnings = _alone(loaded.captured, _solved(loaded))
     return measures.model_copy(update={"warnings": tuple(warnings)})
+
+
+def _solved(loaded: LoadedSet) -> SurfaceEstimate:
+    return loaded.solve_texture(None, planar=True)
 
 
 def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:

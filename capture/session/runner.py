@@ -6,8 +6,16 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import groupby
+from pathlib import Path
 
 from capture.acquisition.attempts import capture_set
+from capture.batch.tasks import LoadedSet
+from capture.calibration.lookup import (
+    FoundCalibration,
+    calibration_of,
+    keep_beside,
+    read_calibration,
+)
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from classify.errors import InputError, Ps4rigError
@@ -28,7 +36,7 @@ from .events import (
     StateChanged,
 )
 from .exposure import find_exposure_ms
-from .folder import SessionFolder, now_utc
+from .folder import PLAN, SessionFolder, now_utc
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
@@ -118,6 +126,11 @@ def _check_plan(folder: SessionFolder, config: RigConfig) -> None:
         )
     if plan.exposure_ms not in (None, SEARCH):
         config.with_changes(camera={"exposure_ms": plan.exposure_ms})
+    if plan.calibration_required and config.calibration is None:
+        raise InputError(
+            f"{folder.path / PLAN}: calibration_required, but the rig names no calibration; make "
+            "one with ps4rig calibrate, and set calibration = 'FILE.ps4cal' in rig.toml"
+        )
 
 
 def _end(
@@ -141,8 +154,12 @@ class _Runner:
         self._ask, self._publish = ask, publish
         self._closing = ExitStack()
         self._rig: Rig | None = None
-        self._reference: tuple[str, SpecimenReference] | None = None
+        self._reference: tuple[Path, SpecimenReference] | None = None
         self._exposures_ms: dict[str, float] = {}
+        self._calibration: FoundCalibration | None = None
+        if config.calibration is not None:
+            path = Path(config.calibration)
+            self._calibration = FoundCalibration(path, read_calibration(path), ())
         self.captured = 0
 
     def __enter__(self) -> "_Runner":
@@ -154,10 +171,11 @@ class _Runner:
     def adopt(self) -> None:
         """Enter the files that an earlier run wrote but could not enter into the journal."""
         for planned, captured in self._folder.orphans():
-            entry = self._entry(planned, captured)
-            entry = entry.model_copy(
-                update={"file": str(self._folder.file_of(planned).relative_to(self._folder.path))}
-            )
+            path = self._folder.file_of(planned)
+            shape = captured.images.shape[1:]
+            found = calibration_of(path, captured.metadata, shape)
+            entry = self._entry(planned, LoadedSet(captured, found))
+            entry = entry.model_copy(update={"file": str(path.relative_to(self._folder.path))})
             self._folder.update(self._folder.journal.with_entry(entry))
             self._publish(SetAdopted(entry))
 
@@ -199,7 +217,7 @@ class _Runner:
                     continue
                 return
             self._state(State.CHECKING, planned)
-            entry = self._entry(planned, captured)
+            entry = self._entry(planned, LoadedSet(captured, self._calibration))
             warnings = entry.measures.warnings if entry.measures else ()
             if warnings:
                 self._state(State.ASKING, planned)
@@ -211,6 +229,11 @@ class _Runner:
                     return
                 if answer is Answer.STOP:
                     raise _Stopped(Finish("stopped"))
+            path = self._folder.file_of(planned)
+            if self._calibration is not None:
+                keep_beside(self._calibration.path, self._calibration.file, path)
+            if self._reference is not None and self._reference[0] == path:
+                self._reference = None  # the first set of its specimen is replaced
             kept = self._folder.keep(planned, captured, entry)
             self.captured += 1
             self._publish(SetCaptured(kept))
@@ -253,10 +276,11 @@ class _Runner:
         so that the first set of a run may equal an earlier one; a second never does.
         """
         average = self._folder.plan.average
-        captured = capture_set(rig, label, average=average)
+        known = None if self._calibration is None else self._calibration.file
+        captured = capture_set(rig, label, average=average, calibration=known)
         if self._folder.journal.entry_with(captured.metadata.pixels_sha256) is None:
             return captured
-        captured = capture_set(rig, label, average=average)
+        captured = capture_set(rig, label, average=average, calibration=known)
         twin = self._folder.journal.entry_with(captured.metadata.pixels_sha256)
         if twin is not None:
             raise SetRejected(
@@ -264,18 +288,15 @@ class _Runner:
             )
         return captured
 
-    def _entry(self, planned: PlannedSet, captured: CapturedSet) -> SetEntry:
+    def _entry(self, planned: PlannedSet, loaded: LoadedSet) -> SetEntry:
         """Measure a set against the first one of its specimen."""
-        if self._reference is None or self._reference[0] != planned.specimen:
-            path = self._folder.first_set_of(planned.specimen)
-            first = captured if path is None else CapturedSet.load(path)
-            self._reference = (planned.specimen, SpecimenReference(first))
-            is_first = path is None
+        captured, first = loaded.captured, self._folder.first_set_of(planned.specimen)
+        if first is None:
+            measures = measures_of_first(loaded)
         else:
-            is_first = self._folder.first_set_of(planned.specimen) is None
-        measures = (
-            measures_of_first(captured) if is_first else self._reference[1].measures(captured)
-        )
+            if self._reference is None or self._reference[0] != first:
+                self._reference = first, SpecimenReference(LoadedSet.of(first))
+            measures = self._reference[1].measures(loaded)
         return SetEntry(
             specimen=planned.specimen,
             orientation_deg=planned.orientation_deg,

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from capture import CapturedSet
+from capture.calibration.ps4cal import CalibrationFile
 from capture.errors import SetRejected
 from capture.session import runner
 from capture.session.events import (
@@ -24,6 +25,7 @@ from capture.session.events import (
 )
 from capture.session.folder import SessionFolder, make_session, session_folder
 from capture.session.runner import run_session
+from capture.session.verification import files_below, verify_file
 from classify.errors import InputError
 from rig import CameraError, HardwareError, RigConfig
 
@@ -298,6 +300,36 @@ def test_an_exposure_is_searched_for_each_specimen(plan_file: Path, config: RigC
             assert 0.4 < bright <= 1.0
             assert captured.metadata.camera is not None
             assert captured.metadata.camera.exposure_ms > 3.0
+
+
+def test_a_required_calibration_travels_with_the_sets(
+    plan_file: Path,
+    near_config: RigConfig,
+    near_calibration: CalibrationFile,
+    tmp_path: Path,
+) -> None:
+    plan_file.write_text("calibration_required = true\n" + PLAN)
+    with session_folder(make_session(plan_file)) as folder:
+        with pytest.raises(InputError, match="the rig names no calibration; make one with ps4rig"):
+            run_session(folder, near_config, without_questions, lambda _: None)
+        path = tmp_path / "rig.ps4cal"
+        near_calibration.write(path)
+        known = near_config.model_copy(update={"calibration": str(path)})
+        run_session(folder, known, without_questions, lambda _: None)
+        assert folder.missing() == []
+        (copy,) = (folder.path / "calibration").iterdir()
+        assert CalibrationFile.read(copy).hash == near_calibration.hash
+        for entry in folder.journal.entries:
+            assert entry.file is not None
+            assert entry.measures is not None
+            captured = CapturedSet.load(folder.path / entry.file)
+            assert captured.metadata.calibration_ids == (near_calibration.hash,)
+            if entry.orientation_deg > 0.0:
+                assert entry.measures.estimated_deg == pytest.approx(40.0, abs=2.0)
+    path.unlink()
+    assert {finding.state for each in files_below(tmp_path) for finding in verify_file(each)} == {
+        "good"
+    }
 
 
 def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: RigConfig) -> None:
