@@ -55,7 +55,7 @@ def calibration_of(
         check_setting(file, Setting.of_metadata(metadata, shape), str(path))
     except CalibrationError as error:
         raise CalibrationError(f"{found}: {error}") from error
-    return FoundCalibration(found, file, tuple(_age(file, metadata)))
+    return FoundCalibration(found, file, (*file.warnings(), *_age(file, metadata)))
 
 
 def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:

@@ -36,6 +36,7 @@ _KIND = ArchiveKind(
     max_bytes=64 * 2**20,
     max_header_bytes=2**20,
 )
+_SEEN_THROUGH_THE_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
 _DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
 
 
@@ -122,6 +123,21 @@ class CalibrationFile:
         return CalibrationFile(
             replace(self.calibration, **{name: part}), {**self.records, name: record}
         )
+
+    def warnings(self) -> list[str]:
+        """Say which parts were measured before another one changed what they measure."""
+        response, records = self.calibration.response, self.records
+        if response is None or response.linear:
+            return []
+        curved = [name for name in _SEEN_THROUGH_THE_RESPONSE if name in records]
+        since = records["response"].date
+        old = [name.replace("_", " ") for name in curved if records[name].date < since]
+        if not old:
+            return []
+        return [
+            f"{' and '.join(old)} measured before the response, which makes other values of the "
+            "same pictures; run ps4rig calibrate plate again"
+        ]
 
     def write(self, path: Path) -> None:
         """Write the file, whole or not at all; an existing one is replaced.

@@ -19,6 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 # Powers of a coordinate that the kernel takes: degree 6, which LEDs at two fields of view need
 # (tests/classify/calibration/test_flat_field.py).
 TERMS = 7
+_LARGEST_LOGARITHM = 80.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +33,31 @@ class FlatField:
         the middle of the frame, y points up, and the unit is half of the longer side.
     bounds
         (N, 2) lowest and highest logarithm on the part; there is no extrapolation beyond.
+
+    Raises
+    ------
+    InputError
+        For another shape, or bounds whose exponential float32 cannot hold.
     """
 
     coefficients: FloatArray
     bounds: FloatArray
+
+    def __post_init__(self) -> None:
+        lights, *terms = self.coefficients.shape or (0,)
+        if len(terms) != 2 or terms[0] != terms[1] or not 1 <= terms[0] <= TERMS:
+            raise InputError(
+                f"flat field of {self.coefficients.shape} coefficients; give (lights, T, T), T at "
+                f"most {TERMS}"
+            )
+        if (
+            self.bounds.shape != (lights, 2)
+            or not (np.abs(self.bounds) <= _LARGEST_LOGARITHM).all()
+        ):
+            raise InputError(
+                f"flat field with {self.bounds.shape} bounds, or bounds beyond "
+                f"{_LARGEST_LOGARITHM:g}; give the lowest and the highest logarithm of each light"
+            )
 
     @property
     def share(self) -> float:

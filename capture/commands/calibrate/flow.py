@@ -207,9 +207,8 @@ def keep_parts(
     for each in parts:
         kept = kept.with_part(each.name, each.part, each.record)
     kept.write(path)
-    for each in parts:
-        for warning in each.warnings:
-            complain(f"warning: {path}: {warning}")
+    for warning in (*(text for each in parts for text in each.warnings), *kept.warnings()):
+        complain(f"warning: {path}: {warning}")
     if json:
         answers = [_answer(path, each, kept.hash) for each in parts]
         print_json(answers if len(answers) > 1 else answers[0])

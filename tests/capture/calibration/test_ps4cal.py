@@ -122,6 +122,17 @@ def test_a_part_is_added_or_replaced_and_the_others_stay(saved: Path) -> None:
     assert CalibrationFile.read(saved).calibration.dark is None
 
 
+def test_a_plate_from_before_the_response_is_warned_of() -> None:
+    later = RECORD.model_copy(update={"date": "2999-01-01T00:00:00+00:00"})
+    changed = example().with_part("response", EXAMPLE.response, later)
+    (warning,) = changed.warnings()
+    assert warning.startswith("flat field and lights measured before the response")
+    linear = Response(np.linspace(0.0, 1.0, 257), 0.0, linear=True)
+    assert changed.with_part("response", linear, later).warnings() == []
+    again = changed.with_part("flat_field", EXAMPLE.flat_field, later)
+    assert again.with_part("lights", EXAMPLE.lights, later).warnings() == []
+
+
 @given(
     intensities=st.none() | st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3),
     offset=st.floats(0.0, 254.0),
@@ -201,6 +212,25 @@ def test_a_cut_or_changed_file_is_refused_or_the_same(saved: Path, data: st.Data
 def test_a_wrong_field_of_a_part_is_named(name: Any, values: dict[str, Any], cause: str) -> None:
     with pytest.raises(InputError, match=cause):
         put_together(name, values, {})
+
+
+@pytest.mark.parametrize(
+    ("shape", "bounds", "cause"),
+    [
+        ((4, 8, 8), (4, 2), "T at most 7"),
+        ((4, 5, 4), (4, 2), "give .lights, T, T."),
+        ((4, 5), (4, 2), "give .lights, T, T."),
+        ((), (4, 2), "give .lights, T, T."),
+        ((4, 5, 5), (3, 2), "with .3, 2. bounds"),
+        ((4, 5, 5), (4, 2), "bounds beyond 80"),
+    ],
+)
+def test_a_flat_field_of_another_shape_is_refused(
+    shape: tuple[int, ...], bounds: tuple[int, ...], cause: str
+) -> None:
+    arrays = {"coefficients": np.zeros(shape), "bounds": np.full(bounds, 81.0)}
+    with pytest.raises(InputError, match=cause):
+        put_together("flat_field", {}, arrays)
 
 
 def test_no_file_and_another_file_say_what_to_do(tmp_path: Path) -> None:
