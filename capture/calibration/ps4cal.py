@@ -134,10 +134,8 @@ class CalibrationFile:
         old = [name.replace("_", " ") for name in curved if records[name].date < since]
         if not old:
             return []
-        return [
-            f"{' and '.join(old)} measured before the response, which makes other values of the "
-            "same pictures; run ps4rig calibrate plate again"
-        ]
+        what = f"{' and '.join(old)} measured before the response, which changes their pictures"
+        return [f"{what}; run ps4rig calibrate plate again"]
 
     def write(self, path: Path) -> None:
         """Write the file, whole or not at all; an existing one is replaced.
