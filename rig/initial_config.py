@@ -68,6 +68,7 @@ def initial_config(controllers: Controllers, cameras: Sequence[ListedCamera]) ->
             "# with # is a comment. Check the rig with: ps4rig rig doctor",
             "",
             'name = "rig"',
+            '# calibration = "rig.ps4cal"    # from ps4rig calibrate, for all captures',
             "",
             "[lights]",
             *_port_lines(controllers),
