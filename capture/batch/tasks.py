@@ -246,6 +246,8 @@ class SolvedSet:
     led_levels
         Levels of the lights that were estimated from the images; None if the set gives them, or the
         solver does not estimate them.
+    mm_per_px
+        Scale of the images, with which lengths are in mm and um; None where they are relative.
     calibration
         File of the calibration that was used.
     residual, raw_residual
@@ -263,6 +265,7 @@ class SolvedSet:
     simulated: bool
     protected: bool
     lights: int
+    mm_per_px: float | None
     calibration: str | None
     residual: float | None
     raw_residual: float | None
@@ -312,12 +315,13 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
+    mm_per_px = None if known is None or known.scale is None else known.scale.mm_per_px
     written = write_maps(
         captured,
         surface,
         task.folder,
         light=light,
-        mm_per_px=None if known is None or known.scale is None else known.scale.mm_per_px,
+        mm_per_px=mm_per_px,
         calibration=None if loaded.found is None else loaded.found.path.name,
         raw_residual=raw_residual,
     )
@@ -332,6 +336,7 @@ def solve_set(
         simulated=captured.metadata.simulated,
         protected=captured.metadata.is_protected,
         lights=len(captured.images),
+        mm_per_px=mm_per_px,
         calibration=None if loaded.found is None else str(loaded.found.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,

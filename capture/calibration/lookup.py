@@ -17,7 +17,7 @@ from .setting import Setting
 
 FOLDER = "calibration"
 # The interval at which instruments are usually calibrated again (ILAC-G24, OIML D 10).
-_OLD_DAYS = 365
+OLD_DAYS = 365
 # Digits of a hash in messages and file names.
 _DIGITS = 8
 
@@ -170,7 +170,7 @@ def _age(file: CalibrationFile, metadata: SetMetadata) -> Iterator[str]:
         ages = {name: (captured - _utc(each.date)).days for name, each in file.records.items()}
     except ValueError:  # not a date
         return
-    old = [name.replace("_", " ") for name, days in ages.items() if days > _OLD_DAYS]
+    old = [name.replace("_", " ") for name, days in ages.items() if days > OLD_DAYS]
     if old:
         yield (
             f"the calibration ({', '.join(old)}) was measured {max(ages.values())} days before the "

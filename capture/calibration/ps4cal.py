@@ -64,6 +64,14 @@ class PartRecord(_Record):
     source: tuple[str, ...]
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
 
+    def age_days(self, at: datetime) -> int | None:
+        """Return the days from the measurement to a time; None if the date cannot be read."""
+        try:
+            measured = datetime.fromisoformat(self.date)
+        except ValueError:
+            return None
+        return (at - (measured if measured.tzinfo else measured.replace(tzinfo=UTC))).days
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredPart:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +59,7 @@ def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, .
     for name in PART_NAMES:
         record = file.records.get(name)
         use, command = _USES[name]
-        age_days = None if record is None else _age_days(record.date, now)
+        age_days = None if record is None else record.age_days(now)
         parts.append(PartSummary(name, record, age_days, use, f"ps4rig calibrate {command}"))
     return tuple(parts)
 
@@ -134,13 +134,3 @@ def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
         return None
     about = {"source": lights.source, "residual": lights.residual}
     return {**about, "lobe_exponent": lights.lobe_exponent, "each": light_rows(file)}
-
-
-def _age_days(date: str, now: datetime) -> int | None:
-    try:
-        measured = datetime.fromisoformat(date)
-    except ValueError:
-        return None
-    if measured.tzinfo is None:
-        measured = measured.replace(tzinfo=UTC)
-    return (now - measured).days

@@ -159,6 +159,7 @@ def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
     lights = {"led_levels": surface.led_levels, "simulated": surface.simulated}
     calibrated = {
         "calibration": surface.calibration,
+        "mm_per_px": surface.mm_per_px,
         "residual": surface.residual,
         "raw_residual": surface.raw_residual,
     }

@@ -103,6 +103,7 @@ def plate_drift(
     stack: ImageStack,
     full_scale: float,
     calibration: Calibration,
+    lighting: Lighting,
     *,
     brightness: float | None = None,
 ) -> Drift:
@@ -115,6 +116,8 @@ def plate_drift(
         sheet may be another one, and need not lie as it did.
     full_scale
         Pixel value at which the sensor saturates.
+    lighting
+        The lights as configured, for a calibration that has only a flat field.
     brightness
         Geometric mean of the sheet's pixel values at the calibration, as a share of full scale.
 
@@ -128,12 +131,9 @@ def plate_drift(
     InputError
         If the calibration has no flat field, or is one of another number of lights.
     """
-    flat_field, lights = calibration.flat_field, calibration.lights
-    if flat_field is None or lights is None:
-        raise InputError(
-            "the calibration has no flat field or no lights; run ps4rig calibrate plate"
-        )
-    lighting = lights.lighting
+    flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
+    if flat_field is None:
+        raise InputError("the calibration has no flat field; run ps4rig calibrate plate")
     if not len(flat_field.coefficients) == len(lighting) == len(stack.images):
         raise InputError(
             f"the calibration is of {len(lighting)} lights, the pictures are of {len(stack.images)}"
@@ -141,7 +141,8 @@ def plate_drift(
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
     change, expected, x, y = _joined(blocks, flat_field)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
-    lobe = 1.0 if lights.lobe_exponent is None else lights.lobe_exponent
+    lights = calibration.lights
+    lobe = 1.0 if lights is None or lights.lobe_exponent is None else lights.lobe_exponent
     positions = _positions(lighting, blocks.shape)
     model = DriftModel(positions, lobe, _aim(positions, lobe, expected, x, y), x, y)
     found = model.explain(change)

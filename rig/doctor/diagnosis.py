@@ -1,7 +1,8 @@
 """All checks of a rig, one after the other."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 
 from classify.compiling import kernel_cache_folder
@@ -23,7 +24,11 @@ from .lights import check_lights
 from .serial_ports import check_modem_manager, check_port, check_ports
 
 
-def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Generator[Check]:
+def diagnose(
+    rig: str | Path,
+    timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
+    further: Callable[[Rig], Iterator[Check]] | None = None,
+) -> Generator[Check]:
     """Make all checks, one after the other; a check that fails does not prevent the next.
 
     The LEDs are lit for the light images, and out at the end, also if the generator is closed.
@@ -35,6 +40,8 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
         are listed.
     timeouts
         How long to wait for the light controller.
+    further
+        Checks of the open rig that are made last, such as those against a calibration.
     """
     config: RigConfig | None = None
     try:
@@ -60,7 +67,7 @@ def diagnose(rig: str | Path, timeouts: LinkTimeouts = DEFAULT_TIMEOUTS) -> Gene
     yield from collected("cameras", find_cameras)
     if config is not None:
         with ExitStack() as closing:
-            yield from _diagnose_open(config, cameras, closing, timeouts)
+            yield from _diagnose_open(config, cameras, closing, timeouts, further)
 
 
 def check_kernel_cache(folder: Path | None) -> Check:
@@ -73,7 +80,11 @@ def check_kernel_cache(folder: Path | None) -> Check:
 
 
 def _diagnose_open(
-    config: RigConfig, cameras: Sequence[ListedCamera], closing: ExitStack, timeouts: LinkTimeouts
+    config: RigConfig,
+    cameras: Sequence[ListedCamera],
+    closing: ExitStack,
+    timeouts: LinkTimeouts,
+    further: Callable[[Rig], Iterator[Check]] | None,
 ) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
@@ -85,6 +96,7 @@ def _diagnose_open(
         closing.callback(simulation.close)
     lights: LightController | None = None
     camera: Camera | None = None
+    opened: list[Rig] = []
 
     def check_controller() -> Iterator[Check]:
         nonlocal lights
@@ -117,6 +129,7 @@ def _diagnose_open(
         with suppress(HardwareError):
             lights.recover()
         rig = Rig(config, clock_of(simulation), lights, camera, simulation)
+        opened.append(rig)
         yield from check_light_images(
             capture_light_images(rig),
             rig.lighting,
@@ -127,3 +140,5 @@ def _diagnose_open(
     yield from collected("light controller", check_controller)
     yield from collected("camera", check_camera)
     yield from collected("light images", check_images)
+    if further is not None and opened:
+        yield from collected("calibration", partial(further, opened[0]))

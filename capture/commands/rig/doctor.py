@@ -1,6 +1,8 @@
 """``ps4rig rig doctor``."""
 
 from dataclasses import asdict
+from functools import partial
+from typing import Annotated
 
 import typer
 
@@ -12,17 +14,30 @@ _STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "
 
 
 @reported
-def doctor(rig: options.Rig = "rig.toml", as_json: options.Json = False) -> None:
+def doctor(
+    rig: options.Rig = "rig.toml",
+    has_sheet: Annotated[
+        bool,
+        typer.Option(
+            "--sheet",
+            help="A white matt sheet is below the camera: compare LEDs, lights, camera and lens "
+            "with the calibration of the rig. A simulated rig does so anyway.",
+        ),
+    ] = False,
+    as_json: options.Json = False,
+) -> None:
     """Check the whole rig; print each finding, and a remedy for each fault.
 
     It checks ports, permissions, controller, watchdog, camera, frames, and an image under each
-    LED: put a surface with relief below the camera. The exit status is 1 if there is a fault.
+    LED: put a surface with relief below the camera, or a white sheet with --sheet. The exit status
+    is 1 if there is a fault.
     """
     from rich.text import Text
 
+    from capture.calibration.rig_check import check_calibration
     from rig.doctor.diagnosis import diagnose
 
-    checks = list(diagnose(rig))
+    checks = list(diagnose(rig, further=partial(check_calibration, has_sheet=has_sheet)))
     counts = {
         status: sum(check.status == status for check in checks)
         for status in ("fault", "warning", "unknown")

@@ -18,6 +18,7 @@ from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from tests.plates import Plate, ring_positions
 
+RING = Lighting.ring(45.0)
 RIG = Plate(ring_positions(10.0), specks=6, noise=0.005, ambient=0.02)  # five fields of view
 
 
@@ -44,7 +45,7 @@ def drift_of(rig: Plate, calibration: tuple[Calibration, float]) -> Drift:
     # `Plate` exposes for its brightest pixel, a rig does not.
     light = rig.strengths.max() / RIG.strengths.max()
     exposed = replace(rig, brightest=rig.brightest * light)
-    return plate_drift(exposed.stack, rig.full_scale, known, brightness=brightness)
+    return plate_drift(exposed.stack, rig.full_scale, known, RING, brightness=brightness)
 
 
 def with_level(rig: Plate, light: int, change: float) -> Plate:
@@ -162,7 +163,7 @@ def test_what_no_cause_explains_is_a_fault(calibration: tuple[Calibration, float
     stack = replace(RIG, seed=25).stack
     images = stack.images.copy()
     images[1, :, : images.shape[2] // 3] //= 2
-    drift = plate_drift(ImageStack(images, stack.ambient), RIG.full_scale, calibration[0])
+    drift = plate_drift(ImageStack(images, stack.ambient), RIG.full_scale, calibration[0], RING)
     assert drift.status == "fault"
     assert ("unexplained", None) in kinds(drift)
     assert drift.brightness is None
@@ -172,7 +173,7 @@ def test_leds_that_point_down_are_recognised() -> None:
     rig = replace(RIG, aim="down", lobe=3.0)
     moved = with_light_moved(replace(rig, seed=26), 1, 0.0, 5.0)
     known, _ = calibrated(rig)
-    (cause,) = plate_drift(moved.stack, rig.full_scale, known).causes
+    (cause,) = plate_drift(moved.stack, rig.full_scale, known, RING).causes
     assert (cause.kind, cause.light) == ("light moved", 1)
     angle_deg = float(cause.seen.split("moved by ")[1].split()[0])
     assert angle_deg == pytest.approx(5.0, abs=0.6)
@@ -184,7 +185,9 @@ def test_the_level_of_a_distant_led_is_compared_too() -> None:
     assert known.lights is not None
     lights = replace(known.lights, lighting=Lighting.ring(45.0), distance_errors=None)
     distant = replace(known, lights=lights)
-    drift = plate_drift(with_level(replace(rig, seed=27), 2, -0.2).stack, rig.full_scale, distant)
+    drift = plate_drift(
+        with_level(replace(rig, seed=27), 2, -0.2).stack, rig.full_scale, distant, RING
+    )
     assert kinds(drift) == {("led level", 2)}
 
 
@@ -193,10 +196,10 @@ def test_a_calibration_without_plate_or_of_other_lights_is_refused(
 ) -> None:
     stack = RIG.stack
     with pytest.raises(InputError, match="run ps4rig calibrate plate"):
-        plate_drift(stack, RIG.full_scale, Calibration())
+        plate_drift(stack, RIG.full_scale, Calibration(), RING)
     three = ImageStack(stack.images[:3], stack.ambient)
     with pytest.raises(InputError, match="of 4 lights, the pictures are of 3"):
-        plate_drift(three, RIG.full_scale, calibration[0])
+        plate_drift(three, RIG.full_scale, calibration[0], RING)
 
 
 def random_rigs() -> Iterator[tuple[str, float, Plate]]:

@@ -1,0 +1,142 @@
+"""Whether a rig still is as its calibration says: one picture of a white sheet, in seconds.
+
+The doctor and the start of a session make these checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from capture.sets.captured_set import CapturedSet
+from classify import Lighting
+from classify.calibration.drift import Drift, plate_drift
+from classify.images.stack import ImageStack
+from rig import Rig
+from rig.doctor.check import Check
+from rig.doctor.light_images import capture_light_images
+
+from .lookup import OLD_DAYS, check_setting, read_calibration
+from .ps4cal import CalibrationFile
+from .setting import Setting
+
+# In the figures of a flat field: geometric mean of the sheet's pixel values, as a share of full
+# scale, over all lights and the frame.
+SHEET_BRIGHTNESS = "sheet_brightness"
+_SHEET = "plate"  # the surface of the simulated rig
+
+
+def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
+    """Check an open rig against the calibration that its configuration names.
+
+    Nothing is checked for a rig without one.
+
+    Parameters
+    ----------
+    has_sheet
+        Whether a white matt sheet is below the camera. A simulated rig puts one there itself, and
+        its part back afterwards.
+
+    Raises
+    ------
+    CalibrationError
+        If the file cannot be read, or is of another rig or setting.
+    CalibrationRejected
+        If no white matt sheet is below the camera.
+    HardwareError
+        If the controller or the camera fails.
+    """
+    if rig.config.calibration is None:
+        if has_sheet:
+            advice = 'measure one with ps4rig calibrate, and set calibration = "NAME.ps4cal"'
+            yield Check("calibration", "unknown", "the configuration names none", advice)
+        return
+    path = Path(rig.config.calibration)
+    file = read_calibration(path)
+    check_setting(file, Setting.of_rig(rig), "this rig")
+    yield _age(path, file)
+    if file.calibration.flat_field is None:
+        advice = "run ps4rig calibrate plate"
+        yield Check("sheet", "unknown", "the calibration has no flat field", advice)
+    elif has_sheet or (rig.simulation is not None and rig.simulation.placement is not None):
+        yield from checks_of_drift(drift_of_rig(rig, file))
+    else:
+        advice = "put a white matt sheet below the camera, and run this again with --sheet"
+        yield Check("sheet", "unknown", "LEDs, lights, camera and lens were not compared", advice)
+
+
+def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
+    """Capture one picture of a white sheet under each light, and compare it with a calibration.
+
+    Raises
+    ------
+    InputError
+        If the calibration has no flat field.
+    CalibrationRejected
+        If the pictures show no white matt sheet.
+    HardwareError
+        If the controller or the camera fails.
+    """
+    simulation = rig.simulation
+    placement = None if simulation is None else simulation.placement
+    if simulation is not None and placement is not None:
+        simulation.place(placement.model_copy(update={"surface": _SHEET}))
+    try:
+        images = capture_light_images(rig)
+    finally:
+        if simulation is not None and placement is not None:
+            simulation.place(placement)
+    stack = ImageStack(images.lights, images.ambient)
+    return _drift(stack, images.full_scale, rig.lighting, file)
+
+
+def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
+    """Compare a set of a white sheet with a calibration.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is of another rig or setting.
+    InputError
+        If it has no flat field.
+    CalibrationRejected
+        If the set shows no white matt sheet.
+    """
+    check_setting(file, Setting.of_set(captured), "these images")
+    stack = ImageStack(captured.images, captured.ambient)
+    return _drift(stack, captured.metadata.full_scale, captured.lighting, file)
+
+
+def checks_of_drift(drift: Drift) -> Iterator[Check]:
+    """Yield what has changed since the calibration, or one check that nothing has."""
+    for cause in drift.causes:
+        what = cause.kind if cause.light is None else f"{cause.kind}, light {cause.light}"
+        yield Check(f"drift: {what}", cause.status, cause.seen, cause.advice)
+    if drift.causes:
+        return
+    largest = float(np.abs(drift.level_changes).max())
+    seen = (
+        f"LED levels within {largest:.1%} of the calibration, the sheet is tilted by "
+        f"{drift.sheet_tilt_deg:.1f} degrees; lights, camera and lens did not move"
+    )
+    yield Check("sheet", "ok", seen)
+
+
+def _drift(
+    stack: ImageStack, full_scale: float, lighting: Lighting, file: CalibrationFile
+) -> Drift:
+    brightness = file.records["flat_field"].figures.get(SHEET_BRIGHTNESS)
+    return plate_drift(stack, full_scale, file.calibration, lighting, brightness=brightness)
+
+
+def _age(path: Path, file: CalibrationFile) -> Check:
+    ages = {name: record.age_days(datetime.now(UTC)) for name, record in file.records.items()}
+    known = [days for days in ages.values() if days is not None]
+    parts = ", ".join(name.replace("_", " ") for name in ages)
+    seen = f"{path}: {parts}; the oldest is of {max(known, default=0)} days ago"
+    if max(known, default=0) > OLD_DAYS:
+        return Check("calibration", "warning", seen, "calibrate again")
+    return Check("calibration", "ok", seen)

@@ -1,0 +1,134 @@
+"""A rig is compared with its calibration: by the doctor, and at the start of a session."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture import capture_set
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.rig_check import (
+    SHEET_BRIGHTNESS,
+    check_calibration,
+    drift_of_rig,
+    drift_of_set,
+)
+from capture.errors import CalibrationError
+from rig import Rig, RigConfig, open_rig
+
+LEVELS = (1.0, 0.9, 1.05, 0.85)  # of the fixture `near_config`
+
+
+@pytest.fixture(scope="module")
+def calibration(near_calibration: CalibrationFile, near_config: RigConfig) -> CalibrationFile:
+    """The calibration of the near rig with the brightness of its sheet."""
+    with open_rig(near_config) as rig:
+        captured = capture_set(rig, is_target=True)
+    assert captured.ambient is not None
+    light = captured.images.astype(np.float64) - captured.ambient
+    brightness = float(np.exp(np.log(light).mean())) / captured.metadata.full_scale
+    record = near_calibration.records["flat_field"].model_copy(
+        update={"figures": {SHEET_BRIGHTNESS: brightness}}
+    )
+    return near_calibration.with_part("flat_field", near_calibration.calibration.flat_field, record)
+
+
+def near_rig(near_config: RigConfig, **simulation: Any) -> Rig:
+    return open_rig(near_config.with_changes(simulation=simulation))
+
+
+def test_an_unchanged_rig_with_another_sheet_shows_no_drift(
+    near_config: RigConfig, calibration: CalibrationFile
+) -> None:
+    placement = {"surface": "rock", "seed": 9, "rotate_deg": 70.0}
+    with near_rig(near_config, placement=placement) as rig:
+        drift = drift_of_rig(rig, calibration)
+        assert rig.simulation is not None
+        assert rig.simulation.placement is not None
+        assert rig.simulation.placement.surface == "rock"  # put back
+    assert (drift.status, drift.causes) == ("ok", ())
+    assert drift.brightness == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("factor", "status"), [(0.93, "ok"), (0.87, "warning"), (0.8, "fault")])
+def test_a_weaker_led_is_found(
+    near_config: RigConfig, calibration: CalibrationFile, factor: float, status: str
+) -> None:
+    levels = (LEVELS[0], LEVELS[1], LEVELS[2] * factor, LEVELS[3])
+    with near_rig(near_config, led_levels=levels) as rig:
+        drift = drift_of_rig(rig, calibration)
+    assert drift.status == status
+    assert drift.level_changes[2] == pytest.approx(factor - 1.0, abs=0.02)
+    assert all((cause.kind, cause.light) == ("led level", 2) for cause in drift.causes)
+
+
+def test_another_aperture_and_another_lens_are_named(
+    near_config: RigConfig, calibration: CalibrationFile
+) -> None:
+    with near_rig(near_config, led_levels=tuple(0.6 * level for level in LEVELS)) as rig:
+        assert [cause.kind for cause in drift_of_rig(rig, calibration).causes] == ["exposure"]
+    with near_rig(near_config, vignetting_percent=20.0) as rig:
+        assert [cause.kind for cause in drift_of_rig(rig, calibration).causes] == ["lens"]
+
+
+def test_a_set_of_a_sheet_is_compared_as_well(
+    near_config: RigConfig, calibration: CalibrationFile
+) -> None:
+    with near_rig(near_config) as rig:
+        captured = capture_set(rig, is_target=True)
+    assert drift_of_set(captured, calibration).status == "ok"
+    cropped = replace(captured, images=captured.images[:, :64], ambient=captured.ambient[:64])
+    with pytest.raises(CalibrationError, match="128 x 64 px instead of 128 x 128 px"):
+        drift_of_set(cropped, calibration)
+
+
+def test_a_rig_without_calibration_has_nothing_to_check(near_config: RigConfig) -> None:
+    with near_rig(near_config) as rig:
+        assert list(check_calibration(rig, has_sheet=False)) == []
+        (check,) = check_calibration(rig, has_sheet=True)
+    assert check.status == "unknown"
+
+
+@pytest.fixture
+def rig_toml(tmp_path: Path, calibration: CalibrationFile) -> Path:
+    """The near rig, as a file that names its calibration."""
+    calibration.write(tmp_path / "rig.ps4cal")
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        "calibration = 'rig.ps4cal'\n[lights]\nport = 'simulated'\n"
+        "[camera]\nwidth_px = 128\nheight_px = 128\nexposure_ms = 15.0\n"
+        "[simulation]\nled_distance_px = 320.0\nled_levels = [1, 0.9, 1.05, 0.85]\n"
+    )
+    return path
+
+
+def test_the_doctor_checks_the_calibration_of_the_rig(
+    ps4rig: Callable[..., Any], rig_toml: Path
+) -> None:
+    done = ps4rig("rig", "doctor", "--rig", rig_toml, "--json")
+    checks = {check["name"]: check for check in json.loads(done.stdout)["checks"]}
+    assert checks["calibration"]["status"] == "ok"
+    assert checks["sheet"]["status"] == "ok"
+    assert done.exit_code == 0
+
+
+def test_the_doctor_fails_where_an_led_has_drifted_or_the_file_is_missing(
+    ps4rig: Callable[..., Any], rig_toml: Path
+) -> None:
+    text = rig_toml.read_text()
+    rig_toml.write_text(text.replace("1.05", "0.8"))
+    done = ps4rig("rig", "doctor", "--rig", rig_toml, "--json")
+    checks = {check["name"]: check for check in json.loads(done.stdout)["checks"]}
+    assert checks["drift: led level, light 2"]["status"] == "fault"
+    assert "24% less" in checks["drift: led level, light 2"]["seen"]
+    assert done.exit_code == 1
+    rig_toml.write_text(text.replace("rig.ps4cal", "other.ps4cal"))
+    done = ps4rig("rig", "doctor", "--rig", rig_toml, "--json")
+    checks = {check["name"]: check for check in json.loads(done.stdout)["checks"]}
+    assert checks["calibration"]["status"] == "fault"
+    assert "other.ps4cal" in checks["calibration"]["seen"]
+    assert done.exit_code == 1
