@@ -35,22 +35,24 @@ class FittedFlatField:
         Of geometric mean 1 over the lights and the blocks that were used.
     degree
         Of the ratios of the lights, and of their mean.
-    residual
-        Robust standard deviation of the blocks from the fit, as a share.
+    ratio_residual, mean_residual
+        Robust standard deviations of the blocks from the fit, as shares: of the ratios of the
+        lights, which relief and gloss raise, and of their mean, which uneven reflectance raises.
     error
         Standard error of the flat field that follows from it, as a share.
     unused
         Share of the blocks that do not fit: dust, relief or gloss.
     ratios, weights
         (N, 32, 32) logarithms of the ratio of each light to the geometric mean of all, over all
-        placements; (32, 32) their weights, 0 where there is no sheet.
+        placements; (32, 32) their weights, 0 where a block does not fit or is not usable.
     offsets
         (S, N) logarithms by which a light is brighter in a placement than in all, of mean 0.
     """
 
     flat_field: FlatField
     degree: tuple[int, int]
-    residual: float
+    ratio_residual: float
+    mean_residual: float
     error: float
     unused: float
     ratios: FloatArray
@@ -81,7 +83,8 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
     return FittedFlatField(
         FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
         (ratio.degree, mean.degree),
-        float(np.hypot(ratio.residual, mean.residual)),
+        ratio.residual,
+        mean.residual,
         float(np.hypot(ratio.error, mean.error)),
         max(ratio.unused, mean.unused),
         ratio.means,
@@ -120,6 +123,8 @@ class _Fit:
             coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
         fitted = _evaluated(coefficients, chosen, bases[chosen])
         means, weights, offsets, scale = _combined(targets - fitted, usable)
+        seen = np.maximum(usable.sum(axis=0), 1.0)
+        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(axis=0) / seen
         counted = float(weights.sum()) / max(float(weights.max()), _TINY)
         terms = bases[chosen].shape[-1]
         return cls(
@@ -128,7 +133,7 @@ class _Fit:
             scale,
             scale * float(np.sqrt(terms / max(counted, 1.0))),
             1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
-            _unfolded(fitted + means),
+            _unfolded(fitted + np.where(weights > 0.0, means, plain)),
             _unfolded(weights),
             offsets,
         )

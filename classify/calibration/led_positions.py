@@ -45,7 +45,7 @@ class LedPositions:
     residual
         rms of the logarithms of the ratios from the model.
     residuals
-        (N, n, n) the same of each block of the frame, 0 where there is no sheet.
+        (N, 16, 16) excess of the logarithms over the model, also of blocks without weight.
     """
 
     positions: FloatArray
@@ -86,15 +86,22 @@ def fit_led_positions(
     inverted, exponent = found.x[: 3 * len(data)].reshape(-1, 3), float(found.x[-1])
     squares = np.square(inverted).sum(axis=1)
     along, across = model.errors(found)
-    residuals = np.zeros((len(data), size, size))
-    residuals[:, used] = -found.fun.reshape(len(data), -1) / root
+    whole = _Model(
+        x=_means(columns, size).ravel(),
+        y=_means(rows, size).ravel(),
+        data=_means(ratios, size).reshape(len(data), -1),
+        root_weights=np.ones(size * size),
+        aim=model.aim,
+    )
+    residuals = -whole.evaluated(found.x)[0].reshape(len(data), size, size)
+    squares_of_used = np.square(found.fun).sum() / (len(data) * np.square(root).sum())
     return LedPositions(
         positions=inverted / squares[:, None],
         direction_errors_deg=np.degrees(across / np.sqrt(squares)),
         distance_errors=along / np.sqrt(squares),
         lobe_exponent=exponent,
         aim=model.aim,
-        residual=float(np.sqrt(np.square(residuals).mean(axis=0)[used].mean())),
+        residual=float(np.sqrt(squares_of_used)),
         residuals=residuals,
     )
 
@@ -130,8 +137,8 @@ class _Model:
         low[2 : 3 * len(self.data) : 3] = 0.0
         low[-1], high[-1] = 0.0, _NARROWEST
         return least_squares(
-            lambda parameters: self._evaluated(parameters)[0], start,
-            jac=lambda parameters: self._evaluated(parameters)[1],
+            lambda parameters: self.evaluated(parameters)[0], start,
+            jac=lambda parameters: self.evaluated(parameters)[1],
             bounds=(low, high), x_scale="jac", max_nfev=200,
         )  # fmt: skip
 
@@ -158,7 +165,7 @@ class _Model:
             across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
         return np.sqrt(along), np.sqrt(across)
 
-    def _evaluated(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluated(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Weighted differences (N n,) and their derivatives (N n, parameters)."""
         lights = len(self.data)
         inverted, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
@@ -200,3 +207,8 @@ def _sums(values: FloatArray, size: int) -> FloatArray:
     step = values.shape[-1] // size
     blocks = values.reshape(*values.shape[:-2], size, step, size, step)
     return np.asarray(blocks.sum(axis=(-3, -1)), np.float64)
+
+
+def _means(values: FloatArray, size: int) -> FloatArray:
+    """(..., size, size) means of neighbouring blocks."""
+    return _sums(values, size) / (values.shape[-1] // size) ** 2

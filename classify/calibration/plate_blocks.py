@@ -22,6 +22,8 @@ BLOCKS, _CELLS = 32, 16
 _DUST = 4.0
 # From the median absolute deviation to the standard deviation of normal noise.
 _MAD = 1.4826
+# Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
+_DARK = 0.05
 # A block counts if so large a share of it is usable.
 _USABLE = 0.5
 
@@ -105,15 +107,16 @@ class _Placement:
         values = np.stack(
             [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
         ).astype(np.float64)
-        good &= (values > 0.0).all(axis=0)
+        brightness = values.mean(axis=0)
+        good &= (values > 0.0).all(axis=0) & (brightness > _DARK * np.percentile(brightness, 95))
         logs = np.log(np.where(good, values, 1.0))
         common = logs.mean(axis=0)
         ratio = logs - common
         away = _deviation(ratio, good)
         relief = _MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
-        brightness = _deviation(common, good)
-        grain = _MAD * np.nan_to_num(_median(np.abs(brightness)))
-        clean = good & (np.abs(brightness) <= _DUST * grain[..., None] + 1e-9)
+        unevenness = _deviation(common, good)
+        grain = _MAD * np.nan_to_num(_median(np.abs(unevenness)))
+        clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
         for each in away:
             spread = _MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
             clean &= np.abs(each) <= _DUST * spread + 1e-9

@@ -1,0 +1,255 @@
+"""What pictures of a white matt sheet give: flat field and LED positions, or why they do not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.errors import CalibrationRejected, InputError
+from classify.images.stack import ImageStack
+from classify.lighting import Lighting
+
+from .flat_field import FittedFlatField, fit_flat_field
+from .led_positions import LedPositions, fit_led_positions
+from .lights import CalibratedLights
+from .plate_blocks import PlateBlocks
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# classify/README.md has what sheets, parts and textures reach of each of these.
+_MOST_SATURATED = 1e-3
+_DARKEST = 0.05
+_FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
+_STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
+_SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
+# The tilt that is said of turned sheets, and of a sheet whose lights do not stand as configured.
+_MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG = 4.0, 7.0
+# Positions with larger standard errors are no better than the configured directions. Near light
+# changes slopes by the inverse of the distance: 20 % of it cost less than the angles.
+_WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
+# cos(88 degrees): lights below are none that a solver could use.
+_LOWEST = 0.035
+# A sheet that lies on a table is taken to be level to this; turned by half a turn to 10 degrees, a
+# sixth of its tilt remains.
+_TABLE_DEG, _TURN = 0.3, 0.17
+_SINGLE_TILT_DEG = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPlate:
+    """Flat field and lights of a rig, from S placements of a sheet.
+
+    Attributes
+    ----------
+    lights
+        With positions; None where the ratios of the lights do not give them.
+    no_lights_because
+        Why they are None.
+    tilts_deg
+        (S,) tilt of the sheet in each placement from the mean of all.
+    """
+
+    flat_field: FittedFlatField
+    lights: CalibratedLights | None
+    no_lights_because: str | None
+    tilts_deg: FloatArray
+
+
+def measure_plate(
+    placements: Sequence[ImageStack],
+    full_scale: float,
+    lighting: Lighting,
+    mask: BoolArray | None = None,
+) -> MeasuredPlate:
+    """Measure the flat field of each light and the positions of the LEDs.
+
+    Parameters
+    ----------
+    placements
+        Images of a white matt sheet that fills the frame or the (H, W) `mask`. Two placements that
+        are turned by half a turn cancel its tilt.
+    full_scale
+        Pixel value of saturation.
+    lighting
+        The lights as configured; only directions that disagree by a common tilt are refused.
+
+    Raises
+    ------
+    CalibrationRejected
+        For a sheet that is saturated, too dark, tilted or shiny, or that is no white matt sheet.
+    InputError
+        For placements that differ in shape or lights.
+    """
+    shapes = {each.images.shape for each in placements}
+    if len(shapes) != 1 or shapes.copy().pop()[0] != len(lighting):
+        raise InputError("the sets of the sheet differ in size or in lights; capture them alike")
+    blocks = PlateBlocks.of(placements, full_scale, mask)
+    _check_exposure(blocks)
+    slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()
+    if np.median(slopes) > _STEEPEST_RELIEF:
+        raise CalibrationRejected(
+            f"not a white matt sheet: it has relief of rms slope {np.median(slopes):.2f}, a sheet "
+            f"less than {_STEEPEST_RELIEF:g}; put paper or a matt board below the camera"
+        )
+    fitted = fit_flat_field(blocks)
+    positions = fit_led_positions(fitted.ratios, fitted.weights, blocks.x, blocks.y)
+    unit_px = 0.5 * max(blocks.shape)
+    measured = Lighting.near(positions.positions * unit_px) if _is_known(positions) else None
+    tilts_deg = _tilts_deg(fitted.offsets, measured or lighting)
+    common_deg = _checked_tilt_deg(tilts_deg, fitted, measured, lighting)
+    _check_surface(fitted)
+    _check_gloss(positions, blocks, measured or lighting)
+    if measured is None:
+        return MeasuredPlate(fitted, None, _why_unknown(positions), tilts_deg)
+    if len(placements) == 1:
+        level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
+    else:
+        level_deg = np.hypot(_TABLE_DEG, _TURN * tilts_deg.max())
+    lights = CalibratedLights(
+        measured, "plate", np.hypot(positions.direction_errors_deg, level_deg),
+        positions.distance_errors, positions.residual, positions.lobe_exponent,
+    )  # fmt: skip
+    return MeasuredPlate(fitted, lights, None, tilts_deg)
+
+
+def _check_exposure(blocks: PlateBlocks) -> None:
+    placement, light = np.unravel_index(blocks.saturated.argmax(), blocks.saturated.shape)
+    share = blocks.saturated[placement, light]
+    if share > _MOST_SATURATED:
+        raise CalibrationRejected(
+            f"light {light} saturates {share:.1%} of the sheet; shorten the exposure"
+        )
+    placement, light = np.unravel_index(blocks.levels.argmin(), blocks.levels.shape)
+    level = blocks.levels[placement, light]
+    if level < _DARKEST:
+        raise CalibrationRejected(
+            f"too dark: the sheet reaches {level:.1%} of full scale under light {light}; lengthen "
+            f"the exposure until it reaches {_DARKEST:.0%} or more"
+        )
+    share = blocks.usable.mean(axis=(1, 2)).min()
+    if share < _FEWEST_BLOCKS:
+        raise CalibrationRejected(
+            f"only {share:.0%} of the frame shows the sheet; let it fill the frame"
+        )
+
+
+def _is_known(positions: LedPositions) -> bool:
+    heights = positions.positions[:, 2] / np.linalg.norm(positions.positions, axis=1)
+    return bool(
+        heights.min() >= _LOWEST
+        and positions.direction_errors_deg.max() <= _WORST_DIRECTION_DEG
+        and positions.distance_errors.max() <= _WORST_DISTANCE
+    )
+
+
+def _why_unknown(positions: LedPositions) -> str:
+    return (
+        "the lights are too far away for their positions to be seen on a sheet (directions "
+        f"uncertain by {min(positions.direction_errors_deg.max(), 90.0):.0f} degrees); measure "
+        "their directions with a sphere"
+    )
+
+
+def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
+    """(S,) tilts of the sheet from the (S, N) logarithms by which it makes a light brighter.
+
+    A sheet of slopes a = (p, q) makes a light in the direction l brighter by 1 - a . l_xy / l_z.
+    """
+    tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
+    centred = tangents - tangents.mean(axis=0)
+    slopes = np.linalg.lstsq(
+        -centred, (offsets - offsets.mean(axis=1, keepdims=True)).T, rcond=None
+    )
+    return np.asarray(np.degrees(np.arctan(np.linalg.norm(slopes[0], axis=0))), np.float64)
+
+
+def _checked_tilt_deg(
+    tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
+) -> float:
+    """Tilt of all placements by what the lights differ from those configured; refused if large."""
+    if tilts_deg.max() > _MOST_TILTED_DEG:
+        raise CalibrationRejected(
+            f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "
+            f"{_MOST_TILTED_DEG:g} degrees"
+        )
+    if measured is not None:
+        alone_deg = _common_tilt_deg(measured, given)
+    else:
+        levels = fitted.flat_field.coefficients[:, 0, 0]
+        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), given)
+    if alone_deg > _MOST_TILTED_ALONE_DEG:
+        raise CalibrationRejected(
+            f"the sheet is tilted by about {alone_deg:.0f} degrees, or the lights do not stand as "
+            "configured; lay it flat, and check the tilts and slants of the lights"
+        )
+    return alone_deg
+
+
+def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
+    """Tilt of the sheet that best explains how all directions differ; 0 if it does not."""
+    change = measured.directions - given.directions
+    # A small rotation w adds w x l to every direction l.
+    design = np.concatenate([-_cross(each) for each in given.directions])
+    rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
+    left = change.ravel() - design @ rotation
+    if np.square(left).sum() > 0.5 * np.square(change).sum():
+        return 0.0
+    return float(np.degrees(np.hypot(rotation[0], rotation[1])))
+
+
+def _cross(vector: FloatArray) -> FloatArray:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _tilt_of_levels_deg(levels: FloatArray, given: Lighting) -> float:
+    """Tilt of the sheet that explains the levels of distant lights; 0 if the LEDs differ."""
+    tangents = given.directions[:, :2] / given.directions[:, 2:]
+    centred = tangents - tangents.mean(axis=0)
+    slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
+    left = levels + centred @ slopes
+    if np.square(left).sum() > 0.1 * np.square(levels).sum():
+        return 0.0
+    return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
+
+
+def _check_surface(fitted: FittedFlatField) -> None:
+    if fitted.ratio_residual > _ROUGHEST_RATIO or fitted.unused > _MOST_UNUSED:
+        raise CalibrationRejected(
+            f"not a white matt sheet: the lights differ by {fitted.ratio_residual:.1%} from place "
+            f"to place, and {fitted.unused:.0%} of the frame fits no smooth light; use a sheet, or "
+            "a mask of flat areas"
+        )
+    if fitted.mean_residual > _MOST_UNEVEN:
+        raise CalibrationRejected(
+            f"not a white sheet: its reflectance varies by {fitted.mean_residual:.1%} over "
+            "the frame; use blank paper"
+        )
+
+
+def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:
+    """Refuse a sheet that is brighter where it mirrors the lights, on the side of each."""
+    size = positions.residuals.shape[-1]
+    x, y = (each.reshape(size, -1).mean(axis=1) for each in (blocks.x, blocks.y))
+    shiny = []
+    for light, excess in enumerate(positions.residuals):
+        hot = np.where(
+            _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _SHINIEST), excess, 0
+        )
+        total = hot.sum()
+        towards = lighting.directions[light, :2] / np.linalg.norm(lighting.directions[light, :2])
+        along = hot.sum(axis=0) @ x * towards[0] + hot.sum(axis=1) @ y * towards[1]
+        if total > 0.0 and along / total > _ON_ITS_SIDE:
+            shiny.append(light)
+    if len(shiny) > _MANY * len(positions.residuals):
+        raise CalibrationRejected(
+            f"the sheet is shiny: a highlight of {np.expm1(positions.residuals.max()):.1%} lies on "
+            f"the side of lights {', '.join(map(str, shiny))}; use matt paper"
+        )
+
+
+def _pooled(usable: BoolArray, size: int) -> BoolArray:
+    step = len(usable) // size
+    return np.asarray(usable.reshape(size, step, size, step).all(axis=(1, 3)), np.bool_)
