@@ -211,4 +211,4 @@ def _sums(values: FloatArray, size: int) -> FloatArray:
 
 def _means(values: FloatArray, size: int) -> FloatArray:
     """(..., size, size) means of neighbouring blocks."""
-    return _sums(values, size) / (values.shape[-1] // size) ** 2
+    return np.asarray(_sums(values, size) / (values.shape[-1] // size) ** 2, np.float64)

@@ -2,12 +2,13 @@
 
 import typer
 
-from . import dark, response, show
+from . import dark, plate, response, show
 
 __all__ = ["calibrate_app"]
 
 calibrate_app = typer.Typer()
 calibrate_app.command()(dark.dark)
+calibrate_app.command()(plate.plate)
 calibrate_app.command()(response.response)
 calibrate_app.command()(show.show)
 

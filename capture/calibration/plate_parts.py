@@ -1,0 +1,139 @@
+"""Flat field and lights from sets of a white sheet, with their records: how good they are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.sets.captured_set import CapturedSet
+from classify.calibration.calibration import Calibration
+from classify.calibration.lights import CalibratedLights
+from classify.calibration.plate import MeasuredPlate, measure_plate
+from classify.errors import InputError
+from classify.images.stack import ImageStack
+
+from .ps4cal import MeasuredPart, PartRecord
+from .setting import Setting
+
+# A sheet under LEDs of round lobes leaves less than 0.1 % (classify/README.md).
+_ROUND_LOBES = 0.002
+
+
+def plate_parts(
+    sets: Sequence[CapturedSet],
+    calibration: Calibration,
+    mask: npt.NDArray[np.bool_] | None,
+    source: Sequence[str],
+) -> list[MeasuredPart]:
+    """Measure a sheet that the camera parts of `calibration` correct.
+
+    Parameters
+    ----------
+    sets
+        Placements of the sheet at one setting.
+    mask
+        (H, W) pixels that count, beside those within the masks of the sets; None for all.
+
+    Raises
+    ------
+    CalibrationRejected
+        As `measure_plate`.
+    InputError
+        For sets of different settings, or a mask of another size.
+    """
+    first = sets[0]
+    setting = Setting.of_set(first)
+    for number, each in enumerate(sets[1:], start=2):
+        other = Setting.of_set(each)
+        differences = [*setting.differences(other, "dark"), *setting.differences(other, "lights")]
+        if differences:
+            raise InputError(
+                f"set {number} of the sheet has {differences[0]}; capture all at one setting"
+            )
+    shape = first.images.shape[1:]
+    if mask is not None and mask.shape != shape:
+        raise InputError(
+            f"the mask has {mask.shape[1]} x {mask.shape[0]} px, the sets {shape[1]} x {shape[0]}; "
+            "a mask covers the same frame"
+        )
+    for each in sets:
+        if each.mask is not None:
+            mask = each.mask if mask is None else mask & each.mask
+    full_scale = float(first.metadata.full_scale)
+    placements = [
+        calibration.corrected(ImageStack(each.images, each.ambient), full_scale) for each in sets
+    ]
+    if mask is not None:
+        mask = calibration.corrected_mask(mask)
+    measured = measure_plate(placements, full_scale, first.lighting, mask)
+    return [
+        _flat_field(measured, setting, source),
+        *_lights(measured.lights, calibration, setting, source),
+    ]
+
+
+def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]) -> MeasuredPart:
+    fitted = measured.flat_field
+    levels = np.exp(fitted.flat_field.coefficients[:, 0, 0])
+    quality = (
+        f"The flat field is known to {fitted.error:.2%}. Lights fall off by up to "
+        f"{fitted.flat_field.share:.0%} over the frame, and differ by "
+        f"{levels.max() / levels.min() - 1.0:.0%} in its middle."
+    )
+    figures = {
+        "error_percent": 100.0 * fitted.error,
+        "fall_off_percent": 100.0 * fitted.flat_field.share,
+        "degree": float(max(fitted.degree)),
+        "unused_percent": 100.0 * fitted.unused,
+        "sheet_tilt_deg": float(measured.tilts_deg.max()),
+        "placements": float(len(measured.tilts_deg)),
+    }
+    warnings = []
+    if len(measured.tilts_deg) == 1:
+        warnings.append(
+            "one placement of the sheet: its tilt is in the flat field; give a second set with the "
+            "sheet turned by half a turn"
+        )
+    if measured.no_lights_because is not None:
+        warnings.append(measured.no_lights_because)
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("flat_field", fitted.flat_field, record, tuple(warnings))
+
+
+def _lights(
+    lights: CalibratedLights | None,
+    calibration: Calibration,
+    setting: Setting,
+    source: Sequence[str],
+) -> list[MeasuredPart]:
+    if lights is None:
+        return []
+    assert lights.distance_errors is not None
+    assert lights.lighting.positions_px is not None
+    direction_deg = float(lights.direction_errors_deg.max())
+    distance = float(lights.distance_errors.max())
+    quality = (
+        f"The positions of the lights are known to {direction_deg:.1f} degrees and "
+        f"{distance:.1%} of their distance."
+    )
+    distances_px = np.linalg.norm(lights.lighting.positions_px, axis=1)
+    figures = {
+        "direction_error_deg": direction_deg,
+        "distance_error_percent": 100.0 * distance,
+        "nearest_px": float(distances_px.min()),
+        "farthest_px": float(distances_px.max()),
+        "residual_percent": 100.0 * lights.residual,
+    }
+    if calibration.scale is not None:
+        figures["nearest_mm"] = float(distances_px.min()) * calibration.scale.mm_per_px
+        figures["farthest_mm"] = float(distances_px.max()) * calibration.scale.mm_per_px
+    if lights.lobe_exponent is not None:
+        figures["lobe_exponent"] = lights.lobe_exponent
+    warnings = []
+    if lights.residual > _ROUND_LOBES:
+        warnings.append(
+            f"the light on the sheet differs by {lights.residual:.2%} from that of LEDs: the sheet "
+            "may be shiny, or the lights are no points; check the positions with a sphere"
+        )
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return [MeasuredPart("lights", lights, record, tuple(warnings))]

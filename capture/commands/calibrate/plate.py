@@ -1,0 +1,64 @@
+"""``ps4rig calibrate plate``: flat field and LED positions from a white sheet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.commands import options
+from capture.console import reported
+from classify.errors import InputError
+
+from .flow import (
+    CalibrationPath,
+    FromSets,
+    RigToCalibrate,
+    Target,
+    Yes,
+    calibration_at,
+    keep_parts,
+    target_sets,
+)
+
+_SHEET = Target("a white matt sheet", "plate")
+# Half a turn cancels a tilt of the sheet and a reflectance that rises along it.
+_ROTATIONS_DEG = (0.0, 180.0)
+# Frames of each image: their noise is then half, and below the grain of paper.
+_FRAMES = 4
+
+
+@reported
+def plate(
+    calibration: CalibrationPath,
+    rig: RigToCalibrate = None,
+    given: FromSets = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(
+            help="Image of the same frame, white where the sheet is, or where a part is flat; with "
+            "--from."
+        ),
+    ] = None,
+    yes: Yes = False,
+    json: options.Json = False,
+) -> None:
+    """Measure how bright each light is over the frame, and where the LEDs stand, by a white sheet.
+
+    The sheet is white and matt, fills the frame and lies flat. It is captured twice, the second
+    time turned by half a turn. Flat areas of a part serve as well, see --mask.
+    """
+    if mask is not None and rig is not None:
+        raise InputError("--mask is for the sets of --from; let the sheet fill the frame of a rig")
+    inputs = [*(given or ()), *([] if mask is None else [mask])]
+    file = calibration_at(calibration, inputs)
+    sets, source = target_sets(
+        rig, given, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
+    )
+    from capture.calibration.plate_parts import plate_parts
+    from capture.sets.photographs import read_mask
+
+    rows, columns = sets[0].images.shape[1:]
+    area = None if mask is None else read_mask(mask, (rows, columns), None)
+    keep_parts(calibration, file, plate_parts(sets, file.calibration, area, source), json=json)
