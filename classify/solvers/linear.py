@@ -54,7 +54,7 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
             maps.p, maps.q, maps.albedo, maps.valid,
         )  # fmt: skip
 
-    solve_strips(problem, maps, solve)
+    solve_strips(problem, maps, solve, from_all_lights=unused == NO_DROPPED_LIGHT)
     return maps
 
 

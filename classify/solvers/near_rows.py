@@ -1,0 +1,163 @@
+"""Rows under near lights, solved by methods for distant ones; see `classify.lights.near_light`."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.compiling import kernel
+from classify.images.stack import ImageStack
+from classify.lights.near_light import Shear, middle_px
+from classify.shadow_rule import MIN_NORMAL_Z
+
+from .problem import Maps, Problem
+
+Array = npt.NDArray[Any]
+FloatArray = npt.NDArray[np.float32]
+
+# The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
+# of the albedo that it can add to an image. Below the first limit it is left alone. Least squares
+# of all lights tell its b . X, but in shadow; from the second limit on that matters, and the
+# solution tells it (tests/classify/solvers/test_near_light.py holds the errors that remain).
+_LEAST_EXCESS, _LARGE_EXCESS = 1e-4, 1e-2
+# 1 - c . X of a pixel so near to the plane of the lights that its slope across it is not known.
+_NEAR_PLANE = np.float32(0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class NearRows:
+    """Some rows of a frame under near lights.
+
+    Attributes
+    ----------
+    problem, shear
+        Of the whole frame.
+    x, y
+        Coordinates in px of the columns and of these rows.
+    inner
+        b . X times whose excess was subtracted from the images; one row where it is not kept.
+    """
+
+    problem: Problem
+    shear: Shear
+    x: FloatArray
+    y: FloatArray
+    inner: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem, first: int, height: int) -> Self | None:
+        """Rows from `first` on; None for distant lights."""
+        if problem.shear is None:
+            return None
+        rows, columns = problem.shape
+        y = -middle_px(rows)[first : first + height]
+        largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
+        kept = 0 if largest < _LEAST_EXCESS else 1 if largest < _LARGE_EXCESS else height
+        inner = np.zeros((kept, columns), np.float32)
+        return cls(problem, problem.shear, middle_px(columns), y, inner)
+
+    @property
+    def excess_is_large(self) -> bool:
+        """Whether the images need `subtract_rest_of_excess`."""
+        return len(self.inner) > 1
+
+    def subtract_excess(self, stack: ImageStack) -> None:
+        """Subtract e_k (b . X) from the images of these rows in place, with b of least squares."""
+        if len(self.inner) > 0:
+            gains, shear = self.problem.gains, self.shear
+            weights = np.linalg.pinv(self.problem.directions) * gains
+            _subtract_excess(
+                weights.astype(np.float32), shear.plane, shear.excess / gains, self.x, self.y,
+                self.problem.saturation, stack.dark_rows, stack.images, self.inner,
+            )  # fmt: skip
+
+    def subtract_rest_of_excess(self, stack: ImageStack, maps: Maps) -> None:
+        """Subtract the difference that b of the solution makes, of maps not yet `correct`ed."""
+        _subtract_rest(
+            self.shear.plane, self.shear.excess / self.problem.gains, self.x, self.y,
+            self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.inner,
+        )  # fmt: skip
+
+    def correct(self, maps: Maps) -> None:
+        """Replace b' by b in the maps of these rows.
+
+        Slopes that face away, or of pixels in the plane of the lights, become invalid.
+        """
+        _undo_shear(self.shear.plane, self.x, self.y, maps.p, maps.q, maps.albedo, maps.valid)
+
+
+@kernel
+def _undo_shear(
+    plane: Array, x: Array, y: Array, p: Array, q: Array, albedo: Array, valid: Array
+) -> None:
+    """Replace b' by b = b' + c (b' . X) / (1 - c . X), at X = (x, y, 0)."""
+    cx, cy, cz = plane
+    zero, one = np.float32(0.0), np.float32(1.0)
+    rows, columns = p.shape
+    for r in range(rows):
+        for c in range(columns):
+            across = one - cx * x[c] - cy * y[r]
+            known = across > _NEAR_PLANE
+            # In units of b'_z.
+            inner = -(p[r, c] * x[c] + q[r, c] * y[r]) / (across if known else one)
+            bx, by, bz = cx * inner - p[r, c], cy * inner - q[r, c], one + cz * inner
+            length = np.sqrt(bx * bx + by * by + bz * bz)
+            known &= bz > MIN_NORMAL_Z * length
+            slope = -one / bz if known else zero
+            albedo[r, c] *= length / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            p[r, c] = bx * slope
+            q[r, c] = by * slope
+            valid[r, c] &= known
+
+
+@kernel
+def _subtract_excess(
+    weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
+    dark: Array, images: Array, inner: Array,
+) -> None:  # fmt: skip
+    """Find b . X by least squares, subtract `excess` times it from images below `saturation`.
+
+    b' = weights i; `weights` (3, N) contain the gains.
+    """
+    cx, cy, _ = plane
+    one = np.float32(1.0)
+    lights, rows, columns = images.shape
+    found = np.empty(columns, np.float32)
+    for r in range(rows):
+        dark_row = dark[min(r, len(dark) - 1)]
+        found[:] = np.float32(0.0)
+        for k in range(lights):
+            wx, wy = weights[0, k], weights[1, k] * y[r]
+            for c in range(columns):
+                found[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
+        for c in range(columns):
+            found[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+        for k in range(lights):
+            e = excess[k]
+            for c in range(columns):
+                raw = images[k, r, c]
+                images[k, r, c] = raw - e * found[c] if raw < saturation else raw
+        inner[min(r, len(inner) - 1)] = found
+
+
+@kernel
+def _subtract_rest(
+    plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
+    p: Array, q: Array, albedo: Array, images: Array, inner: Array,
+) -> None:  # fmt: skip
+    """Find b . X = (b' . X) / (1 - c . X) by maps of b', subtract its difference from `inner`."""
+    cx, cy, _ = plane
+    one = np.float32(1.0)
+    lights, rows, columns = images.shape
+    rest = np.empty(columns, np.float32)
+    for r in range(rows):
+        for c in range(columns):
+            across = max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+            scale = albedo[r, c] / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            rest[c] = -scale * (p[r, c] * x[c] + q[r, c] * y[r]) / across - inner[r, c]
+        for k in range(lights):
+            e = excess[k]
+            for c in range(columns):
+                raw = images[k, r, c]
+                images[k, r, c] = raw - e * rest[c] if raw < saturation else raw
