@@ -2,12 +2,13 @@
 
 import typer
 
-from . import dark, plate, response, show
+from . import dark, lights, plate, response, show
 
 __all__ = ["calibrate_app"]
 
 calibrate_app = typer.Typer()
 calibrate_app.command()(dark.dark)
+calibrate_app.command()(lights.lights)
 calibrate_app.command()(plate.plate)
 calibrate_app.command()(response.response)
 calibrate_app.command()(show.show)

@@ -158,9 +158,17 @@ def captured_targets(
 
 
 def place_target(
-    rig: Rig, target: Target, rotate_deg: float = 0.0, *, again: bool = False, yes: bool = False
+    rig: Rig,
+    target: Target,
+    rotate_deg: float = 0.0,
+    shift_px: tuple[float, float] | None = None,
+    *,
+    again: bool = False,
+    yes: bool = False,
 ) -> None:
     """Put a target below the camera; without a simulated rig a person does it, and is asked.
+
+    A simulated rig keeps the shift of its placement if `shift_px` is None.
 
     Raises
     ------
@@ -170,6 +178,8 @@ def place_target(
     simulation = rig.simulation
     if simulation is not None and simulation.placement is not None:
         change = {"surface": target.surface, "rotate_deg": rotate_deg, "size_mm": target.size_mm}
+        if shift_px is not None:
+            change["shift_px"] = shift_px
         simulation.place(simulation.placement.model_copy(update=change))
     elif not yes:
         what = f"turn and move {target.what}" if again else f"put {target.what} under the camera"

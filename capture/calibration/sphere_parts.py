@@ -1,0 +1,191 @@
+"""The parts of a calibration that pictures of a sphere give, with their records."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from capture.sets.captured_set import CapturedSet
+from capture.sets.photographs import Gamma, read_mask, read_photographs
+from classify.calibration.calibration import Calibration
+from classify.calibration.scale import Scale
+from classify.calibration.spheres import (
+    SphereKind,
+    SphereLights,
+    SpherePictures,
+    lights_from_spheres,
+    scale_of_spheres,
+)
+from classify.errors import InputError
+from classify.images.stack import ImageStack
+
+from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
+from .setting import Setting
+
+# Errors of directions in words: half a degree is the aim for a mirror sphere, two that for a matt
+# one, and four degrees of slant turn the normals by three (table of faults, classify/README.md).
+_GOOD_DEG, _FAIR_DEG = 0.5, 2.0
+
+
+def pictures_of_photographs(
+    paths: Sequence[Path],
+    masks: Sequence[Path],
+    lights: int | None,
+    gamma: Gamma | None,
+) -> tuple[list[SpherePictures], Setting]:
+    """Read photographs of a sphere, one per light, placement after placement.
+
+    Parameters
+    ----------
+    masks
+        No mask, or one per placement, white on the sphere.
+    lights
+        Number of lights; all photographs show one placement if it is None.
+
+    Raises
+    ------
+    InputError
+        If the numbers do not fit, or a file cannot be read.
+    """
+    lights = lights or len(paths)
+    if len(paths) % lights:
+        raise InputError(
+            f"{len(paths)} photographs of a sphere for {lights} lights; give one photograph per "
+            "light, and all lights again for each further placement"
+        )
+    count = len(paths) // lights
+    if len(masks) not in (0, count):
+        raise InputError(
+            f"{len(masks)} masks for {count} placements of the sphere; give one each, or none"
+        )
+    read = read_photographs(paths, gamma=gamma, bits=None, crop=None)
+    planes = np.stack(read.planes)
+    pictures = [
+        SpherePictures(
+            planes[lights * k : lights * (k + 1)],
+            read.full_scale,
+            mask=read_mask(masks[k], read.frame, None) if masks else None,
+        )
+        for k in range(count)
+    ]
+    return pictures, Setting.of_photographs(read)
+
+
+def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SpherePictures]:
+    """Return the images of sets of a sphere, corrected for the camera where it is calibrated."""
+    pictures = []
+    for captured in sets:
+        setting = Setting.of_set(captured)
+        parts = {
+            name: getattr(file.calibration, name)
+            for name in ("dark", "response", "scale")
+            if name in file.records and not file.records[name].setting.differences(setting, name)
+        }
+        known = Calibration(**parts)
+        full_scale = float(captured.metadata.full_scale)
+        stack = known.corrected(ImageStack(captured.images, captured.ambient), full_scale)
+        mask = None if captured.mask is None else known.corrected_mask(captured.mask)
+        pictures.append(SpherePictures(stack.images, full_scale, stack.ambient, mask))
+    return pictures
+
+
+def sphere_parts(
+    pictures: Sequence[SpherePictures],
+    kind: SphereKind,
+    file: CalibrationFile,
+    setting: Setting,
+    source: Sequence[str],
+    diameter_mm: float | None = None,
+) -> list[MeasuredPart]:
+    """Measure the lights, and the scale where the diameter of the sphere is known.
+
+    Raises
+    ------
+    CalibrationRejected
+        If the sphere or a light on it is not found, or a light is not known to 10 degrees.
+    """
+    scale = file.calibration.scale
+    focal_px = None if scale is None else scale.focal_px
+    found = lights_from_spheres(pictures, kind, focal_px=focal_px)
+    lighting = found.lights.lighting
+    if not setting.light_directions:
+        rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())
+        setting = setting.model_copy(update={"light_directions": rows})
+    parts = [_lights_part(found, kind, focal_px, setting, source)]
+    if diameter_mm is not None:
+        measured = scale_of_spheres(found.spheres, diameter_mm)
+        if scale is not None:  # what is known of the lens stays
+            measured = replace(scale, mm_per_px=measured.mm_per_px, error=measured.error)
+        parts.append(_scale_part(measured, found, diameter_mm, setting, source))
+    return parts
+
+
+def _lights_part(
+    found: SphereLights,
+    kind: SphereKind,
+    focal_px: float | None,
+    setting: Setting,
+    source: Sequence[str],
+) -> MeasuredPart:
+    lights = found.lights
+    worst_deg = float(lights.direction_errors_deg.max())
+    radius_px = float(np.mean([each.radius_px for each in found.spheres]))
+    outline_px = max(each.error_px for each in found.spheres)
+    word = "Good" if worst_deg <= _GOOD_DEG else "Fair" if worst_deg <= _FAIR_DEG else "Poor"
+    what = "directions" if lights.lighting.positions_px is None else "positions"
+    quality = (
+        f"{word}: {what} of {len(lights.lighting)} lights to "
+        f"{float(np.median(lights.direction_errors_deg)):.2g} degrees, the least certain to "
+        f"{worst_deg:.2g}, from a {kind} sphere {2 * radius_px:.0f} px across."
+    )
+    if worst_deg > _FAIR_DEG:
+        quality += (
+            " A larger picture of the sphere, a background that its outline stands out from, or a "
+            "mask makes it better."
+        )
+    figures = {
+        "direction_error_deg": float(np.median(lights.direction_errors_deg)),
+        "largest_direction_error_deg": worst_deg,
+        "sphere_radius_px": radius_px,
+        "outline_error_px": outline_px,
+        "outline_seen": min(found.outline_scores),
+        "residual": lights.residual,
+        "placements": float(len(found.spheres)),
+    }
+    if lights.distance_errors is not None:
+        figures["largest_distance_error"] = float(lights.distance_errors.max())
+    warnings = [*found.doubts]
+    if len(found.spheres) > 1 and lights.lighting.positions_px is None:
+        warnings.append(
+            "the lights are too far away, or the placements too close together, for their "
+            "distances: they count as distant"
+        )
+    if focal_px is None and not setting.simulated:
+        warnings.append(
+            "the camera counts as far away: one at 20 radii of the sphere turns a light at slant "
+            "45 by 1.1 degrees towards the edge. ps4rig calibrate scale with three tilted "
+            "placements of a checkerboard measures its distance"
+        )
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("lights", lights, record, tuple(warnings))
+
+
+def _scale_part(
+    scale: Scale,
+    found: SphereLights,
+    diameter_mm: float,
+    setting: Setting,
+    source: Sequence[str],
+) -> MeasuredPart:
+    quality = (
+        f"{'Good' if scale.error <= 0.005 else 'Fair'}: {scale.mm_per_px:.5g} mm per px to "
+        f"{scale.error:.1%}, from a sphere of {diameter_mm:g} mm."
+    )
+    figures = {
+        "mm_per_px": scale.mm_per_px,
+        "error": scale.error,
+        "diameter_px": 2.0 * float(np.mean([each.radius_px for each in found.spheres])),
+    }
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("scale", scale, record)

@@ -1,0 +1,196 @@
+"""``ps4rig calibrate lights``: directions or positions of the lights from a sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from capture.commands import options
+from capture.console import reported
+from classify.errors import InputError
+
+from .flow import (
+    PhotographGamma,
+    RigToCalibrate,
+    Target,
+    Yes,
+    calibration_at,
+    files_given,
+    keep_parts,
+    place_target,
+)
+
+if TYPE_CHECKING:
+    from capture.calibration.ps4cal import CalibrationFile
+    from capture.calibration.setting import Setting
+    from capture.sets.captured_set import CapturedSet
+    from classify.calibration.spheres import SpherePictures
+    from rig import Rig
+
+# Places of the sphere on a simulated rig, in shares of the shorter side of the frame: the sphere,
+# which fills 0.6 of it, stays inside, and rays from the places cross.
+_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
+
+
+@reported
+def lights(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="[IMG...] CAL",
+            help="Further photographs, as after --from, and the calibration file, NAME.ps4cal. One "
+            "that exists gets the lights added or replaced.",
+        ),
+    ],
+    sphere: Annotated[
+        Literal["mirror", "matte"],
+        typer.Option(help="A polished ball, such as of a ball bearing, or a white matt one."),
+    ],
+    rig: RigToCalibrate = None,
+    given: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="Photographs of the sphere, one per light, or captured sets of it, instead of a "
+            "rig. Photographs of further placements follow, in the same order of lights.",
+            metavar="IMG...|SET",
+        ),
+    ] = None,
+    mask: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Image of the same frame, white on the sphere; one per placement.", metavar="IMG"
+        ),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            "--lights",
+            min=1,
+            max=255,
+            help="Number of lights; there are as many photographs for each placement.",
+            show_default="the number of photographs",
+            metavar="N",
+        ),
+    ] = None,
+    gamma: PhotographGamma = None,
+    diameter_mm: Annotated[
+        float | None,
+        typer.Option(min=1e-3, max=1e4, help="Diameter of the sphere; gives the scale too."),
+    ] = None,
+    placements: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=len(_PLACES),
+            help="Places of the sphere that a rig captures. Three give positions of near lights.",
+        ),
+    ] = 1,
+    list_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--list",
+            help="Write the directions to this file too, for import --lights: .lp or .json.",
+            metavar="FILE",
+        ),
+    ] = None,
+    force: options.Force = False,
+    yes: Yes = False,
+    json: options.Json = False,
+) -> None:
+    """Measure the directions of the lights by a mirror sphere or a matt one below the camera.
+
+    The sphere is found in the pictures, or given by --mask. One picture per light gives directions;
+    several placements of the sphere give the positions of near lights.
+    """
+    from capture.calibration.setting import Setting
+    from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
+    from capture.outputs import check_output
+    from capture.sets.light_list_file import write_light_list
+    from rig import open_rig
+
+    calibration, photographs = _calibration_and_photographs(paths, given, mask)
+    if (rig is None) == (not photographs):
+        raise InputError("give --rig RIG to capture the sphere, or --from IMG... or SET with it")
+    file = calibration_at(calibration, photographs)
+    if list_file is not None:
+        check_output(list_file, suffix=list_file.suffix, inputs=photographs, force=force)
+    if rig is not None:
+        if mask or count is not None or gamma is not None:
+            raise InputError("--mask, --lights and --gamma are for photographs; leave them out")
+        target = Target(f"a {sphere} sphere", f"{sphere}_sphere", diameter_mm)
+        with open_rig(rig) as opened:
+            sets = list(_captured(opened, target, placements, yes))
+            setting = Setting.of_rig(opened)
+        pictures, names = pictures_of_sets(sets, file), ["captured"]
+        image_names = [f"light{k}.tif" for k in range(len(sets[0].images))]
+    else:
+        pictures, setting, image_names = _of_files(
+            photographs, mask or (), count, gamma, sphere, file
+        )
+        names = [path.name for path in photographs]
+    parts = sphere_parts(pictures, sphere, file, setting, names, diameter_mm)
+    if list_file is not None:
+        write_light_list(list_file, parts[0].part.lighting, image_names)
+    keep_parts(calibration, file, parts, json=json)
+
+
+def _calibration_and_photographs(
+    paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
+) -> tuple[Path, list[Path]]:
+    """Tell the calibration from the photographs, in their order; a mask is none of those.
+
+    A shell puts all but the first of ``--from photo*.png`` among the arguments.
+    """
+    from capture.calibration.ps4cal import SUFFIX
+
+    files = [path for path in paths if path.suffix == SUFFIX]
+    if len(files) != 1:
+        raise InputError(f"{len(files)} files NAME{SUFFIX}; give the one to write the lights to")
+    names = {path.resolve() for path in masks or ()}
+    photographs = [
+        path
+        for path in (*(given or ()), *(path for path in paths if path.suffix != SUFFIX))
+        if path.resolve() not in names
+    ]
+    return files[0], photographs
+
+
+def _of_files(
+    given: list[Path],
+    masks: Sequence[Path],
+    count: int | None,
+    gamma: Literal["linear", "srgb"] | None,
+    sphere: Literal["mirror", "matte"],
+    file: CalibrationFile,
+) -> tuple[list[SpherePictures], Setting, list[str]]:
+    from capture.calibration.setting import Setting
+    from capture.calibration.sphere_parts import pictures_of_photographs, pictures_of_sets
+    from capture.sets.captured_set import CapturedSet
+
+    photographs, sets = files_given(given)
+    if photographs and sets:
+        raise InputError("--from names photographs and sets; give one kind of them")
+    if photographs:
+        # Where a highlight is does not depend on the coding of brightness.
+        coding = gamma or ("linear" if sphere == "mirror" else None)
+        pictures, setting = pictures_of_photographs(photographs, masks, count, coding)
+        return pictures, setting, [path.name for path in photographs[: len(pictures[0].images)]]
+    if masks or count is not None or gamma is not None:
+        raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
+    captured = [CapturedSet.load(path) for path in sets]
+    names = [f"light{k}.tif" for k in range(len(captured[0].images))]
+    return pictures_of_sets(captured, file), Setting.of_set(captured[0]), names
+
+
+def _captured(rig: Rig, target: Target, placements: int, yes: bool) -> Iterator[CapturedSet]:
+    from capture.acquisition.attempts import capture_set
+
+    side_px = min(rig.camera.info.width_px, rig.camera.info.height_px)
+    for number, (right, up) in enumerate(_PLACES[:placements]):
+        shift_px = (right * side_px, up * side_px)
+        place_target(rig, target, shift_px=shift_px, again=number > 0, yes=yes)
+        yield capture_set(rig, is_target=True)

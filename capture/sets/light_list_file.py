@@ -1,0 +1,39 @@
+"""Writing light directions as an RTI ``.lp`` file or as JSON, for `light_list` and others."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from classify import Lighting
+from classify.durable_file import durable_file
+from classify.errors import InputError
+
+
+def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
+    """Write ``.lp`` with the names of images, or ``.json`` with vectors in their order.
+
+    A line of ``.lp`` ends in the intensity of its light where intensities are known. Vectors in
+    order serve other photographs under the same lights too.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending, or the file cannot be written.
+    """
+    vectors = [[round(each, 9) for each in row] for row in lighting.directions.tolist()]
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        text = "[\n" + ",\n".join(f" {json.dumps(each)}" for each in vectors) + "\n]\n"
+    elif suffix == ".lp":
+        rows = [[*vector] for vector in vectors]
+        if lighting.intensities_given:
+            rows = [
+                [*vector, round(level, 6)]
+                for vector, level in zip(vectors, lighting.intensities.tolist(), strict=True)
+            ]
+        lines = (f"{name} {' '.join(map(str, row))}" for name, row in zip(names, rows, strict=True))
+        text = "\n".join([str(len(rows)), *lines]) + "\n"
+    else:
+        raise InputError(f"{path}: let the name of a list of lights end in .lp or .json")
+    with durable_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
