@@ -1,7 +1,15 @@
 from .acquisition.attempts import capture_set
+from .calibration.ps4cal import CalibrationFile
 from .errors import SetRejected
 from .sets.captured_set import CapturedSet
 from .sets.image_import import import_images
 from .sets.metadata import SetMetadata
 
-__all__ = ["CapturedSet", "SetMetadata", "SetRejected", "capture_set", "import_images"]
+__all__ = [
+    "CalibrationFile",
+    "CapturedSet",
+    "SetMetadata",
+    "SetRejected",
+    "capture_set",
+    "import_images",
+]

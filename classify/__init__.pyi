@@ -1,3 +1,4 @@
+from .calibration.calibration import Calibration
 from .errors import InputError, LibraryError, Ps4rigError
 from .images.noise import SensorNoise
 from .library.evaluation import Evaluation, Trial, evaluate
@@ -17,6 +18,7 @@ from .texture.spectra import Spectra, surface_spectra
 __all__ = [
     "CLASSIFIER_NAMES",
     "METHODS",
+    "Calibration",
     "Curvature",
     "Evaluation",
     "InputError",
