@@ -17,7 +17,7 @@ from .frame_mean import check_frame
 from .repeated_frames import RepeatDetector
 
 # From one exposure to the next shorter one. Fine at first, because the highest levels say most of
-# the curve; the range is 1 to 70, with which a camera of gamma 2.2 shows the lower seventh of its
+# the curve; the range is 1 to 63, with which a camera of gamma 2.2 shows the lower seventh of its
 # values too.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
