@@ -212,9 +212,24 @@ def keep_part(
 def keep_parts(
     path: Path, file: CalibrationFile, parts: Sequence[MeasuredPart], *, json: bool
 ) -> None:
-    """Do the same for several parts at once; as JSON they are a list."""
+    """Do the same for several parts at once; as JSON they are a list.
+
+    Raises
+    ------
+    InputError
+        If the parts that stay are of another rig, camera or frame.
+    """
+    staying = file.records.keys() - {each.name for each in parts}
     kept = file
     for each in parts:
+        for name in sorted(staying):
+            # The scale depends on rig, camera and frame only.
+            differences = file.records[name].setting.differences(each.record.setting, "scale")
+            if differences:
+                raise InputError(
+                    f"{path}: its part {name} is of another rig: {'; '.join(differences)}; give "
+                    "another file"
+                )
         kept = kept.with_part(each.name, each.part, each.record)
     kept.write(path)
     for warning in (*(text for each in parts for text in each.warnings), *kept.warnings()):

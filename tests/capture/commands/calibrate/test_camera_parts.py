@@ -241,3 +241,15 @@ def test_a_lens_that_is_not_covered_is_refused_by_the_light_of_an_led(
     message = refused("calibrate", "response", "--rig", replay, path, "--yes", status=3)
     assert "one exposure only" in message
     assert not path.exists()
+
+
+def test_parts_of_two_rigs_are_not_put_into_one_file(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    calibrated(ps4rig, tmp_path, "dark")
+    path, toml = tmp_path / "rig.ps4cal", tmp_path / "rig.toml"
+    before = path.read_bytes()
+    toml.write_text(toml.read_text().replace(f"width_px = {SIDE}", "width_px = 96"))
+    message = refused("calibrate", "response", "--rig", toml, path)
+    assert "its part dark is of another rig: 96 x 128 px instead of 128 x 128 px" in message
+    assert path.read_bytes() == before
