@@ -174,6 +174,18 @@ class TextureLibrary(LibraryContents):
         blurred = blurred_surface(surface, -match.blur_px)
         return self.match(self.observe(blurred), blurred_px=-match.blur_px)
 
+    def distances(self, surface: SurfaceEstimate) -> dict[str, float]:
+        """Distance of a surface to each class, which is that to its nearest reference.
+
+        Raises as `observe`. Unlike `classify` it compares all references.
+        """
+        signature, classifier = self.observe(surface), classifier_named(self.classifier)
+        found = classifier.compare(signature, self.signatures, self.parameters).distances
+        nearest = dict.fromkeys(self.classes, np.inf)
+        for label, distance in zip(self.labels, found.tolist(), strict=True):
+            nearest[label] = min(nearest[label], distance)
+        return nearest
+
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
         """Compare the references that can be nearest or runner-up: their indices, the result."""
         classifier = classifier_named(self.classifier)
