@@ -21,7 +21,7 @@ def figure_html(view: MapView) -> str:
     unit = f", {escape(view.unit)}" if view.unit else ""
     file = f" <code>{escape(view.file)}</code>" if view.file else ""
     return (
-        f'<figure><img{small} alt="{escape(view.title)}" src="{_data_uri(view.picture)}">{legend}'
+        f'<figure><img{small} alt="{escape(view.title)}" src="{data_uri(view.picture)}">{legend}'
         f"<figcaption><b>{escape(view.title)}</b>{unit}{file}<br>{escape(view.caption)}</figcaption>"
         "</figure>"
     )
@@ -52,7 +52,8 @@ def number_text(value: float) -> str:
     return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
 
 
-def _data_uri(picture: Picture) -> str:
+def data_uri(picture: Picture) -> str:
+    """Return a picture as a JPEG in the text of an address."""
     options = [
         cv2.IMWRITE_JPEG_QUALITY, 85,
         # Without subsampling, thin lines keep their colours.

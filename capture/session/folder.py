@@ -118,6 +118,19 @@ class SessionFolder:
         return sum(path.stat().st_size for path in (self.path / _SETS).glob("*.ome.tif"))
 
 
+def read_session(path: Path) -> SessionFolder:
+    """Read a session; it must not be written.
+
+    Raises
+    ------
+    InputError
+        If it is no session, or its plan or journal cannot be read.
+    """
+    if not (path / JOURNAL).is_file():
+        raise InputError(f"{path}: not the folder of a session; ps4rig session run PLAN makes one")
+    return SessionFolder(path)
+
+
 @contextmanager
 def session_folder(path: Path) -> Iterator[SessionFolder]:
     """Open a session for writing, for this program alone.
@@ -125,10 +138,9 @@ def session_folder(path: Path) -> Iterator[SessionFolder]:
     Raises
     ------
     InputError
-        If it is no session, its plan or journal cannot be read, or another program has it open.
+        As `read_session`, or if another program has it open.
     """
-    if not (path / JOURNAL).is_file():
-        raise InputError(f"{path}: not the folder of a session; ps4rig session run PLAN makes one")
+    read_session(path)
     with _locked(path):
         yield SessionFolder(path)
 

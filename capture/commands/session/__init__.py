@@ -2,7 +2,7 @@
 
 import typer
 
-from . import new, run, status
+from . import new, report, run, status
 
 __all__ = ["session_app"]
 
@@ -11,6 +11,7 @@ session_app.command()(new.new)
 session_app.command()(run.run)
 session_app.command()(status.status)
 session_app.command()(run.resume)
+session_app.command()(report.report)
 
 
 @session_app.callback(invoke_without_command=True)

@@ -15,12 +15,9 @@ def status(
     json: options.Json = False,
 ) -> None:
     """Show what a session has captured, and what is missing."""
-    from capture.session.folder import JOURNAL, SessionFolder
-    from classify.errors import InputError
+    from capture.session.folder import read_session
 
-    if not (folder / JOURNAL).is_file():
-        raise InputError(f"{folder}: not the folder of a session")
-    session = SessionFolder(folder)
+    session = read_session(folder)
     missing = session.missing()
     entries = session.journal.entries
     skipped = [entry for entry in entries if entry.skipped is not None]

@@ -1,0 +1,193 @@
+"""The numbers of a report: sets against the textures of all specimens of their session."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.batch.tasks import LoadedSet
+from capture.session.folder import SessionFolder
+from capture.session.journal import SetEntry
+from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
+from classify.errors import InputError
+from classify.library.dissimilarity import (
+    Dendrogram,
+    class_dissimilarities,
+    dendrogram,
+    embedding,
+)
+
+Matrix = npt.NDArray[np.float64]
+# A set so many times farther from its own specimen than its sets usually are does not repeat them.
+_FAR = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class SpecimenResult:
+    """The first set of a specimen, its surface and its spectra; None if it is too small."""
+
+    loaded: LoadedSet
+    surface: SurfaceEstimate
+    spectra: Spectra | None
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """How the textures of the specimens separate.
+
+    Attributes
+    ----------
+    specimens
+        The C specimens that have a texture.
+    entries
+        The n sets of these specimens.
+    distances
+        (n, C) of each set to the first set of each specimen; NaN for the first sets themselves.
+    dissimilarities, tree
+        (C, C) of the specimens, and their grouping.
+    places
+        (n, 2) of the sets in a plane.
+    """
+
+    specimens: list[str]
+    entries: list[SetEntry]
+    distances: Matrix
+    dissimilarities: Matrix
+    tree: Dendrogram
+    places: Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class SessionAnalysis:
+    """Everything that the page of a report shows.
+
+    Attributes
+    ----------
+    entries
+        The captured sets in the order of their capture.
+    specimens
+        By their ids.
+    separation
+        None with fewer than two specimens that have a texture.
+    remarks
+        What a person should look at: (file, what is wrong).
+    """
+
+    entries: list[SetEntry]
+    specimens: dict[str, SpecimenResult]
+    separation: Separation | None
+    remarks: list[tuple[str, str]]
+
+
+def analyse(
+    folder: SessionFolder, on_progress: Callable[[float], None] | None = None
+) -> SessionAnalysis:
+    """Analyse the captured sets of a session.
+
+    Raises
+    ------
+    InputError
+        If a set that the journal names cannot be read, or its calibration is missing.
+    """
+    entries = sorted(_captured(folder), key=lambda entry: entry.captured_utc or "")
+    specimens: dict[str, SpecimenResult] = {}
+    for entry in entries:
+        path = folder.first_set_of(entry.specimen)
+        if entry.specimen not in specimens and path is not None:
+            specimens[entry.specimen] = _specimen(path)
+    separation = _separation(folder.path, entries, specimens, on_progress)
+    return SessionAnalysis(entries, specimens, separation, [*_remarks(entries, separation)])
+
+
+def _captured(folder: SessionFolder) -> Iterator[SetEntry]:
+    for entry in folder.journal.entries:
+        if entry.file is not None and (folder.path / entry.file).is_file():
+            yield entry
+
+
+def _specimen(path: Path) -> SpecimenResult:
+    loaded = LoadedSet.of(path)
+    surface = _surface(loaded)
+    try:
+        spectra = surface_spectra(surface)
+    except InputError:
+        spectra = None
+    return SpecimenResult(loaded, surface, spectra)
+
+
+def _surface(loaded: LoadedSet) -> SurfaceEstimate:
+    return loaded.solve_texture(None, planar=True)
+
+
+def _separation(
+    folder: Path,
+    entries: list[SetEntry],
+    specimens: dict[str, SpecimenResult],
+    on_progress: Callable[[float], None] | None,
+) -> Separation | None:
+    usable = {name: each for name, each in specimens.items() if each.spectra is not None}
+    if len(usable) < 2:
+        return None
+    names = list(usable)
+    library = TextureLibrary.train([(name, each.surface, 0.0) for name, each in usable.items()])
+    first_hashes = {
+        each.loaded.captured.metadata.pixels_sha256: name for name, each in usable.items()
+    }
+    compared, rows = [entry for entry in entries if entry.specimen in usable], []
+    for number, entry in enumerate(compared):
+        assert entry.file is not None
+        is_first = entry.pixels_sha256 in first_hashes
+        surface = (
+            usable[entry.specimen].surface
+            if is_first
+            else _surface(LoadedSet.of(folder / entry.file))
+        )
+        found = library.distances(surface)
+        # A set has no distance to itself that says anything about another capture.
+        own = {entry.specimen: math.nan} if is_first else {}
+        rows.append([(found | own)[name] for name in names])
+        if on_progress is not None:
+            on_progress((number + 1) / len(compared))
+    distances = np.array(rows)
+    filled = np.nan_to_num(distances, nan=0.0)
+    matrix = class_dissimilarities(filled, [names.index(entry.specimen) for entry in compared])
+    return Separation(
+        names, compared, distances, matrix, dendrogram(matrix), embedding(filled, matrix)
+    )
+
+
+def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator[tuple[str, str]]:
+    """Warnings of the captures, duplicates, and sets that do not look like their specimen."""
+    seen: dict[str | None, str | None] = {}
+    for entry in entries:
+        for warning in entry.measures.warnings if entry.measures else ():
+            yield str(entry.file), warning
+        if entry.pixels_sha256 in seen:
+            yield str(entry.file), f"has the pixels of {seen[entry.pixels_sha256]}"
+        seen.setdefault(entry.pixels_sha256, entry.file)
+    if separation is None:
+        return
+    names = separation.specimens
+    own = [
+        row[names.index(entry.specimen)]
+        for row, entry in zip(separation.distances, separation.entries, strict=True)
+    ]
+    repeated = [value for value in own if not math.isnan(value)]
+    typical = float(np.median(repeated)) if repeated else math.nan
+    for entry, row, distance in zip(separation.entries, separation.distances, own, strict=True):
+        nearest = names[int(np.nanargmin(row))]
+        if math.isnan(distance):
+            continue
+        if nearest != entry.specimen:
+            yield str(entry.file), f"looks more like {nearest} than like {entry.specimen}"
+        elif distance > _FAR * typical:
+            times = f"{distance / typical:.1f} times as far"
+            yield (
+                str(entry.file),
+                f"is {times} from the first set of its specimen as sets usually are",
+            )

@@ -1,0 +1,98 @@
+"""How different trained textures are: dissimilarities, their grouping, and a map of sets."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.cluster import hierarchy
+from scipy.spatial.distance import squareform
+
+from classify.errors import InputError
+
+Matrix = npt.NDArray[np.float64]
+
+
+def class_dissimilarities(distances: Matrix, classes: Sequence[int]) -> Matrix:
+    """Dissimilarity of C classes from the distances of n sets to each of them.
+
+    Parameters
+    ----------
+    distances
+        (n, C) from `TextureLibrary.distances`.
+    classes
+        (n,) class of each set; every class has one set at least.
+
+    Returns
+    -------
+    (C, C) symmetric: the median distance of the sets of one class to the other, the mean of both
+    ways, and 0 on the diagonal.
+    """
+    members = np.asarray(classes)
+    one_way = np.stack(
+        [np.median(distances[members == each], axis=0) for each in range(distances.shape[1])]
+    )
+    both: Matrix = 0.5 * (one_way + one_way.T)
+    np.fill_diagonal(both, 0.0)
+    return both
+
+
+class Dendrogram(NamedTuple):
+    """A tree of C classes.
+
+    Attributes
+    ----------
+    order
+        The classes from top to bottom, so that no branches cross.
+    branches
+        (C - 1, 4, 2) corners of each branch: dissimilarity, and place in `order`.
+    """
+
+    order: list[int]
+    branches: Matrix
+
+
+def dendrogram(dissimilarities: Matrix) -> Dendrogram:
+    """Group classes by average linkage (UPGMA, Sokal and Michener 1958).
+
+    Raises
+    ------
+    InputError
+        For fewer than two classes.
+    """
+    if len(dissimilarities) < 2:
+        raise InputError("one class cannot be grouped; give two or more")
+    tree = hierarchy.linkage(squareform(dissimilarities, checks=False), method="average")
+    drawn = hierarchy.dendrogram(tree, no_plot=True)
+    # scipy places leaf n at 10 n + 5.
+    places = (np.array(drawn["icoord"]) - 5.0) / 10.0
+    return Dendrogram(drawn["leaves"], np.stack([np.array(drawn["dcoord"]), places], axis=-1))
+
+
+def embedding(distances: Matrix, dissimilarities: Matrix) -> Matrix:
+    """Map sets to a plane by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
+
+    The classes are the landmarks, placed by classical scaling; each set is placed by its distances
+    to them.
+
+    Parameters
+    ----------
+    distances
+        (n, C) distances of the sets to the classes.
+    dissimilarities
+        (C, C) of the classes.
+
+    Returns
+    -------
+    (n, 2) places. The second coordinate is 0 for two classes.
+    """
+    squares = np.square(dissimilarities)
+    means = squares.mean(axis=0)
+    centred = -0.5 * (squares - means - means[:, None] + squares.mean())
+    values, vectors = np.linalg.eigh(centred)
+    places = np.zeros((len(distances), 2))
+    for axis, index in enumerate(np.argsort(values)[::-1][:2]):
+        if values[index] > 1e-9 * abs(values).max():
+            towards = vectors[:, index] / np.sqrt(values[index])
+            places[:, axis] = -0.5 * (np.square(distances) - means) @ towards
+    return places

@@ -1,0 +1,111 @@
+"""The report of a session: what it finds, and its page."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture import CapturedSet
+from capture.session.events import without_questions
+from capture.session.folder import make_session, session_folder
+from capture.session.report.analysis import analyse
+from capture.session.report.page import report_page
+from capture.session.runner import run_session
+from rig import RigConfig
+
+Command = Callable[..., Any]
+PLAN = """
+name = "mixed"
+operator = "<b>J. Wu</b>"
+orientations_deg = [0, 40]
+specimen = [
+  {id = "rock-1", label = "rock", surface = "rock", note = "a < b"},
+  {id = "sand-1", surface = "sand"},
+  {id = "bark-1", surface = "Bark014"},
+]
+"""
+
+
+@pytest.fixture(scope="module")
+def captured_session(tmp_path_factory: pytest.TempPathFactory, config: RigConfig) -> Path:
+    plan = tmp_path_factory.mktemp("report") / "mixed.toml"
+    plan.write_text(PLAN)
+    folder = make_session(plan)
+    with session_folder(folder) as session:
+        run_session(session, config, without_questions, lambda _: None)
+    return folder
+
+
+@pytest.fixture
+def mixed(captured_session: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(captured_session, tmp_path / "mixed"))
+
+
+def test_textures_separate_and_nothing_stands_out(mixed: Path) -> None:
+    with session_folder(mixed) as session:
+        found = analyse(session)
+    assert found.remarks == []
+    assert [entry.file for entry in found.entries][:2] == [
+        "sets/rock-1-0-1.ome.tif", "sets/rock-1-40-1.ome.tif",
+    ]  # fmt: skip
+    separation = found.separation
+    assert separation is not None
+    assert separation.specimens == ["rock-1", "sand-1", "bark-1"]
+    # Each second set is nearest to the first of its specimen.
+    for row, entry in zip(separation.distances, separation.entries, strict=True):
+        if entry.orientation_deg > 0.0:
+            assert row.argmin() == separation.specimens.index(entry.specimen)
+    assert sorted(separation.tree.order) == [0, 1, 2]
+
+
+def test_a_set_of_another_specimen_stands_out(mixed: Path) -> None:
+    with session_folder(mixed) as session:
+        entry = session.journal.entries[1]
+        wrong = CapturedSet.load(mixed / "sets" / "sand-1-40-1.ome.tif")
+        about = wrong.metadata.model_copy(update={"specimen": "rock-1", "orientation_deg": 40.0})
+        CapturedSet(wrong.images, wrong.ambient, about).save(mixed / str(entry.file))
+        session.update(
+            session.journal.with_entry(
+                entry.model_copy(update={"pixels_sha256": about.pixels_sha256})
+            )
+        )
+        remarks = analyse(session).remarks
+    assert ("sets/rock-1-40-1.ome.tif", "looks more like sand-1 than like rock-1") in remarks
+    assert any(said.startswith("has the pixels of sets/") for _, said in remarks)
+
+
+def test_the_page_escapes_what_people_wrote(mixed: Path) -> None:
+    with session_folder(mixed) as session:
+        page = report_page(session, analyse(session))
+    assert "&lt;b&gt;J. Wu&lt;/b&gt;" in page
+    assert "<b>J. Wu" not in page
+    assert "a &lt; b" in page
+    assert page.count('alt="light 0: tilt 0"') == 3
+    assert page.count("polar spectra of gradient") == 3
+    assert "<script" not in page
+
+
+def test_one_specimen_is_reported_without_a_comparison(mixed: Path) -> None:
+    plan = mixed / "plan.toml"
+    lines = [line for line in PLAN.splitlines() if "sand-1" not in line and "bark-1" not in line]
+    plan.write_text("\n".join(lines))
+    with session_folder(mixed) as session:
+        kept = [each for each in session.journal.entries if each.specimen == "rock-1"]
+        session.update(session.journal.model_copy(update={"entries": tuple(kept)}))
+        found = analyse(session)
+        assert found.separation is None
+        assert "It takes two specimens" in report_page(session, found)
+
+
+def test_the_command_writes_the_page_and_names_what_stands_out(
+    mixed: Path, ps4rig: Command, in_folder: Path
+) -> None:
+    result = ps4rig("session", "report", mixed)
+    assert (result.exit_code, result.stdout) == (0, f"{mixed / 'report.html'}: 6 sets\n")
+    assert (mixed / "report.html").read_text().startswith("<!DOCTYPE html>")
+    answer = json.loads(ps4rig("session", "report", mixed, "--json").stdout)
+    assert answer == {"report": str(mixed / "report.html"), "sets": 6, "remarks": []}
+    assert ps4rig("session", "report", in_folder).exit_code == 2
