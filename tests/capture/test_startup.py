@@ -22,7 +22,17 @@ HEAVY = {"cv2", "distributed", "matplotlib", "numba", "numpy", "scipy", "serial"
 
 
 def test_help_loads_no_large_module(run_python: Callable[..., str]) -> None:
-    names = ("demo", "capture", "import", "solve", "train", "classify", "evaluate", "rig")
+    names = (
+        "demo",
+        "capture",
+        "import",
+        "solve",
+        "train",
+        "classify",
+        "evaluate",
+        "rig",
+        "calibrate",
+    )
     loaded = set(run_python(HELP, *names).split())
     assert {"typer", "capture", "classify"} <= loaded
     assert loaded & HEAVY == set()

@@ -13,8 +13,6 @@ from capture.commands import options
 from capture.console import out, print_json, reported
 from classify.errors import InputError
 
-from .terminal import SessionTerminal, confirmed
-
 if TYPE_CHECKING:
     from capture.session.folder import SessionFolder
     from capture.session.plan import SessionPlan
@@ -49,6 +47,8 @@ def run(
     from capture.session.folder import make_session, plan_changes, session_folder, use_plan
     from capture.session.plan import read_plan
     from rig.config.rig import config_of
+
+    from .terminal import confirmed
 
     config, wanted = config_of(rig), read_plan(plan)
     if dry_run:
@@ -92,6 +92,8 @@ def resume(
 def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> None:
     from capture.session.events import without_questions
     from capture.session.runner import run_session
+
+    from .terminal import SessionTerminal
 
     if not yes and not sys.stdin.isatty():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
