@@ -15,6 +15,8 @@ from classify.images.stack import ImageStack
 from .ps4cal import MeasuredPart, PartRecord
 from .setting import Setting
 
+# Figure of a flat field by which a later picture of a sheet shows another exposure.
+SHEET_BRIGHTNESS = "sheet_brightness"
 # A sheet under LEDs of round lobes leaves less than 0.1 % (classify/README.md).
 _ROUND_LOBES = 0.002
 
@@ -87,6 +89,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         "unused_percent": 100.0 * fitted.unused,
         "sheet_tilt_deg": float(measured.tilts_deg.max()),
         "placements": float(len(measured.tilts_deg)),
+        SHEET_BRIGHTNESS: measured.brightness,
     }
     warnings = []
     if len(measured.tilts_deg) == 1:

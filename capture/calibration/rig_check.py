@@ -20,12 +20,10 @@ from rig.doctor.check import Check
 from rig.doctor.light_images import capture_light_images
 
 from .lookup import OLD_DAYS, check_setting, read_calibration
+from .plate_parts import SHEET_BRIGHTNESS
 from .ps4cal import CalibrationFile
 from .setting import Setting
 
-# In the figures of a flat field: geometric mean of the sheet's pixel values, as a share of full
-# scale, over all lights and the frame.
-SHEET_BRIGHTNESS = "sheet_brightness"
 _SHEET = "plate"  # the surface of the simulated rig
 
 

@@ -54,10 +54,15 @@ class PartSummary:
 
 
 def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, ...]:
-    """Return all parts in order, also those that were not measured."""
-    parts = []
+    """Return all parts in order, also those that were not measured.
+
+    Without the noise of a camera that is not linear, which cannot be measured.
+    """
+    parts, response = [], file.calibration.response
     for name in PART_NAMES:
         record = file.records.get(name)
+        if name == "noise" and record is None and response is not None and not response.linear:
+            continue
         use, command = _USES[name]
         age_days = None if record is None else record.age_days(now)
         parts.append(PartSummary(name, record, age_days, use, f"ps4rig calibrate {command}"))

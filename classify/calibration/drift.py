@@ -16,6 +16,7 @@ from classify.lights.flat_field import FlatField, powers
 from .calibration import Calibration
 from .drift_model import Cause, DriftModel, Explanation, Kind, led_strength, moved_light
 from .led_positions import Aim
+from .plate import check_evenness, check_sheet
 from .plate_blocks import BLOCKS, PlateBlocks
 
 FloatArray = npt.NDArray[np.float64]
@@ -130,6 +131,8 @@ def plate_drift(
     ------
     InputError
         If the calibration has no flat field, or is one of another number of lights.
+    CalibrationRejected
+        If the pictures are saturated or too dark, or show no white matt sheet.
     """
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:
@@ -139,6 +142,7 @@ def plate_drift(
             f"the calibration is of {len(lighting)} lights, the pictures are of {len(stack.images)}"
         )
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
+    check_sheet(blocks, lighting)
     change, expected, x, y = _joined(blocks, flat_field)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
     lights = calibration.lights
@@ -146,6 +150,7 @@ def plate_drift(
     positions = _positions(lighting, blocks.shape)
     model = DriftModel(positions, lobe, _aim(positions, lobe, expected, x, y), x, y)
     found = model.explain(change)
+    check_evenness(found.unevenness)
     factor = None if brightness is None else math.exp(found.brightness)
     causes = sorted(_causes(found, model, factor), key=lambda cause: -_severity(cause.status))
     return Drift(
@@ -164,6 +169,8 @@ def _joined(
     """The change and the flat field as (N, B) logarithms of larger blocks, and their (B,) x, y."""
     terms = flat_field.coefficients.shape[1]
     expected = powers(blocks.y, terms) @ flat_field.coefficients @ powers(blocks.x, terms).T
+    low, high = flat_field.bounds.T[..., None, None]
+    expected = np.clip(expected, low, high)
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
     values = np.concatenate([blocks.logs[0] - expected, expected, x[None], y[None]])

@@ -37,6 +37,7 @@ _MOST_CAUSES = 3
 # Gauss-Newton in standard deviations of the numbers: for derivatives, and where it ends.
 _SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
 _LEVEL: FloatArray = np.zeros(2)
+_MAD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
 _LOWEST_LIGHT = 0.02  # z of a unit vector: no light of a fit sinks below the plane
 
 
@@ -76,6 +77,8 @@ class Explanation:
         (2,) slope of the sheet along x and y.
     residual
         rms of the ratios of lights that nothing explains.
+    unevenness
+        Robust standard deviation of what all lights share and nothing explains.
     """
 
     causes: tuple[tuple[Cause, FloatArray], ...]
@@ -83,6 +86,7 @@ class Explanation:
     brightness: float
     slope: FloatArray
     residual: float
+    unevenness: float
 
 
 class DriftModel:
@@ -199,8 +203,10 @@ class DriftModel:
                 brightness += float(found[0])
             elif cause.kind == "sheet tilted":
                 slope += found
-        residual = float(np.sqrt(np.square(rest - rest.mean(axis=0)).mean()))
-        return Explanation(tuple(named), levels, brightness, slope, residual)
+        shared = rest.mean(axis=0)
+        residual = float(np.sqrt(np.square(rest - shared).mean()))
+        unevenness = _MAD * float(np.median(np.abs(shared)))
+        return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[FloatArray]:
         """(N B,) changes that need no cause, each one standard deviation.

@@ -49,12 +49,15 @@ class MeasuredPlate:
         Why they are None.
     tilts_deg
         (S,) tilt of the sheet in each placement from the mean of all.
+    brightness
+        Geometric mean of the sheet's pixel values over lights and frame, as a share of full scale.
     """
 
     flat_field: FittedFlatField
     lights: CalibratedLights | None
     no_lights_because: str | None
     tilts_deg: FloatArray
+    brightness: float
 
 
 def measure_plate(
@@ -86,13 +89,7 @@ def measure_plate(
     if len(shapes) != 1 or shapes.copy().pop()[0] != len(lighting):
         raise InputError("the sets of the sheet differ in size or in lights; capture them alike")
     blocks = PlateBlocks.of(placements, full_scale, mask)
-    _check_exposure(blocks)
-    slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()
-    if np.median(slopes) > _STEEPEST_RELIEF:
-        raise CalibrationRejected(
-            f"not a white matt sheet: it has relief of rms slope {np.median(slopes):.2f}, a sheet "
-            f"less than {_STEEPEST_RELIEF:g}; put paper or a matt board below the camera"
-        )
+    check_sheet(blocks, lighting)
     fitted = fit_flat_field(blocks)
     positions = fit_led_positions(fitted.ratios, fitted.weights, blocks.x, blocks.y)
     unit_px = 0.5 * max(blocks.shape)
@@ -101,8 +98,10 @@ def measure_plate(
     common_deg = _checked_tilt_deg(tilts_deg, fitted, measured, lighting)
     _check_surface(fitted)
     _check_gloss(positions, blocks, measured or lighting)
+    logs = np.moveaxis(blocks.logs, 1, -1)[blocks.usable]
+    brightness = float(np.exp(logs.mean())) / full_scale
     if measured is None:
-        return MeasuredPlate(fitted, None, _why_unknown(positions), tilts_deg)
+        return MeasuredPlate(fitted, None, _why_unknown(positions), tilts_deg, brightness)
     if len(placements) == 1:
         level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
     else:
@@ -111,7 +110,33 @@ def measure_plate(
         measured, "plate", np.hypot(positions.direction_errors_deg, level_deg),
         positions.distance_errors, positions.residual, positions.lobe_exponent,
     )  # fmt: skip
-    return MeasuredPlate(fitted, lights, None, tilts_deg)
+    return MeasuredPlate(fitted, lights, None, tilts_deg, brightness)
+
+
+def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
+    """Check that the pictures show a sheet in a suitable exposure.
+
+    Raises
+    ------
+    CalibrationRejected
+        For pictures that are saturated or too dark, or of something with relief.
+    """
+    _check_exposure(blocks)
+    slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()
+    if np.median(slopes) > _STEEPEST_RELIEF:
+        raise CalibrationRejected(
+            f"not a white matt sheet: it has relief of rms slope {np.median(slopes):.2f}, a sheet "
+            f"less than {_STEEPEST_RELIEF:g}; put paper or a matt board below the camera"
+        )
+
+
+def check_evenness(residual: float) -> None:
+    """Check the residual of the reflectance of a sheet; CalibrationRejected if it is not white."""
+    if residual > _MOST_UNEVEN:
+        raise CalibrationRejected(
+            f"not a white sheet: its reflectance varies by {residual:.1%} over the frame; use "
+            "blank paper"
+        )
 
 
 def _check_exposure(blocks: PlateBlocks) -> None:
@@ -222,11 +247,7 @@ def _check_surface(fitted: FittedFlatField) -> None:
             f"to place, and {fitted.unused:.0%} of the frame fits no smooth light; use a sheet, or "
             "a mask of flat areas"
         )
-    if fitted.mean_residual > _MOST_UNEVEN:
-        raise CalibrationRejected(
-            f"not a white sheet: its reflectance varies by {fitted.mean_residual:.1%} over "
-            "the frame; use blank paper"
-        )
+    check_evenness(fitted.mean_residual)
 
 
 def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:

@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 
 from capture import capture_set
+from capture.calibration.plate_parts import SHEET_BRIGHTNESS
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.rig_check import (
-    SHEET_BRIGHTNESS,
-    check_calibration,
-    drift_of_rig,
-    drift_of_set,
-)
+from capture.calibration.rig_check import check_calibration, drift_of_rig, drift_of_set
 from capture.errors import CalibrationError
 from rig import Rig, RigConfig, open_rig
 

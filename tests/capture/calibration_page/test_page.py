@@ -26,7 +26,7 @@ EVIL = "<script>alert(\"$title & 'x'\")</script>"
 
 @pytest.fixture(scope="module")
 def whole(near_calibration: CalibrationFile) -> CalibrationFile:
-    """The calibration of a simulated rig, with all parts but the noise."""
+    """The calibration of a simulated rig, with all parts that it can have."""
     record = near_calibration.records["flat_field"].model_copy(
         update={"quality": f"good {EVIL}", "date": (NOW - timedelta(days=40)).isoformat()}
     )
@@ -61,10 +61,10 @@ def test_the_page_shows_maps_positions_curve_and_hot_pixels(whole: CalibrationFi
     assert len(page.all("ellipse")) == 8
 
 
-def test_the_page_says_age_scale_and_what_is_missing(whole: CalibrationFile) -> None:
+def test_the_page_says_age_scale_and_what_it_buys(whole: CalibrationFile) -> None:
     text = page_of(whole).text
     for words in (
-        "40 days", "0.02 mm/px", "not measured: the noise", "ps4rig calibrate response",
+        "40 days", "0.02 mm/px",
         "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "and the lights", "Simulated",
     ):  # fmt: skip
         assert words in text
@@ -117,7 +117,9 @@ def test_parts_without_plate_or_with_a_strange_date_are_summarised(
     first, *others = part_summaries(file, NOW)
     assert (first.title, first.age_days) == ("dark", None)
     assert all(part.record is None and part.command for part in others)
-    assert "What it buys" not in page_of(file).text
+    text = page_of(file).text
+    assert "What it buys" not in text
+    assert "not measured: lengths in mm, and the distortion of the lens. ps4rig calibrate" in text
     assert page_of(CalibrationFile()).text
 
 
@@ -143,8 +145,9 @@ def saved(whole: CalibrationFile, tmp_path: Path) -> Path:
 def test_show_prints_a_summary_and_writes_the_page(ps4rig: Callable[..., Any], saved: Path) -> None:
     done = ps4rig("calibrate", "show", saved)
     assert done.exit_code == 0
-    for words in ("flat field", "missing: noise", "without calibration:", "rig.html: maps"):
+    for words in ("flat field", "without calibration:", "rig.html: maps"):
         assert words in done.stdout
+    assert "missing" not in done.stdout
     assert "<svg" in saved.with_suffix(".html").read_text(encoding="utf-8")
     other = saved.with_name("other.html")
     assert ps4rig("calibrate", "show", saved, "--out", other).exit_code == 0
@@ -159,10 +162,21 @@ def test_show_prints_json_without_a_page(
     said = json.loads(done.stdout)
     assert said["calibration_id"] == whole.hash
     assert set(said["parts"]) == {"dark", "response", "flat_field", "lights", "scale"}
-    assert set(said["missing"]) == {"noise"}
+    assert said["missing"] == {}
     assert said["lights"]["each"][0]["distance_mm"] == pytest.approx(320.0 * 0.02)
     assert said["normal_error_deg"]["without calibration"] > 8.0
     assert not saved.with_suffix(".html").exists()
+
+
+def test_show_names_missing_parts_with_their_command(
+    ps4rig: Callable[..., Any], near_calibration: CalibrationFile, tmp_path: Path
+) -> None:
+    path = tmp_path / "plate.ps4cal"
+    near_calibration.write(path)
+    said = json.loads(ps4rig("calibrate", "show", path, "--json").stdout)
+    assert set(said["missing"]) == {"dark", "response", "noise", "scale"}
+    assert said["missing"]["scale"]["command"] == "ps4rig calibrate scale"
+    assert "missing: dark, for hot pixels" in ps4rig("calibrate", "show", path).stdout
 
 
 def test_show_refuses_another_file_and_another_suffix(

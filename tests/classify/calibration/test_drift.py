@@ -13,7 +13,7 @@ from classify.calibration.drift import Drift, plate_drift
 from classify.calibration.flat_field import fit_flat_field
 from classify.calibration.lights import CalibratedLights
 from classify.calibration.plate_blocks import PlateBlocks
-from classify.errors import InputError
+from classify.errors import CalibrationRejected, InputError
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from tests.plates import Plate, ring_positions
@@ -200,6 +200,21 @@ def test_a_calibration_without_plate_or_of_other_lights_is_refused(
     three = ImageStack(stack.images[:3], stack.ambient)
     with pytest.raises(InputError, match="of 4 lights, the pictures are of 3"):
         plate_drift(three, RIG.full_scale, calibration[0], RING)
+
+
+def test_what_is_no_white_sheet_is_refused(calibration: tuple[Calibration, float]) -> None:
+    def refused(stack: ImageStack, words: str) -> None:
+        with pytest.raises(CalibrationRejected, match=words):
+            plate_drift(stack, RIG.full_scale, calibration[0], RING)
+
+    stack = replace(RIG, seed=28).stack
+    refused(ImageStack(np.full_like(stack.images, 4095), stack.ambient), "saturates 100")
+    refused(ImageStack(stack.images // 20, stack.ambient), "too dark")
+    rng = np.random.default_rng(1)
+    relief = 1.0 + 0.2 * rng.standard_normal(stack.images.shape)
+    refused(ImageStack((0.5 * stack.images * relief).astype(np.uint16), stack.ambient), "relief")
+    stripes = np.where(np.arange(192) // 48 % 2, 1.0, 0.6)
+    refused(ImageStack((stack.images * stripes).astype(np.uint16), stack.ambient), "not a white")
 
 
 def random_rigs() -> Iterator[tuple[str, float, Plate]]:
