@@ -49,10 +49,27 @@ def reproduce(
             metavar="DIR",
         ),
     ] = None,
+    calibration: Annotated[
+        bool,
+        typer.Option(
+            "--calibration",
+            help="Measure what a calibration of a simulated rig with faults buys, not the chapter.",
+        ),
+    ] = False,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
+    if calibration:
+        if quick or materials is not None or photographs is not None:
+            raise InputError(
+                "--calibration measures no textures; leave out --materials, --photographs, --quick"
+            )
+        from capture.studies.reproduction.calibration.run import reproduce_calibration
+
+        page = reproduce_calibration(output)
+        out.print(f"{page}: calibrated rigs (simulated)", soft_wrap=True)
+        return
     if photographs is not None:
         if quick or materials is not None:
             raise InputError("--photographs measures no materials; leave out --materials, --quick")

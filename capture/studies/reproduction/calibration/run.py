@@ -1,0 +1,53 @@
+"""Measurement of calibrated rigs, and its files."""
+
+import tempfile
+from pathlib import Path
+from typing import get_args
+
+from capture.console import progress
+from capture.studies.reproduction.output import About, write_page
+from classify.calibration.spheres import SphereKind
+from classify.durable_file import make_folder
+
+from .errors import SURFACES, step_errors
+from .exhibits import calibration_exhibits
+from .lights import light_errors, sphere_errors
+from .procedures import calibrated
+from .rigs import Conditions
+
+SIZE_PX = 512
+RIGS = tuple(
+    Conditions(fields, bits, gamma, SIZE_PX)
+    for bits, gamma in ((12, 1.0), (8, 2.2))
+    for fields in (5.0, 2.0)
+)
+SPHERE_RIGS = (Conditions(None, 12, 1.0, SIZE_PX), Conditions(5.0, 12, 1.0, SIZE_PX))
+
+
+def reproduce_calibration(output: Path, rigs: tuple[Conditions, ...] = RIGS) -> Path:
+    """Calibrate rigs with faults, solve surfaces captured with them, and write all files.
+
+    Returns the page. The last rig is that of the maps.
+
+    Raises
+    ------
+    InputError
+        If `output` cannot be made.
+    """
+    make_folder(output)
+    errors, lights = [], []
+    with tempfile.TemporaryDirectory(dir=output, prefix=".calibrations-") as folder:
+        for number, each in enumerate(progress(rigs, len(rigs), "calibrate")):
+            calibration = calibrated(each, Path(folder) / f"{number}.ps4cal")
+            errors.append(step_errors(each, calibration))
+            if calibration.lights is not None:
+                lights.append(light_errors(each, calibration.lights))
+    balls = [(kind, each) for kind in get_args(SphereKind) for each in SPHERE_RIGS]
+    lights += [sphere_errors(*each) for each in progress(balls, len(balls), "spheres")]
+    facts = {
+        "rigs": "; ".join(f"LEDs at {each.fields:g} fields, {each.camera}" for each in rigs),
+        "surfaces": ", ".join(SURFACES),
+        "frames": f"{SIZE_PX} px",
+    }
+    exhibits = list(calibration_exhibits(errors, lights))
+    return write_page(exhibits, facts, About("calibration", "calibration", simulated=True), output)
