@@ -2,7 +2,7 @@
 
 import typer
 
-from . import dark, lights, plate, response, show
+from . import dark, lights, plate, response, scale, show
 
 __all__ = ["calibrate_app"]
 
@@ -11,6 +11,7 @@ calibrate_app.command()(dark.dark)
 calibrate_app.command()(lights.lights)
 calibrate_app.command()(plate.plate)
 calibrate_app.command()(response.response)
+calibrate_app.command()(scale.scale)
 calibrate_app.command()(show.show)
 
 

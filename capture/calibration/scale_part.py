@@ -1,0 +1,83 @@
+"""The scale of a calibration, from pictures of a checkerboard, with its record."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.sets.captured_set import CapturedSet
+from classify.calibration.checkerboard import find_corners, scale_of_boards
+from classify.errors import CalibrationRejected
+
+from .ps4cal import MeasuredPart, PartRecord
+from .setting import Setting
+
+# Of a length, in words.
+_GOOD, _FAIR = 0.002, 0.01
+# Share of the way to the frame's corners that the board should reach to show distortion.
+_COVERED = 0.6
+# Smaller tilts are within the error of the corners, as in classify.calibration.checkerboard.
+_SEEN_TILT_DEG = 5.0
+
+
+def board_of_set(captured: CapturedSet) -> npt.NDArray[np.float32]:
+    """Return the mean of the light images of a set, which has the least noise and shadow."""
+    return np.asarray(captured.images.mean(axis=0, dtype=np.float32), np.float32)
+
+
+def scale_part(
+    pictures: Sequence[npt.NDArray[np.generic]],
+    corners: tuple[int, int],
+    square_mm: float,
+    setting: Setting,
+    source: Sequence[str],
+) -> MeasuredPart:
+    """Measure the scale from one picture per placement of a checkerboard.
+
+    Raises
+    ------
+    CalibrationRejected
+        If a board is not found, or the result is too bad; the message names the placement.
+    """
+    boards = []
+    for number, picture in enumerate(pictures):
+        try:
+            boards.append(find_corners(picture, corners))
+        except CalibrationRejected as error:
+            where = f"placement {number}: " if len(pictures) > 1 else ""
+            raise CalibrationRejected(f"{where}{error}") from error
+    found = scale_of_boards(boards, corners, square_mm, (setting.height_px, setting.width_px))
+    scale = found.scale
+    word = "Good" if scale.error <= _GOOD else "Fair" if scale.error <= _FAIR else "Poor"
+    lens = (
+        f"the lens moves pixels by up to {found.distortion_px:.1f} px, which is corrected"
+        if scale.distortion is not None
+        else "no distortion of the lens beyond half a pixel is seen"
+    )
+    quality = f"{word}: {scale.mm_per_px:.5g} mm per px to {scale.error:.2%}; {lens}."
+    if scale.error > _FAIR:
+        quality += " Lay the board flat where the part will be, and let it fill the frame."
+    figures = {
+        "mm_per_px": scale.mm_per_px,
+        "error": scale.error,
+        "residual_px": scale.residual_px,
+        "distortion_px": found.distortion_px,
+        "smallest_tilt_deg": float(found.tilts_deg.min()),
+        "frame_covered": found.covered,
+        "placements": float(len(boards)),
+    }
+    if scale.focal_px is not None and scale.focal_error is not None:
+        figures |= {"focal_length_px": scale.focal_px, "focal_error": scale.focal_error}
+    warnings = []
+    if found.tilts_deg.min() > _SEEN_TILT_DEG:
+        warnings.append(
+            f"the board is tilted by {found.tilts_deg.min():.1f} degrees; its scale is that along "
+            "the axis of the tilt"
+        )
+    if found.covered < _COVERED:
+        warnings.append(
+            f"the board reaches {found.covered:.0%} of the way to the corners of the frame; what "
+            "the lens does farther out is not seen"
+        )
+    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+    return MeasuredPart("scale", scale, record, tuple(warnings))

@@ -1,0 +1,120 @@
+"""``ps4rig calibrate scale``: mm per pixel and distortion of the lens, from a checkerboard."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from capture.commands import options
+from capture.console import reported
+from classify.errors import InputError
+
+from .flow import (
+    CalibrationPath,
+    RigToCalibrate,
+    Target,
+    Yes,
+    calibration_at,
+    captured_targets,
+    files_given,
+    keep_parts,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from capture.calibration.setting import Setting
+
+# Between placements of a simulated board, which cannot tilt.
+_ROTATION_DEG = 30.0
+
+
+@reported
+def scale(
+    calibration: CalibrationPath,
+    checkerboard: Annotated[
+        str,
+        typer.Option(
+            help="Inner corners of the board, where four squares meet, along its sides.",
+            metavar="9x6",
+        ),
+    ],
+    square_mm: Annotated[float, typer.Option(min=1e-3, max=1e4, help="Side of a square.")],
+    rig: RigToCalibrate = None,
+    given: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--from",
+            help="Photograph or captured set of the board, instead of a rig. Repeat the option for "
+            "more placements.",
+            metavar="IMG|SET",
+        ),
+    ] = None,
+    placements: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            max=12,
+            help="Pictures of the board that a rig captures. Three with different tilts, and one "
+            "that lies flat, show the focal length too.",
+        ),
+    ] = 1,
+    yes: Yes = False,
+    json: options.Json = False,
+) -> None:
+    """Measure the length of a pixel, and the distortion of the lens, by a checkerboard.
+
+    The board lies flat where the part will be. Distortion is kept where it moves a pixel by more
+    than half a pixel; images are then corrected for it.
+    """
+    from capture.calibration.scale_part import board_of_set, scale_part
+    from capture.calibration.setting import Setting
+    from rig import open_rig
+
+    corners = _corners(checkerboard)
+    if (rig is None) == (not given):
+        raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
+    file = calibration_at(calibration, given or ())
+    if rig is None:
+        pictures, setting, source = _of_files(given or ())
+    else:
+        target = Target("a checkerboard", "checkerboard", square_mm)
+        with open_rig(rig) as opened:
+            rotations_deg = [_ROTATION_DEG * k for k in range(placements)]
+            sets = captured_targets(opened, target, rotations_deg, yes=yes)
+            pictures = [board_of_set(captured) for captured in sets]
+            setting, source = Setting.of_rig(opened), ["captured"]
+    part = scale_part(pictures, corners, square_mm, setting, source)
+    keep_parts(calibration, file, [part], json=json)
+
+
+def _corners(text: str) -> tuple[int, int]:
+    found = re.fullmatch("([0-9]{1,3})[xX]([0-9]{1,3})", text)
+    if found is None:
+        raise InputError(f"--checkerboard {text}: give two numbers of inner corners, such as 9x6")
+    return int(found[1]), int(found[2])
+
+
+def _of_files(given: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+    from capture.calibration.scale_part import board_of_set
+    from capture.calibration.setting import Setting
+    from capture.sets.captured_set import CapturedSet
+    from capture.sets.photographs import read_photographs
+
+    photographs, sets = files_given(given)
+    if photographs and sets:
+        raise InputError("--from names photographs and sets; give one kind of them")
+    source = [path.name for path in (*photographs, *sets)]
+    if photographs:
+        # Where a corner is does not depend on the coding of brightness.
+        read = read_photographs(photographs, gamma="linear", bits=None, crop=None)
+        return [*read.planes], Setting.of_photographs(read), source
+    captured = [CapturedSet.load(path) for path in sets]
+    sizes = {each.images.shape[1:] for each in captured}
+    if len(sizes) > 1:
+        raise InputError("the sets of --from differ in size; give sets of one camera")
+    return [board_of_set(each) for each in captured], Setting.of_set(captured[0]), source
