@@ -51,10 +51,7 @@ def calibration_of(
         found, file = _named(path, metadata.calibration_ids)
     else:
         return None
-    try:
-        check_setting(file, Setting.of_metadata(metadata, shape), str(path))
-    except CalibrationError as error:
-        raise CalibrationError(f"{found}: {error}") from error
+    check_setting(file, Setting.of_metadata(metadata, shape), str(path))
     return FoundCalibration(found, file, (*file.warnings(), *_age(file, metadata)))
 
 
@@ -72,8 +69,9 @@ def check_setting(file: CalibrationFile, setting: Setting, what: str) -> None:
             causes.setdefault(difference, []).append(name.replace("_", " "))
     if causes:
         each = "; ".join(f"{cause} ({', '.join(parts)})" for cause, parts in causes.items())
+        subject = "the calibration" if file.path is None else f"{file.path}: the calibration"
         raise CalibrationError(
-            f"the calibration does not hold for {what}: {each}; restore the setting, or calibrate "
+            f"{subject} does not hold for {what}: {each}; restore the setting, or calibrate "
             "again at this one"
         )
 

@@ -116,11 +116,14 @@ class CalibrationFile:
         By the name of the part; every part has one.
     hash
         SHA-256 by which a set names this calibration. It covers parts and records.
+    path
+        File that it was read from; None for one that was not.
     """
 
     calibration: Calibration = field(default_factory=Calibration)
     records: Mapping[PartName, PartRecord] = field(default_factory=dict)
     hash: str = ""
+    path: Path | None = None
 
     def __post_init__(self) -> None:
         if not self.hash:
@@ -174,7 +177,7 @@ class CalibrationFile:
                 raise archive.error("its fields do not match their SHA-256: the file was changed")
             parts = {name: _part(archive, name, part) for name, part in header.parts.items()}
         records = {name: part.record for name, part in header.parts.items()}
-        return cls(Calibration(**parts), records, header.sha256)
+        return cls(Calibration(**parts), records, header.sha256, path)
 
     def _encoded(self) -> tuple[_Header, dict[str, npt.NDArray[Any]]]:
         """The header, and the arrays by their names in the file."""

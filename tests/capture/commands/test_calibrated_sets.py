@@ -136,6 +136,7 @@ def test_a_capture_with_another_frame_is_refused(
 ) -> None:
     out = tmp_path / "a.ome.tif"
     line = refused("capture", "--rig", lab / "rig.toml", "--size", 64, out)
+    assert line.startswith(f"{lab / 'rig.ps4cal'}: the calibration does not hold for this rig")
     assert "64 x 64 px instead of 128 x 128 px (flat field, lights)" in line
     assert not out.exists()
     (tmp_path / "rig.toml").write_text(RIG)
