@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from classify import Lighting
+from classify.lights.near_light import middle_px, sheet_of
 from rig import synthetic_surface
 from rig.scene.render import SceneImages, render_frame, render_scene
 from rig.scene.surfaces import SurfacePatch
@@ -47,6 +48,25 @@ def mosaic(shape: tuple[int, int], bits: int) -> SimulatedSet:
     repeats = [-(-side // length) for side, length in zip(shape, block.shape[1:], strict=True)]
     images = np.tile(block, (1, *repeats))[:, : shape[0], : shape[1]]
     return replace(tiles[0], images=np.ascontiguousarray(images), ambient=None)
+
+
+def under_near_lights(image_set: SimulatedSet, fields_of_view: float) -> SimulatedSet:
+    """The same surface under lights at this distance; what was in shadow stays in shadow."""
+    directions, (height, width) = image_set.lighting.directions, image_set.images.shape[1:]
+    distance = fields_of_view * width
+    lighting = Lighting.near(distance * directions)
+    rows, columns = np.arange(height), np.arange(width)
+    strengths = (
+        sheet_of(lighting, (height, width))
+        .facing(lighting)
+        .strengths(rows, columns, (height, width))
+    )
+    values = image_set.images.astype(np.float32)
+    b = np.tensordot(np.linalg.pinv(directions).astype(np.float32), values, 1)
+    inner = b[0] * middle_px(width) + b[1] * -middle_px(height)[:, None]
+    near = np.where(values > 0.0, (values - inner / distance) * strengths, 0.0)
+    images = np.clip(near, 0.0, image_set.full_scale).astype(image_set.images.dtype)
+    return replace(image_set, images=images, lighting=lighting)
 
 
 def _render_tile(texture: str, seed: int, size_px: int) -> SceneImages:

@@ -12,12 +12,14 @@ from classify.solvers.memory_floor import read_four_write_three
 from rig.simulation.simulated_set import SimulatedSet
 
 from .measurements import Measurement, Section
-from .scenes import mosaic
+from .scenes import mosaic, under_near_lights
 from .settings import Settings
 
 METHODS: tuple[Method, ...] = ("ps4", "ps4_robust", "least_squares")
 # Targets of the project on two cores, at five megapixels.
-_MAX_OF_FLOOR, _MIN_OF_LSTSQ = 2.0, 100.0
+_MAX_OF_FLOOR, _MIN_OF_LSTSQ, _MAX_OF_DISTANT = 2.0, 100.0, 2.5
+# Distance of the near lights.
+_FIELDS_OF_VIEW = 5.0
 
 Array = npt.NDArray[Any]
 
@@ -31,19 +33,25 @@ def _section(bits: int, settings: Settings) -> Section:
     image_set = mosaic(settings.solver_frame_px, bits)
     maps = np.empty((3, *settings.solver_frame_px), np.float32)
     solvers: dict[str, Work] = {method: partial(image_set.solve, method) for method in METHODS}
+    near_set = under_near_lights(image_set, _FIELDS_OF_VIEW)
+    near: dict[str, Work] = {f"{each}, near": partial(near_set.solve, each) for each in METHODS}
     solvers["ps4 and every other map"] = partial(_compute_every_map, image_set)
     plain: dict[str, Work] = {
         "numpy lstsq": partial(normal_least_squares, image_set.images, image_set.lighting),
         "numpy drop-darkest": partial(drop_darkest, image_set.images, image_set.lighting),
     }
     floor_work: dict[str, Work] = {"floor": partial(read_four_write_three, image_set.images, maps)}
-    times = shortest_ms(floor_work | solvers, settings.solver_rounds)
+    times = shortest_ms(floor_work | solvers | near, settings.solver_rounds)
     times |= shortest_ms(plain, settings.numpy_rounds)
     floor = times["floor"]
     found = [Measurement("floor: read 4 planes, write 3 float32", 1.0, "x floor", floor)]
     for name in solvers:
         target = _MAX_OF_FLOOR if name == "ps4" else None
         found.append(Measurement(name, times[name] / floor, "x floor", times[name], target))
+    for method in METHODS:
+        name = f"{method}, near"
+        ratio = times[name] / times[method]
+        found.append(Measurement(name, ratio, "x distant", times[name], _MAX_OF_DISTANT))
     for name in plain:
         found.append(Measurement(name, times[name] / floor, "x floor", times[name]))
         for method in METHODS:
@@ -56,6 +64,7 @@ def _section(bits: int, settings: Settings) -> Section:
         (
             f"The shortest of {settings.solver_rounds} calls (numpy: {settings.numpy_rounds}).",
             "The floor writes into the same maps each time, a solver into new ones.",
+            f"Near lights stand {_FIELDS_OF_VIEW:g} widths of the frame away.",
             "lstsq: one np.linalg.lstsq of the lights, all pixels as right-hand sides; no slopes.",
         ),
     )
