@@ -311,7 +311,7 @@ def solve_set(
             f"{1.0 - saturated:.0%} too dark; check exposure and lights"
         )
     found = surface.fall_off
-    if not planar and (known is None or known.flat_field is None):
+    if not planar and surface.divided_by is None:
         stack = ImageStack(captured.images, captured.ambient)
         found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels

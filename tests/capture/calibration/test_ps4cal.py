@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from capture.calibration.parts import PART_NAMES, put_together, taken_apart
@@ -133,6 +133,7 @@ def test_a_plate_from_before_the_response_is_warned_of() -> None:
     assert again.with_part("lights", EXAMPLE.lights, later).warnings() == []
 
 
+@settings(max_examples=40)
 @given(
     intensities=st.none() | st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3),
     offset=st.floats(0.0, 254.0),
@@ -168,6 +169,32 @@ def test_an_edited_header_is_refused(saved: Path, edit: Any, cause: str) -> None
     assert_refused(edited(saved, edit), cause)
 
 
+def leaves(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Paths of all numbers, texts and nulls of a JSON value."""
+    if isinstance(value, dict | list):
+        keys = value if isinstance(value, dict) else range(len(value))
+        return [leaf for key in keys for leaf in leaves(value[key], (*path, key))]
+    return [path]
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_value_of_the_header_can_be_edited(saved: Path, data: st.DataObject) -> None:
+    example().write(saved)
+    header = json.loads(members(saved)["calibration.json"])
+    *path, last = data.draw(st.sampled_from(leaves(header)))
+    other = data.draw(st.none() | st.booleans() | st.integers(-9, 9) | st.floats(-9, 9) | st.text())
+
+    def edit(changed: dict[str, Any]) -> None:
+        place: Any = changed
+        for key in path:
+            place = place[key]
+        assume(place[last] != other)
+        place[last] = other
+
+    assert_refused(edited(saved, edit))
+
+
 def test_an_edited_array_is_refused(saved: Path) -> None:
     stream = io.BytesIO()
     np.save(stream, 1.001 * COEFFICIENTS)
@@ -179,7 +206,7 @@ def test_an_edited_array_is_refused(saved: Path) -> None:
     assert_refused(saved, "holds no flat_field/coefficients.npy")
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_cut_or_changed_file_is_refused_or_the_same(saved: Path, data: st.DataObject) -> None:
     example().write(saved)
