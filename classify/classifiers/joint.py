@@ -24,6 +24,7 @@ from .classifier import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
     SERIES,
+    SPECTRAL_SHARE,
     Distances,
     JointObservation,
     JointTraining,
@@ -183,6 +184,6 @@ JOINT = Classifier(
     has_invariants=True,
     invariants=_invariants,
     bounds=bounds,
-    added_parameters=frozenset([BLUR_BASIS]),
+    added_parameters=frozenset([BLUR_BASIS, SPECTRAL_SHARE]),
     without_heading=_without_heading,
 )

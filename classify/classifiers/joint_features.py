@@ -35,13 +35,14 @@ _CHANNEL_WEIGHTS = (1.0, 1.0, 4.0)
 SERIES = len(_CHANNEL_WEIGHTS) * RADII
 """Number of Fourier series in a signature: one for each channel and radius."""
 
+SPECTRAL_SHARE = "spectral_share"
+"""Parameter: weight of the distance of spectra; that of statistics has the rest."""
+
 # A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
 # without a cap the highest frequencies, which hold most of the noise, would outvote all others.
 _CAP_BINS = 8.0
-# Weights of the distances of spectra and of statistics. On 64 scanned materials both together were
-# right in 100 %, either alone in 97 to 98 %.
-SPECTRAL_SHARE = 1.0 / 1.5
-LOCAL_SHARE = 1.0 - SPECTRAL_SHARE
+# Of libraries of file version 4 and earlier, which do not contain it.
+_EARLIER_SPECTRAL_SHARE = 2.0 / 3.0
 # Share of the power of relief that counts as power of albedo. Penumbra, gloss and LEDs that are
 # 5 % weaker than assumed leak about as much of the relief into the albedo.
 _ALBEDO_LEAK = 0.004
@@ -192,13 +193,17 @@ def blur_curve(
 
 
 def spectral_unit(parameters: Parameters) -> float:
-    """Factor of series that makes the mean distance between quarters `SPECTRAL_SHARE`."""
-    return float(np.sqrt(SPECTRAL_SHARE / parameters["spectral_scatter"]))
+    """Factor of series that makes the mean distance between quarters `spectral_share`."""
+    return float(np.sqrt(_spectral_share(parameters) / parameters["spectral_scatter"]))
 
 
 def local_unit(parameters: Parameters) -> float:
-    """Factor of whitened statistics that makes the mean distance `LOCAL_SHARE`."""
-    return float(np.sqrt(LOCAL_SHARE / parameters["local_scatter"]))
+    """Factor of whitened statistics that makes the mean distance 1 - `spectral_share`."""
+    return float(np.sqrt((1.0 - _spectral_share(parameters)) / parameters["local_scatter"]))
+
+
+def _spectral_share(parameters: Parameters) -> float:
+    return float(parameters.get(SPECTRAL_SHARE, _EARLIER_SPECTRAL_SHARE))
 
 
 def statistics_rows(statistics: LocalStatistics, parameters: Parameters) -> npt.NDArray[np.float64]:
@@ -232,7 +237,8 @@ def quarter_distances(
 
 def combined(spectral: Distances, local: Distances, parameters: Parameters) -> Distances:
     """Both distances as one, in units of the mean distance between quarters."""
+    share = _spectral_share(parameters)
     return (
-        SPECTRAL_SHARE * spectral / parameters["spectral_scatter"]
-        + LOCAL_SHARE * local / parameters["local_scatter"]
+        share * spectral / parameters["spectral_scatter"]
+        + (1.0 - share) * local / parameters["local_scatter"]
     )

@@ -21,6 +21,7 @@ from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_ba
 from .joint_features import (
     ALBEDO_GAINS,
     SERIES,
+    SPECTRAL_SHARE,
     Distances,
     JointTraining,
     blur_curve,
@@ -29,6 +30,9 @@ from .joint_features import (
 )
 from .joint_limits import unit_limit
 
+# Weight of the distance of spectra; that of statistics has the rest. "Shares of spectra and
+# statistics" in classify/README.md compares others.
+_SPECTRAL_SHARE = 0.5
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
 # upper quartile of the sets counts: a part in little shadow has more in other orientations.
@@ -75,6 +79,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     variances = [heading_variances(frame.statistics.headings) for frame in frames]
     learned = {
         **floors,
+        SPECTRAL_SHARE: np.array(_SPECTRAL_SHARE),
         "heading_variances": np.mean(variances, axis=0),
         "whitening": whitening,
         "pixels": np.array(np.median([float(frame.pixels) for frame in frames])),
@@ -92,7 +97,7 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     length = statistics_length(levels)
     numbers = ("density_floor", "pixels", "spectral_scatter", "local_scatter", "limit")
     return {
-        **dict.fromkeys(numbers, ()),
+        **dict.fromkeys((*numbers, SPECTRAL_SHARE), ()),
         **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),

@@ -23,7 +23,7 @@ from .fields import TextureFields, texture_fields
 KNOTS_PX2 = (0.65, 1.69, 4.0)
 """Variances at which the features of a blurred surface are known.
 
-Half way between two knots linear interpolation errs by less than 0.02 of the distance of a surface
+Half way between two knots linear interpolation errs by less than 0.03 of the distance of a surface
 from itself (test_joint_blur.py).
 """
 

@@ -8,7 +8,7 @@ import pytest
 from classify import TextureLibrary
 from classify.classifiers import CLASSIFIERS
 from classify.classifiers.joint_bounds import BLUR_BASIS
-from classify.classifiers.joint_features import blur_curve, statistics_rows
+from classify.classifiers.joint_features import blur_curve, local_unit, statistics_rows
 from classify.texture.blur import KNOTS_PX2, blurred_fields, blurred_surface
 from classify.texture.fields import texture_fields
 from classify.texture.statistics import levels_for, local_statistics
@@ -80,7 +80,7 @@ def test_a_surface_far_out_of_focus_is_unknown_and_the_reason_says_so(library, t
 
 
 def test_statistics_between_the_knots_are_linear(library, tests) -> None:
-    """Half way between two knots they err by less than 0.02 in units of distance."""
+    """Half way between two knots they err by less than 0.06 of the distance of statistics."""
     levels = levels_for(64)
     for kind in FINE:
         fields = texture_fields(tests[kind])
@@ -92,15 +92,16 @@ def test_statistics_between_the_knots_are_linear(library, tests) -> None:
         knots = [measured(variance_px2) for variance_px2 in KNOTS_PX2]
         curve = blur_curve(observation, knots, library.parameters)
         whitening = library.parameters["whitening"]
-        unit = 1.0 / 3.0 / float(library.parameters["local_scatter"])
+        scatter = float(library.parameters["local_scatter"])
         sharp = statistics_rows(observation.statistics, library.parameters)[0]
         changes = np.concatenate([np.zeros((1, curve.shape[1])), curve])[:, -len(sharp) :]
         for low, high, start, end in zip(
             (0.0, *KNOTS_PX2), KNOTS_PX2, changes, changes[1:], strict=False
         ):
             middle = statistics_rows(measured(0.5 * (low + high)), library.parameters)[0]
-            change = np.sqrt(unit) * (whitening @ (middle - sharp))
-            assert np.square(change - 0.5 * (start + end)).sum() < 0.02
+            change = local_unit(library.parameters) * (whitening @ (middle - sharp))
+            error = np.square(change - 0.5 * (start + end)).sum()
+            assert error < 0.06 * local_unit(library.parameters) ** 2 * scatter
 
 
 def test_the_nearest_of_many_is_found_out_of_focus(library, tests) -> None:

@@ -23,9 +23,9 @@ ORIENTATIONS_DEG = (23.0, 101.0)
 SIZES_PX = (256, 128)
 
 CONSTANTS = {
-    joint_features: ("_CAP_BINS", "_ALBEDO_LEAK", "SPECTRAL_SHARE", "_CHANNEL_WEIGHTS"),
-    joint_learning: ("_FLOOR_ERRORS", "_FLOOR_QUANTILE", "_TYPICAL_DEGREES", "_TYPICAL_SETS",
-                     "_TYPICAL_SPECTRAL"),
+    joint_features: ("_CAP_BINS", "_ALBEDO_LEAK", "_CHANNEL_WEIGHTS"),
+    joint_learning: ("_SPECTRAL_SHARE", "_FLOOR_ERRORS", "_FLOOR_QUANTILE", "_TYPICAL_DEGREES",
+                     "_TYPICAL_SETS", "_TYPICAL_SPECTRAL"),
     joint_limits: ("_SCATTER_POWER", "_LARGEST_FACTOR", "_MEDIAN", "_CLASS_SPREAD",
                    "_PATCH_SPREAD"),
     joint: ("_LEAST_NEW",),
@@ -104,11 +104,9 @@ def test_halved_and_doubled_constants(observed, monkeypatch) -> None:
                 changed = (1.0, factor, 4.0) if name == "_CHANNEL_WEIGHTS" else factor * value
                 if name == "_FLOOR_QUANTILE":
                     changed = 0.5 if factor < 1.0 else 1.0
-                elif name == "SPECTRAL_SHARE":
-                    changed = 1.0 / 3.0 if factor < 1.0 else 0.9
+                elif name == "_SPECTRAL_SHARE":
+                    changed = 1.0 / 3.0 if factor < 1.0 else 2.0 / 3.0
                 with monkeypatch.context() as patch:
                     patch.setattr(module, name, changed)
-                    if name == "SPECTRAL_SHARE":
-                        patch.setattr(module, "LOCAL_SHARE", 1.0 - changed)
                     rates = _rates(trained, tested)
                 print("{} {:} | {:.1f} | {:.2f} | {:.2f}".format(name, changed, *rates), flush=True)

@@ -42,3 +42,16 @@ def test_a_library_of_an_earlier_version_gives_the_same_matches(
             (match.orientation_deg, match.distance, match.limit), expected[2:], strict=True
         ):
             assert found == (None if number is None else pytest.approx(number, rel=1e-3))
+
+
+def test_a_library_of_version_4_keeps_its_share_of_spectra(stationary, photographed) -> None:
+    library = TextureLibrary.load(LIBRARIES / "joint_4.ps4lib")
+    expected = [
+        ("grün", 61.028467, 0.19309199, 1.67114353),
+        ("fine", 66.167507, 0.22035628, 1.380019),
+    ]
+    for kind, numbers in zip(("sand", "malv"), expected, strict=True):
+        match = library.classify(photographed(stationary(kind, 60.0, seed=3, side=80)))
+        found = (match.orientation_deg, match.distance, match.limit)
+        assert match.label == numbers[0]
+        assert found == pytest.approx(numbers[1:], rel=1e-3)
