@@ -1,5 +1,6 @@
 """Drawings of a calibration as SVG: LED positions, response curve, hot pixels."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,6 +17,8 @@ _SIDE = 100.0  # of a drawing, in its own units
 _MARGIN = 1.25  # what is drawn of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
+# Lights nearer to each other than this share their text.
+_NAME_ROOM = 4.0
 # More dots than this cannot be told apart, and make the page large.
 _MOST_DOTS = 2000
 
@@ -46,12 +49,17 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: FloatArray, up
 
     drawn = [_frame(frame if is_near else None, unit, up, height)]
     drawn += [_axis(at(np.zeros(3)), at(place)) for place in places]
+    names: dict[tuple[float, float], list[str]] = {}
     for index, place in enumerate(places):
         x, y = at(place)
+        near = [each for each in names if math.dist(each, (x, y)) < _NAME_ROOM]
+        names.setdefault(near[0] if near else (x, y), []).append(str(index))
         covariance = _covariance(lights, index, place)[np.ix_([0, up], [0, up])]
         drawn.append(_ellipse(x, y, unit, covariance))
         drawn.append(f'<circle class="led" cx="{x:.2f}" cy="{y:.2f}" r="0.7"/>')
-        drawn.append(f'<text x="{x + 2.5:.2f}" y="{y - 2.0:.2f}">{index}</text>')
+    for (x, y), shared in names.items():
+        name = ", ".join(shared)
+        drawn.append(f'<text x="{x + 2.5:.2f}" y="{y - 2.0:.2f}">{name}</text>')
     if is_near:
         drawn.append(_scale_bar(reach, unit, height, None if scale is None else scale.mm_per_px))
     label = "from above" if up == 1 else "from the side"

@@ -82,7 +82,7 @@ def _part(part: PartSummary) -> str:
         )
     record = part.record
     figures = "; ".join(
-        f"{name.replace('_', ' ')} {number_text(value)}" for name, value in record.figures.items()
+        f"{name.replace('_', ' ')} {value:.4g}" for name, value in record.figures.items()
     )
     date = record.date[:16].replace("T", " ")
     age = _NOT_KNOWN if part.age_days is None else f"{part.age_days} days"
@@ -105,7 +105,8 @@ def _benefit(found: Benefit) -> str:
     )
     return (
         "<p>Mean error of normals on a matt part of rms slope 0.3, simulated with the faults and "
-        "the uncertainties that this calibration has measured, without noise and shadow.</p>"
+        "the uncertainties that this calibration has measured, without noise and shadow. "
+        "One fault may hide another, so that the error can rise before the last step.</p>"
         + _table(("corrected", "error", ""), rows)
     )
 
