@@ -39,11 +39,11 @@ def calibration() -> tuple[Calibration, float]:
     return calibrated(RIG)
 
 
-def drift_of(rig: Plate, calibration: tuple[Calibration, float]) -> Drift:
+def drift_of(rig: Plate, calibration: tuple[Calibration, float], before: Plate = RIG) -> Drift:
     """Another sheet, elsewhere and a little tilted, with the exposure of the calibration."""
     known, brightness = calibration
     # `Plate` exposes for its brightest pixel, a rig does not.
-    light = rig.strengths.max() / RIG.strengths.max()
+    light = rig.strengths.max() / before.strengths.max()
     exposed = replace(rig, brightest=rig.brightest * light)
     return plate_drift(exposed.stack, rig.full_scale, known, RING, brightness=brightness)
 
@@ -217,16 +217,16 @@ def test_what_is_no_white_sheet_is_refused(calibration: tuple[Calibration, float
     refused(ImageStack((stack.images * stripes).astype(np.uint16), stack.ambient), "not a white")
 
 
-def random_rigs() -> Iterator[tuple[str, float, Plate]]:
+def random_rigs(before: Plate) -> Iterator[tuple[str, float, Plate]]:
     """Kind of the change, its size as a multiple of the warning's limit, and the rig."""
     rng = np.random.default_rng(7)
     sizes = (0.0, 0.5, 0.8, 1.25, 1.6, 2.5)
     for size in sizes:
         for _ in range(6):
-            levels = np.array(RIG.levels) * (1.0 + 0.007 * rng.standard_normal(4))
+            levels = np.array(before.levels) * (1.0 + 0.007 * rng.standard_normal(4))
             tilt = 0.006 * rng.standard_normal(2)
             rig = replace(
-                RIG, seed=int(rng.integers(1 << 30)), levels=tuple(levels), tilt=tuple(tilt),
+                before, seed=int(rng.integers(1 << 30)), levels=tuple(levels), tilt=tuple(tilt),
                 quarter_turns=int(rng.integers(4)),
             )  # fmt: skip
             light, sign = int(rng.integers(4)), float(rng.choice([-1.0, 1.0]))
@@ -244,15 +244,17 @@ def random_rigs() -> Iterator[tuple[str, float, Plate]]:
 
 
 @pytest.mark.slow
-def test_changes_are_seldom_missed_or_taken_for_another(
-    calibration: tuple[Calibration, float],
-) -> None:
+@pytest.mark.parametrize("fields", [2, 5, 10, 20])
+def test_changes_are_seldom_missed_or_taken_for_another(fields: int) -> None:
     """Confusion over random rigs; ``pytest -s`` prints the table of classify/README.md."""
+    before = replace(RIG, positions=ring_positions(2.0 * fields))
+    calibration = calibrated(before)
     counts: Counter[tuple[str, float, str]] = Counter()
-    for kind, size, rig in random_rigs():
-        found = {cause.kind for cause in drift_of(rig, calibration).causes}
+    for kind, size, rig in random_rigs(before):
+        found = {cause.kind for cause in drift_of(rig, calibration, before).causes}
         named = "nothing" if not found else "right" if found == {kind} else ", ".join(sorted(found))
         counts[kind, size, named] += 1
+    print(f"\n{fields} fields of view")
     for (kind, size, named), count in sorted(counts.items()):
         print(f"{kind:14} {size:4} {named:30} {count}")
     total = sum(counts.values())
@@ -261,4 +263,5 @@ def test_changes_are_seldom_missed_or_taken_for_another(
     missed = sum(c for (_, size, named), c in counts.items() if size > 1.5 and named != "right")
     assert alarms == 0
     assert wrong <= 0.02 * total
-    assert missed <= 0.03 * total
+    # From farther away, moved lights and cameras do not show on a sheet.
+    assert fields > 5 or missed <= 0.03 * total
