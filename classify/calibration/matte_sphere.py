@@ -19,7 +19,9 @@ _INSIDE = 0.9
 # the surroundings return.
 _LIT = 0.25
 _SATURATED = 0.995
-_MOST_PIXELS = 6000
+# Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
+_LEAST_USED = 0.2
+_MOST_PIXELS = 3000
 _SECTORS = 8
 _ROUNDS = 4
 # Powers of n . l in the shading: Lambert's law is linear; rough plaster, a response that is not
@@ -102,19 +104,15 @@ def _fit(
     lit = values > _LIT * np.quantile(values, 0.98)
     direction = np.array([0.0, 0.0, 1.0])
     for _ in range(_ROUNDS):
-        if lit.sum() < 100:
-            raise CalibrationRejected(
-                f"picture {light}: the light reaches too little of the sphere; move the light up"
-            )
         scaled = np.linalg.lstsq(design[lit], values[lit], rcond=None)[0]
         length = float(np.linalg.norm(scaled[:3]))
         if length <= 1e-9 * max(float(values.max()), 1e-9):
             raise CalibrationRejected(f"picture {light}: the sphere is not shaded; is a light on?")
         direction = np.asarray(scaled[:3] / length, np.float64)
-        lit = _kept(normals, values, direction, lit)
+        lit = _kept(normals, values, direction, lit, light)
     for _ in range(2):
         direction = _refined(normals[lit], values[lit], direction)
-        lit = _kept(normals, values, direction, lit)
+        lit = _kept(normals, values, direction, lit, light)
     coefficients, off = _shading(normals[lit] @ direction, values[lit])
     level = float(np.polyval(coefficients, 1.0))
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_LIT, 1.0, 16))))
@@ -122,14 +120,24 @@ def _fit(
 
 
 def _kept(
-    normals: FloatArray, values: FloatArray, direction: FloatArray, lit: npt.NDArray[np.bool_]
+    normals: FloatArray,
+    values: FloatArray,
+    direction: FloatArray,
+    lit: npt.NDArray[np.bool_],
+    light: int,
 ) -> npt.NDArray[np.bool_]:
     """Pixels that face the light and are within three robust standard deviations of the shading."""
     cosine = normals @ direction
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = 1.4826 * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
-    return np.asarray((cosine > _LIT) & ~far)
+    kept = np.asarray((cosine > _LIT) & ~far)
+    if kept.mean() < _LEAST_USED:
+        raise CalibrationRejected(
+            f"picture {light}: {kept.mean():.0%} of the sphere shows the shading of a matt sphere; "
+            "use a matt ball (--sphere mirror is for a polished one), and light it from above"
+        )
+    return kept
 
 
 def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

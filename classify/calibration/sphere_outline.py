@@ -31,8 +31,8 @@ _RADIUS_STEP = 1.05
 # Gradients point to the centre within about this angle, in radians.
 _VOTE_SCATTER = 0.05
 _CANDIDATES = 10
-_RAYS, _SECTORS, _EDGES_PER_RAY = 360, 8, 5
-_TRIALS = 400
+_RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
+_TRIALS = 240
 # Bands of radii in which edges are sought, and the tolerance, each as a share of the radius.
 _COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
 _SMALLEST_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
@@ -311,8 +311,8 @@ def _fitted(
         tolerance = max(_SMALLEST_TOLERANCES_PX[share], share * start.radius)
         points, weights = _radial_edges(features, circle, band_px)
         # Three rays about a third of the circumference apart.
-        ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.array([0, 120, 240])
-        ray = (ray + rng.integers(-40, 41, ray.shape)) % _RAYS
+        ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.arange(3) * (_RAYS // 3)
+        ray = (ray + rng.integers(-_RAYS // 9, _RAYS // 9, ray.shape)) % _RAYS
         trials = circles_through(points[ray, rng.integers(0, _EDGES_PER_RAY, ray.shape)])
         nudged = np.array(circle) + rng.normal(0.0, 0.3 * tolerance, (_TRIALS // 4, 3))
         trials = np.concatenate([trials, nudged, [circle]])

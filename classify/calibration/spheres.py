@@ -130,7 +130,7 @@ def lights_from_spheres(
     mean, mean_error = _mean_directions(directions, errors)
     intensities = np.exp(np.mean(np.log(levels), axis=0)) if levels else np.empty(0)
     residual = float(np.sqrt(np.mean(np.square(residuals))))
-    positions = _positions(points, directions, errors) if len(placements) > 1 else None
+    positions = positions_of_rays(points, directions, errors) if len(placements) > 1 else None
     if positions is not None:
         at, across, along = positions
         lighting = Lighting(at, intensities, positions_px=at)
@@ -197,7 +197,7 @@ def _mean_directions(directions: FloatArray, errors: FloatArray) -> tuple[FloatA
     return mean, error
 
 
-def _positions(
+def positions_of_rays(
     points: FloatArray, directions: FloatArray, errors: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Where the (J, N, 3) rays towards each of N lights meet; None if a distance stays unknown.
