@@ -89,6 +89,16 @@ class FlatField:
         coefficients[:, 0, 0] += logarithms
         return FlatField(coefficients, self.bounds + logarithms[:, None])
 
+    @property
+    def shared(self) -> "FlatField":
+        """For each light the geometric mean of all: vignetting, and fall-off that they share."""
+        lights = len(self.coefficients)
+        coefficients, bounds = (
+            np.repeat(each.mean(axis=0, keepdims=True), lights, axis=0)
+            for each in (self.coefficients, self.bounds)
+        )
+        return FlatField(coefficients, bounds)
+
     def facing(self, lighting: Lighting) -> "FlatField":
         """The flat field of a sheet that faces each light, with the same mean of the lights.
 

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
+from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
 from classify.calibration.lights import CalibratedLights
-from classify.calibration.spheres import SphereKind, SpherePictures, lights_from_spheres
+from classify.calibration.spheres import SphereKind
 from rig import Placement, open_rig
 
 from .rigs import Conditions, captured_targets
@@ -65,8 +68,8 @@ def light_errors(conditions: Conditions, lights: CalibratedLights) -> LightError
     )
 
 
-def sphere_errors(kind: SphereKind, conditions: Conditions) -> LightErrors:
-    """Measure the lights of a rig by a mirror or a matt sphere; positions where they are near."""
+def sphere_errors(kind: SphereKind, conditions: Conditions, file: CalibrationFile) -> LightErrors:
+    """Measure the lights of a calibrated rig by a sphere; positions where they are near."""
     size_px = conditions.size_px
     offsets = ((0.0, 0.0),) if conditions.fields is None else _AROUND
     placements = [
@@ -78,8 +81,7 @@ def sphere_errors(kind: SphereKind, conditions: Conditions) -> LightErrors:
         for x, y in offsets
     ]
     with open_rig(conditions.faulty.with_changes(simulation={"mm_per_px": 1.0})) as rig:
-        pictures = [
-            SpherePictures(each.images, each.metadata.full_scale, each.ambient)
-            for each in captured_targets(rig, placements)
-        ]
-    return light_errors(conditions, lights_from_spheres(pictures, kind).lights)
+        sets = list(captured_targets(rig, placements))
+    pictures = pictures_of_sets(sets, file)
+    (part,) = sphere_parts(pictures, kind, file, Setting.of_set(sets[0]), ("captured",))
+    return light_errors(conditions, part.part)

@@ -30,7 +30,7 @@ _SHEET = tuple(Placement(surface="plate", rotate_deg=angle) for angle in (0.0, 1
 _SOURCE = ("captured",)
 
 
-def calibrated(conditions: Conditions, path: Path) -> Calibration:
+def calibrated(conditions: Conditions, path: Path) -> CalibrationFile:
     """Measure dark, response, plate and LED positions of a rig, and read them from their file."""
     file = CalibrationFile()
     with open_rig(conditions.faulty) as rig:
@@ -39,7 +39,7 @@ def calibrated(conditions: Conditions, path: Path) -> Calibration:
             for each in measure(rig, rig.simulation, file.calibration):
                 file = file.with_part(each.name, each.part, each.record)
     file.write(path)
-    return CalibrationFile.read(path).calibration
+    return CalibrationFile.read(path)
 
 
 def _dark(rig: Rig, simulation: Simulation, _: Calibration) -> list[MeasuredPart]:

@@ -21,10 +21,11 @@ RIGS = tuple(
     for bits, gamma in ((12, 1.0), (8, 2.2))
     for fields in (5.0, 2.0)
 )
-SPHERE_RIGS = (Conditions(None, 12, 1.0, SIZE_PX), Conditions(5.0, 12, 1.0, SIZE_PX))
+DISTANT = Conditions(None, 12, 1.0, SIZE_PX)
+SPHERE_RIGS = (DISTANT, RIGS[0])
 
 
-def reproduce_calibration(output: Path, rigs: tuple[Conditions, ...] = RIGS) -> Path:
+def reproduce_calibration(output: Path) -> Path:
     """Calibrate rigs with faults, solve surfaces captured with them, and write all files.
 
     Returns the page. The last rig is that of the maps.
@@ -35,17 +36,27 @@ def reproduce_calibration(output: Path, rigs: tuple[Conditions, ...] = RIGS) -> 
         If `output` cannot be made.
     """
     make_folder(output)
-    errors, lights = [], []
     with tempfile.TemporaryDirectory(dir=output, prefix=".calibrations-") as folder:
-        for number, each in enumerate(progress(rigs, len(rigs), "calibrate")):
-            calibration = calibrated(each, Path(folder) / f"{number}.ps4cal")
-            errors.append(step_errors(each, calibration))
-            if calibration.lights is not None:
-                lights.append(light_errors(each, calibration.lights))
+        paths = {
+            each: Path(folder) / f"{number}.ps4cal" for number, each in enumerate((DISTANT, *RIGS))
+        }
+        files = {
+            each: calibrated(each, path)
+            for each, path in progress(list(paths.items()), len(paths), "calibrate")
+        }
+    errors = [
+        step_errors(each, files[each].calibration) for each in progress(RIGS, len(RIGS), "solve")
+    ]
     balls = [(kind, each) for kind in get_args(SphereKind) for each in SPHERE_RIGS]
-    lights += [sphere_errors(*each) for each in progress(balls, len(balls), "spheres")]
+    lights = [
+        *(light_errors(each, found) for each in RIGS if (found := files[each].calibration.lights)),
+        *(
+            sphere_errors(kind, each, files[each])
+            for kind, each in progress(balls, len(balls), "spheres")
+        ),
+    ]
     facts = {
-        "rigs": "; ".join(f"LEDs at {each.fields:g} fields, {each.camera}" for each in rigs),
+        "rigs": "; ".join(f"LEDs at {each.fields:g} fields, {each.camera}" for each in RIGS),
         "surfaces": ", ".join(SURFACES),
         "frames": f"{SIZE_PX} px",
     }

@@ -1,0 +1,48 @@
+"""Lights from sets of a sphere, corrected by the other parts of a calibration."""
+
+import numpy as np
+
+from capture import CapturedSet, capture_set
+from capture.calibration.plate_parts import plate_parts
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
+from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
+from classify.lights.flat_field import FlatField
+from rig import Placement, RigConfig, open_rig
+
+
+def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere() -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 192, "height_px": 160},
+        simulation={"vignetting_percent": 30.0, "led_levels": (1.0, 0.9, 1.1, 1.0)},
+    )
+    with open_rig(config) as rig:
+        assert rig.simulation is not None
+
+        def captured(placement: Placement) -> CapturedSet:
+            rig.simulation.place(placement)  # type: ignore[union-attr]
+            return capture_set(rig, is_target=True)
+
+        sheet = [captured(Placement(surface="plate", rotate_deg=turn)) for turn in (0.0, 180.0)]
+        ball = captured(Placement(surface="matte_sphere", shift_px=(10.0, 5.0)))
+        true = rig.lighting.directions
+    plain, known = CalibrationFile(), CalibrationFile()
+    for part in plate_parts(sheet, plain.calibration, None, ("captured",)):
+        known = known.with_part(part.name, part.part, part.record)
+    errors_deg = []
+    for file in (plain, known):
+        pictures = pictures_of_sets([ball], file)
+        (lights,) = sphere_parts(pictures, "matte", file, Setting.of_set(ball), ("captured",))
+        cosines = (lights.part.lighting.directions * true).sum(axis=1)
+        errors_deg.append(float(np.degrees(np.arccos(cosines)).max()))
+    assert errors_deg[0] > 1.5
+    assert errors_deg[1] < 0.5
+
+
+def test_what_lights_share_of_a_flat_field_is_their_geometric_mean() -> None:
+    rng = np.random.default_rng(0)
+    flat_field = FlatField(0.1 * rng.standard_normal((4, 3, 3)), np.tile([-9.0, 9.0], (4, 1)))
+    place = np.arange(20), np.arange(30), (20, 30)
+    mean = np.exp(np.log(flat_field.strengths(*place)).mean(axis=0))
+    for shared in flat_field.shared.strengths(*place):
+        np.testing.assert_allclose(shared, mean)
