@@ -21,19 +21,25 @@ from .response import STEPS, Response
 
 FloatArray = npt.NDArray[np.float64]
 
-# Cubic pieces between the lowest and the highest value. With 8, gamma and sRGB curves come out
-# within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
+# Cubic pieces between the lowest and the highest value. With 8, gamma, sRGB and filmic curves come
+# out within 0.5 % of full scale (tests/classify/calibration/test_exposure_ladder.py).
 _PIECES, _DEGREE = 8, 3
 # Weight of the differences between neighbouring pieces relative to the residuals. An even sheet has
 # few levels: with less weight the curve follows a wrong exposure, with more it is one cubic
-# polynomial (tests/classify/calibration/test_exposure_ladder.py has both).
-_SMOOTHNESS = 3e-3
+# polynomial (the same test has both).
+_SMOOTHNESS = 1e-3
 # The fit is repeated with weights from its own slope; gamma curves need four rounds.
 _ROUNDS, _SETTLED = 12, 1e-7
-_LEAST_SLOPE = 0.02  # of the mean slope, so that no weight is without bound
+# Range of slopes that count for the weights, relative to the mean slope. Without the lower limit a
+# level could have any weight; without the upper one a steep piece hides the residuals of a wrong
+# exposure in it.
+_SLOPES = (0.02, 6.0)
+# Levels between which the light rises by 1, as shares of the range. With the ends instead, a curve
+# that is steep at the highest level only would have next to no light and no residuals elsewhere.
+_INNER = (0.1, 0.9)
 # Range of the exponent by which the curve goes on beyond the measured values.
 _EXPONENTS = (0.25, 4.0)
-# Fewer exposures than the spline has coefficients would be fitted whatever they are.
+# Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
 LEAST_EXPOSURES = 6
 _LEAST_RATIO = 4.0
 # Share of full scale that the ladder must reach; the curve above is a continuation.
@@ -43,9 +49,9 @@ _LEAST_TOP = 0.7
 _LEAST_RISE = 0.2
 # Share of full scale by which a value may fall at a longer exposure: more than noise of means.
 _FALL = 0.005
-# Shares of full scale. One exposure that is 10 % wrong gives median residuals of 0.5 to 1.2 %, one
-# kept by the camera 0.1 % at most (the same test). Blocks scatter by noise: with a larger rms
-# residual the curve is no better than the 0.5 % asked for.
+# Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
+# exposures that are kept 0.04 % at most. Blocks scatter by noise: with a larger rms residual the
+# curve is no better than the 0.5 % asked for.
 _MAX_MEDIAN, _MAX_ERROR = 0.002, 0.005
 # The solved slopes change by less than 0.1 degrees if this departure from a straight line is left
 # (tests/classify/calibration/test_exposure_ladder.py). It counts if it also exceeds the error by
@@ -180,7 +186,7 @@ class _Fit:
     Attributes
     ----------
     spline
-        Linear light at a level above that at `lowest`; 1 at `highest`.
+        Linear light at a level above that at `lowest`; it rises by 1 between two inner levels.
     lowest, highest
         Range of the levels.
     base
@@ -200,26 +206,44 @@ class _Fit:
 
     @classmethod
     def of(cls, levels: FloatArray, times: FloatArray) -> "_Fit":
+        """Fit a spline with even knots, then one with knots at even lengths along that curve.
+
+        A curve with a shoulder has most of its light in few levels.
+        """
+        lowest, highest = float(np.nanmin(levels)), float(np.nanmax(levels))
+        fit = cls._with_knots(levels, times, np.linspace(lowest, highest, _PIECES + 1))
+        grid = np.linspace(lowest, highest, STEPS + 1)
+        light = fit.spline(grid)
+        lengths = np.hypot(np.diff(grid) / (highest - lowest), np.diff(light) / light[-1])
+        along = np.r_[0.0, np.cumsum(lengths)]
+        knots = np.interp(np.linspace(0.0, along[-1], _PIECES + 1), along, grid)
+        return cls._with_knots(levels, times, knots)
+
+    @classmethod
+    def _with_knots(cls, levels: FloatArray, times: FloatArray, ends: FloatArray) -> "_Fit":
         """Least squares of the residuals in the levels, by weights from the slope of the curve."""
         seen = np.isfinite(levels)
-        lowest, highest = float(np.nanmin(levels)), float(np.nanmax(levels))
-        knots = np.linspace(lowest, highest, _PIECES + 1)
-        knots = np.pad(knots, _DEGREE, mode="edge")
+        lowest, highest = float(ends[0]), float(ends[-1])
+        inner = lowest + np.array(_INNER) * (highest - lowest)
+        mean_slope = 1.0 / float(np.ptp(inner))
+        knots = np.pad(ends, _DEGREE, mode="edge")
         pieces = _PIECES + _DEGREE
         # Sums of B-splines from one to the last: with factors of 0 or more they never fall.
         steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
+        slope = steps.derivative()
         filled = np.where(seen, levels, lowest)
         terms = np.concatenate([np.ones((*levels.shape, 1)), steps(filled)], axis=-1)
-        slopes_of = steps.derivative()(filled)
+        slope_terms, knot_slope_terms = slope(filled), slope(ends[1:-1])
         times = times / times.max()
-        smooth = np.zeros((_PIECES - 1, pieces))
-        middles = (knots[_DEGREE:-_DEGREE][1:] + knots[_DEGREE:-_DEGREE][:-1]) / 2.0
-        cubes = ((highest - lowest) / _PIECES) ** 3 * steps.derivative(3)(middles)
-        smooth[:, 1:] = _SMOOTHNESS * np.diff(cubes, axis=0)
-        scale = np.r_[0.0, np.ones(pieces - 1)][None] * 1e3  # the spline rises to 1
-        target = np.r_[np.zeros(pieces + len(smooth)), 1e3]
+        widths = 0.5 * (ends[2:] - ends[:-2])
+        thirds = np.diff(steps.derivative(3)(0.5 * (ends[1:] + ends[:-1])), axis=0)
+        jumps = np.zeros((_PIECES - 1, pieces))
+        jumps[:, 1:] = _SMOOTHNESS * widths[:, None] ** 3 * thirds
+        scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * 1e3
+        target = np.r_[np.zeros(pieces + len(jumps)), 1e3]
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
-        slopes, found = np.full(levels.shape, 1.0 / (highest - lowest)), np.zeros(pieces)
+        slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(jumps), mean_slope)
+        found = np.zeros(pieces)
         for _ in range(_ROUNDS):
             weights = seen / slopes / np.sqrt(seen.sum())
             # The strength of each block is that of least squares, and is eliminated.
@@ -228,10 +252,12 @@ class _Fit:
             shares /= (by_time * times[:, None]).sum(axis=0)[:, None]
             rows = weights[..., None] * (terms - times[:, None, None] * shares)
             upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
-            system = np.concatenate([upper, smooth, scale])
+            system = np.concatenate([upper, jumps / knot_slopes[:, None], scale])
             before, found = found, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
-            least = _LEAST_SLOPE / (highest - lowest)
-            slopes = np.maximum(slopes_of @ found[1:], least)
+            slopes, knot_slopes = (
+                np.clip(each @ found[1:], *(mean_slope * np.array(_SLOPES)))
+                for each in (slope_terms, knot_slope_terms)
+            )
             if np.abs(found - before).max() < _SETTLED:
                 break
         strengths = shares @ found
@@ -275,7 +301,7 @@ class _Fit:
         bend = np.log(float(slope(far)) / float(slope(near))) / np.log(far / near)
         exponent = np.clip(1.0 + bend, *_EXPONENTS)
         bottom = lowest * float(slope(lowest)) / exponent
-        top = bottom + 1.0
+        top = bottom + float(self.spline(highest))
         light = bottom + self.spline(np.clip(_GRID, lowest, highest))
         below, above = lowest > _GRID, highest < _GRID
         light[below] = bottom * (_GRID[below] / lowest) ** exponent
