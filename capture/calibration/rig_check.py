@@ -116,9 +116,14 @@ def checks_of_drift(drift: Drift) -> Iterator[Check]:
     if drift.causes:
         return
     largest = float(np.abs(drift.level_changes).max())
+    moved = (
+        "lights, camera and lens did not move"
+        if drift.shows_moved_lights
+        else "the lights are too far away to show whether one has moved"
+    )
     seen = (
         f"LED levels within {largest:.1%} of the calibration, the sheet is tilted by "
-        f"{drift.sheet_tilt_deg:.1f} degrees; lights, camera and lens did not move"
+        f"{drift.sheet_tilt_deg:.1f} degrees; {moved}"
     )
     yield Check("sheet", "ok", seen)
 

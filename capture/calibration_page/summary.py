@@ -64,6 +64,8 @@ def part_summaries(file: CalibrationFile, now: datetime) -> tuple[PartSummary, .
         if name == "noise" and record is None and response is not None and not response.linear:
             continue
         use, command = _USES[name]
+        if name == "lights" and file.calibration.flat_field is not None:
+            command = "lights"  # their positions do not show on the sheet
         age_days = None if record is None else record.age_days(now)
         parts.append(PartSummary(name, record, age_days, use, f"ps4rig calibrate {command}"))
     return tuple(parts)

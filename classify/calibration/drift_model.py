@@ -139,6 +139,18 @@ class DriftModel:
             chosen, score, numbers = longer, better, found
         return self._explanation(change, chosen, numbers)
 
+    def shows_moved_lights(self, angle: float) -> bool:
+        """Whether each light that moves by an angle in radians, along its tilt, would be named."""
+        still = np.empty(0)
+        for cause in self._causes:
+            if cause.kind == "light moved":
+                numbers = np.array([angle, 0.0, 0.0])
+                change = cause.change(numbers)
+                unnamed, _ = self._fit(change, (), still)
+                if self._fit(change, (cause,), numbers)[0] >= unnamed:
+                    return False
+        return True
+
     def _best(
         self, change: FloatArray, chosen: tuple[Cause, ...], numbers: FloatArray
     ) -> tuple[tuple[Cause, ...], float, FloatArray]:

@@ -102,6 +102,7 @@ def test_another_sheet_and_noise_are_no_drift(
 ) -> None:
     drift = drift_of(replace(RIG, **changes), calibration)
     assert (drift.status, drift.causes) == ("ok", ())
+    assert drift.shows_moved_lights
     assert np.abs(drift.level_changes).max() < 0.03
 
 
@@ -127,7 +128,7 @@ def test_a_moved_light_is_named_with_its_angle(
 ) -> None:
     rig = with_light_moved(replace(RIG, seed=22), 2, along_deg, down_deg)
     (cause,) = drift_of(rig, calibration).causes
-    assert (cause.kind, cause.light) == ("light moved", 2)
+    assert (cause.kind, cause.light, cause.status) == ("light moved", 2, "fault")
     angle_deg = float(cause.seen.split("moved by ")[1].split()[0])
     assert angle_deg == pytest.approx(np.hypot(along_deg, down_deg), abs=0.6)
 
@@ -189,6 +190,7 @@ def test_the_level_of_a_distant_led_is_compared_too() -> None:
         with_level(replace(rig, seed=27), 2, -0.2).stack, rig.full_scale, distant, RING
     )
     assert kinds(drift) == {("led level", 2)}
+    assert not drift.shows_moved_lights
 
 
 def test_a_calibration_without_plate_or_of_other_lights_is_refused(
