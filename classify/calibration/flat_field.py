@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 # The degree is raised while that lowers the square error of predicting left-out parts of the frame
 # to this share; classify/README.md has the errors of each degree.
-_DEGREES, _BETTER = (2, 4, 6), 0.8
+_DEGREES, _BETTER = (2, 4, 6), 0.98
 # Tukey's biweight with this constant has 95 % of the efficiency of least squares.
 _TUKEY = 4.685
 # Median of the square of a standard normal deviate.
@@ -131,7 +131,8 @@ class _Fit:
             coefficients,
             chosen,
             scale,
-            scale * float(np.sqrt(terms / max(counted, 1.0))),
+            # A higher degree that predicts not clearly better may leave a bias.
+            scale * float(np.sqrt(terms / max(counted, 1.0) + 1.0 - _BETTER)),
             1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
             _unfolded(fitted + np.where(weights > 0.0, means, plain)),
             _unfolded(weights),

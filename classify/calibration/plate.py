@@ -24,8 +24,11 @@ _DARKEST = 0.05
 _FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
 _STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
 _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
-# The tilt that is said of turned sheets, and of a sheet whose lights do not stand as configured.
-_MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG = 4.0, 7.0
+# Tilt of a sheet by how the lights change when it is turned; by how the measured lights differ from
+# those configured; and by the levels of distant lights, where 10 % look like 6 degrees.
+_MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
+# Share of the differences that a tilt must leave unexplained at most to be blamed for them.
+_LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. Near light
 # changes slopes by the inverse of the distance: 20 % of it cost less than the angles.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
@@ -200,11 +203,12 @@ def _checked_tilt_deg(
             f"{_MOST_TILTED_DEG:g} degrees"
         )
     if measured is not None:
-        alone_deg = _common_tilt_deg(measured, given)
+        alone_deg, most_deg = _common_tilt_deg(measured, given), _MOST_TILTED_ALONE_DEG
     else:
         levels = fitted.flat_field.coefficients[:, 0, 0]
         alone_deg = _tilt_of_levels_deg(levels - levels.mean(), given)
-    if alone_deg > _MOST_TILTED_ALONE_DEG:
+        most_deg = _MOST_TILTED_BY_LEVELS_DEG
+    if alone_deg > most_deg:
         raise CalibrationRejected(
             f"the sheet is tilted by about {alone_deg:.0f} degrees, or the lights do not stand as "
             "configured; lay it flat, and check the tilts and slants of the lights"
@@ -219,7 +223,7 @@ def _common_tilt_deg(measured: Lighting, given: Lighting) -> float:
     design = np.concatenate([-_cross(each) for each in given.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
     left = change.ravel() - design @ rotation
-    if np.square(left).sum() > 0.5 * np.square(change).sum():
+    if np.square(left).sum() > _LEFT_OF_DIRECTIONS * np.square(change).sum():
         return 0.0
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
@@ -231,11 +235,13 @@ def _cross(vector: FloatArray) -> FloatArray:
 
 def _tilt_of_levels_deg(levels: FloatArray, given: Lighting) -> float:
     """Tilt of the sheet that explains the levels of distant lights; 0 if the LEDs differ."""
+    if len(given) == 3:
+        return 0.0  # a tilt explains any three levels
     tangents = given.directions[:, :2] / given.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
     left = levels + centred @ slopes
-    if np.square(left).sum() > 0.1 * np.square(levels).sum():
+    if np.square(left).sum() > _LEFT_OF_LEVELS * np.square(levels).sum():
         return 0.0
     return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
 

@@ -1,0 +1,99 @@
+"""Pictures that are not of a level white matt sheet are refused, each with its cause."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify import Lighting
+from classify.calibration.plate import MeasuredPlate, measure_plate
+from classify.errors import CalibrationRejected, InputError
+from classify.images.stack import ImageStack
+from tests.plates import Plate, ring_positions
+
+RING = Lighting.ring(45.0)
+SHEET = Plate(ring_positions(8.0), brightest=0.6, specks=20)
+
+
+def measured(
+    plate: Plate, turns: tuple[int, ...] = (0, 2), lighting: Lighting = RING
+) -> MeasuredPlate:
+    return measure_plate([plate.turned(each).stack for each in turns], plate.full_scale, lighting)
+
+
+def test_a_sheet_gives_flat_field_and_positions() -> None:
+    found = measured(replace(SHEET, tilt=(0.02, 0.0)))
+    assert found.lights is not None
+    assert found.lights.source == "plate"
+    np.testing.assert_allclose(
+        found.lights.lighting.positions_px, SHEET.positions_px, atol=0.02 * 8.0 * 96.0
+    )
+    np.testing.assert_allclose(found.tilts_deg, np.degrees(0.02), atol=0.1)
+    assert found.flat_field.unused < 0.1
+
+
+def test_one_placement_is_less_certain_than_two() -> None:
+    once, twice = (measured(SHEET, turns).lights for turns in ((0,), (0, 2)))
+    assert once is not None
+    assert twice is not None
+    assert once.direction_errors_deg.min() > 1.0 > twice.direction_errors_deg.max()
+
+
+def test_distant_lights_keep_their_directions_and_say_why() -> None:
+    found = measured(replace(SHEET, positions=ring_positions(300.0)))
+    assert found.lights is None
+    assert found.no_lights_because is not None
+    assert "too far away" in found.no_lights_because
+
+
+@pytest.mark.parametrize(
+    ("plate", "cause"),
+    [
+        (
+            replace(SHEET, brightest=1.3),
+            r"light 2 saturates \d+\.\d% of the sheet; shorten",
+        ),
+        (replace(SHEET, brightest=0.06), r"too dark: the sheet reaches \d\.\d% .* under light \d"),
+        (replace(SHEET, tilt=(0.12, 0.0)), r"the sheet is tilted by [67]\.\d degrees; lay it flat"),
+        (replace(SHEET, waviness=0.05, grain=0.3, brightest=0.3), "not a white"),
+        (
+            Plate(ring_positions(4.0, 25.0), brightest=0.5, gloss=0.3, shine=1000.0),
+            r"the sheet is shiny: a highlight of \d\.\d% lies on the side of lights 0, 1, 2, 3",
+        ),
+    ],
+    ids=["saturated", "dark", "tilted", "uneven", "shiny"],
+)
+def test_a_bad_sheet_is_refused(plate: Plate, cause: str) -> None:
+    slant_deg = 25.0 if plate.gloss else 45.0
+    with pytest.raises(CalibrationRejected, match=cause):
+        measured(plate, lighting=Lighting.ring(slant_deg))
+
+
+@pytest.mark.parametrize("distance", [8.0, 300.0])
+def test_a_tilt_that_does_not_turn_with_the_sheet_is_seen_by_the_lights(distance: float) -> None:
+    plate = Plate(ring_positions(distance), brightest=0.4, tilt=(0.3, 0.0), levels=(1.0,) * 4)
+    with pytest.raises(CalibrationRejected, match=r"tilted by about 1\d degrees, or the lights"):
+        measured(plate, (0, 0))
+
+
+def test_relief_is_no_sheet() -> None:
+    rng = np.random.default_rng(4)
+    p, q = 0.3 * rng.standard_normal((2, 192, 192))
+    x, y, z = RING.directions.T[..., None, None]
+    values = 2500.0 * np.maximum(z - x * p - y * q, 0.0) / np.sqrt(1.0 + p * p + q * q)
+    stack = ImageStack(np.minimum(values, 4000.0).astype(np.uint16), None)
+    with pytest.raises(CalibrationRejected, match=r"relief of rms slope 0\.\d+, a sheet less than"):
+        measure_plate([stack], 4095.0, RING)
+
+
+def test_the_sheet_must_fill_the_frame_or_the_mask() -> None:
+    stack = SHEET.stack
+    stack.images[:, :, 20:] = 0
+    with pytest.raises(CalibrationRejected, match=r"only \d+% of the frame shows the sheet"):
+        measure_plate([stack], SHEET.full_scale, RING)
+
+
+def test_placements_must_be_alike() -> None:
+    other = replace(SHEET, shape=(96, 96))
+    with pytest.raises(InputError, match="differ in size or in lights"):
+        measure_plate([SHEET.stack, other.stack], SHEET.full_scale, RING)
