@@ -195,8 +195,9 @@ def test_solve_writes_its_maps_and_prints_shares_of_pixels(
     answer = json.loads(result.stdout)
     assert set(answer) == {
         "set", "files", "valid", "saturated", "shadowed", "planar", "fall_off", "led_levels",
-        "simulated",
+        "simulated", "calibration", "residual", "raw_residual", "mm_per_px",
     }  # fmt: skip
+    assert (answer["calibration"], answer["raw_residual"]) == (None, None)
     assert (answer["planar"], answer["simulated"]) == (False, True)
     assert 0.0 <= answer["fall_off"] < 0.25
     assert {Path(name).name for name in answer["files"]} >= {
