@@ -22,6 +22,8 @@ from .setting import Setting
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _ROUNDED_AWAY = 0.49
+# Share of full scale up to which `ps4rig rig doctor` lets bright parts be exposed.
+_HIGH = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ def response_parts(
         warnings = []
     except CalibrationRejected as cause:
         warnings = [f"gain and read noise are left out: {cause}"]
-    parts = [_response(ladder, exposures, setting, source, warnings)]
+    parts = [_response(ladder, exposures, full_scale, setting, source, warnings)]
     return parts if noise is None else [*parts, _noise(noise, setting, source)]
 
 
@@ -184,11 +186,19 @@ def _exposure_ms(captured: CapturedSet) -> float:
 def _response(
     ladder: ExposureLadder,
     exposures: int,
+    full_scale: float,
     setting: Setting,
     source: Sequence[str],
     warnings: Sequence[str],
 ) -> MeasuredPart:
-    found, full = ladder.response, 0.01 * (2**setting.bit_depth - 1)
+    found, full = ladder.response, 0.01 * full_scale
+    if not found.linear and ladder.highest < _HIGH * full_scale:
+        unseen = (
+            f"no level above {ladder.highest / full:.0f} % of full scale was seen, where the curve "
+            "is a continuation: keep images below, or measure it with longer exposures or a wider "
+            "aperture"
+        )
+        warnings = [*warnings, unseen]
     if found.linear:
         quality = (
             f"The camera is linear: within {ladder.departure:.2%} of full scale from "

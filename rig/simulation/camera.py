@@ -129,7 +129,7 @@ class SimulatedCamera:
         shutter = self.exposures.shutter
         if isinstance(self.sensor, RecordedPixels):
             return 1e3 * shutter.exposure_s, 1e3 * shutter.exposure_s
-        return _SHORTEST_EXPOSURE_MS, 1e3 * (shutter.period_s - shutter.readout_s)
+        return _SHORTEST_EXPOSURE_MS, 1e3 * shutter.period_s
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Change the exposure of all frames that have not been read."""

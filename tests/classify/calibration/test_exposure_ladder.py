@@ -147,7 +147,7 @@ def test_values_that_fall_at_a_longer_exposure_are_refused() -> None:
     ("values", "match"),
     [
         (np.full((len(EXPOSURES_MS), 8), np.nan), "every exposure is saturated"),
-        (ladder(lambda light: light) * 0.5, "brightest value is"),
+        (ladder(lambda light: light) * 0.4, "brightest value is"),
         (np.where(np.arange(len(EXPOSURES_MS))[:, None] < 5, ladder(srgb), np.nan), "5 different"),
     ],
 )
