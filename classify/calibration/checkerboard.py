@@ -32,6 +32,9 @@ _LEAST_DISTORTION_PX = 0.5
 # A further coefficient counts if it explains this many times its share of the residual (F test with
 # more than 50 degrees of freedom: 1 in 1000).
 _SIGNIFICANT = 11.0
+# Distortion counts if it moves a corner of the board by this many times the residual: errors of
+# corners in a small picture of the board grow into pixels at the corners of the frame.
+_SEEN = 3.0
 # The focal length is kept if its standard error is at most this: spheres then have their view
 # directions to 5 % of the angle.
 _KNOWN_FOCAL = 0.05
@@ -152,7 +155,9 @@ def scale_of_boards(
         focal_error = measured[1]
     for radial in (1, 2):
         better = _fitted(boards, board, camera, radial)
-        if fit.cost - better.cost > _SIGNIFICANT * better.cost / better.freedom:
+        moved = np.concatenate([_distorted(each, better.radial, camera) - each for each in boards])
+        is_seen = np.abs(moved).max() > _SEEN * better.residual_px
+        if is_seen and fit.cost - better.cost > _SIGNIFICANT * better.cost / better.freedom:
             fit = better
     if fit.residual_px > _WORST_RESIDUAL_PX:
         raise CalibrationRejected(

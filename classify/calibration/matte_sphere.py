@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ _INSIDE = 0.9
 # the surroundings return.
 _LIT = 0.25
 _SATURATED = 0.995
+# With less of the sphere below full scale its brightest part, which shows the light best, is gone.
+_LEAST_UNSATURATED = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
 _LEAST_USED = 0.2
 _MOST_PIXELS = 3000
@@ -27,6 +30,9 @@ _ROUNDS = 4
 # Powers of n . l in the shading: Lambert's law is linear; rough plaster, a response that is not
 # linear, and a near lamp bend it, all as functions of n . l.
 _POWERS = 3
+# Light that the lens takes in the corners of the frame, as a share: bounds of the fit. Lenses take
+# up to 0.6; roughness of the sphere may look like a little of the opposite.
+_VIGNETTING = (-0.2, 0.6)
 # rms residual of the shading, as a share of its range, beyond which it is no matt sphere. Glossy
 # paint gives 0.05, a mirror 0.3 and more (test_matte_sphere.py).
 _WORST_RESIDUAL = 0.12
@@ -37,8 +43,9 @@ def matte_directions(
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Find the light of each picture by its shading of a matt sphere.
 
-    The value of a lit pixel is a function of n . l alone; l and a polynomial of third degree are
-    fitted to each picture by least squares, first with Lambert's law. Pixels in shadow, at full
+    The value of a lit pixel is a function of n . l alone, times the vignetting of the lens, which
+    falls with the squared distance from the middle of the frame. l and a polynomial of third degree
+    are fitted to each picture by least squares, first with Lambert's law. Pixels in shadow, at full
     scale or far off the fit, such as gloss and dirt, are left out.
 
     Parameters
@@ -65,104 +72,142 @@ def matte_directions(
     every = -(-len(rows) // _MOST_PIXELS)
     rows, columns = rows[::every], columns[::every]
     normals, _ = sphere.surface_at(columns, rows)
-    directions, errors, levels, residuals = [], [], [], []
+    middle = 0.5 * (np.array(sphere.frame) - 1.0)
+    squared = ((np.stack([rows, columns], axis=1) - middle) ** 2).sum(axis=1) / (middle @ middle)
+    samples = []
     for light, image in enumerate(images):
         values = image[rows, columns].astype(np.float64)
         usable = values < _SATURATED * full_scale
-        if usable.mean() < 0.7:
+        if usable.mean() < _LEAST_UNSATURATED:
             raise CalibrationRejected(
                 f"picture {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "
                 "shorten the exposure"
             )
-        direction, level, residual, lit = _fit(normals[usable], values[usable], light)
-        if residual > _WORST_RESIDUAL:
+        samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
+    # The lens is the same in all pictures.
+    vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
+    fits = [_fit(each, vignetting) for each in samples]
+    errors = []
+    for each, fit in zip(samples, fits, strict=True):
+        if fit.residual > _WORST_RESIDUAL:
             raise CalibrationRejected(
-                f"picture {light}: the shading is {residual:.0%} off that of a matt sphere; use a "
-                "matt ball, and --sphere mirror for a polished one"
+                f"picture {each.light}: the shading is {fit.residual:.0%} off that of a matt "
+                "sphere; use a matt ball, and --sphere mirror for a polished one"
             )
-        scatter = _jackknife_deg(normals[usable][lit], values[usable][lit], direction)
+        scatter = _jackknife_deg(each.only(fit.lit), fit)
         # A shifted outline turns all normals; those that face the camera by the least.
-        outline = np.degrees(sphere.error_px / sphere.radius_px) / max(direction[2], 0.3)
+        outline = np.degrees(sphere.error_px / sphere.radius_px) / max(fit.direction[2], 0.3)
         errors.append(float(np.hypot(scatter, outline)))
-        directions.append(direction)
-        levels.append(level)
-        residuals.append(residual)
-    relative = np.array(levels) / np.exp(np.mean(np.log(levels)))
-    return (
-        np.array(directions),
-        np.array(errors),
-        relative,
-        float(np.sqrt(np.mean(np.square(residuals)))),
-    )
+    levels = np.array([fit.level for fit in fits])
+    residual = float(np.sqrt(np.mean([fit.residual**2 for fit in fits])))
+    directions = np.array([fit.direction for fit in fits])
+    return directions, np.array(errors), levels / np.exp(np.mean(np.log(levels))), residual
 
 
-def _fit(
-    normals: FloatArray, values: FloatArray, light: int
-) -> tuple[FloatArray, float, float, npt.NDArray[np.bool_]]:
-    """Direction, brightness at n . l = 1, relative residual, and the pixels that were used."""
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Pixels of the sphere in one picture."""
+
+    light: int
+    normals: FloatArray
+    values: FloatArray
+    squared: FloatArray  # squared distance from the middle of the frame; 1 in its corners
+
+    def only(self, kept: npt.NDArray[np.bool_]) -> _Samples:
+        return _Samples(self.light, self.normals[kept], self.values[kept], self.squared[kept])
+
+    def flat(self, vignetting: float) -> FloatArray:
+        """The values without vignetting."""
+        return self.values / (1.0 - vignetting * self.squared)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    direction: FloatArray
+    vignetting: float
+    level: float  # value of a surface that faces the light
+    residual: float  # rms, as a share of the range of values
+    lit: npt.NDArray[np.bool_]  # the pixels that were used
+
+
+def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
+    """Fit one picture; its vignetting too if that is None."""
+    normals, values = samples.normals, samples.values
     design = np.column_stack([normals, np.ones(len(normals))])
     lit = values > _LIT * np.quantile(values, 0.98)
-    direction = np.array([0.0, 0.0, 1.0])
+    direction, share = np.array([0.0, 0.0, 1.0]), vignetting or 0.0
     for _ in range(_ROUNDS):
-        scaled = np.linalg.lstsq(design[lit], values[lit], rcond=None)[0]
+        scaled = np.linalg.lstsq(design[lit], samples.flat(share)[lit], rcond=None)[0]
         length = float(np.linalg.norm(scaled[:3]))
         if length <= 1e-9 * max(float(values.max()), 1e-9):
-            raise CalibrationRejected(f"picture {light}: the sphere is not shaded; is a light on?")
+            raise CalibrationRejected(
+                f"picture {samples.light}: the sphere is not shaded; is a light on?"
+            )
         direction = np.asarray(scaled[:3] / length, np.float64)
-        lit = _kept(normals, values, direction, lit, light)
+        lit = _kept(samples, direction, share, lit)
     for _ in range(2):
-        direction = _refined(normals[lit], values[lit], direction)
-        lit = _kept(normals, values, direction, lit, light)
-    coefficients, off = _shading(normals[lit] @ direction, values[lit])
-    level = float(np.polyval(coefficients, 1.0))
+        direction, share = _refined(samples.only(lit), direction, vignetting)
+        lit = _kept(samples, direction, share, lit)
+    coefficients, off = _shading(normals[lit] @ direction, samples.flat(share)[lit])
+    level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_LIT, 1.0, 16))))
-    return direction, max(level, 1e-9), float(np.sqrt(np.mean(off**2))) / max(span, 1e-9), lit
+    residual = float(np.sqrt(np.mean(off**2))) / max(span, 1e-9)
+    return _Fit(direction, share, level, residual, lit)
 
 
 def _kept(
-    normals: FloatArray,
-    values: FloatArray,
-    direction: FloatArray,
-    lit: npt.NDArray[np.bool_],
-    light: int,
+    samples: _Samples, direction: FloatArray, vignetting: float, lit: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
     """Pixels that face the light and are within three robust standard deviations of the shading."""
-    cosine = normals @ direction
+    cosine, values = samples.normals @ direction, samples.flat(vignetting)
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = 1.4826 * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
     kept = np.asarray((cosine > _LIT) & ~far)
     if kept.mean() < _LEAST_USED:
         raise CalibrationRejected(
-            f"picture {light}: {kept.mean():.0%} of the sphere shows the shading of a matt sphere; "
-            "use a matt ball (--sphere mirror is for a polished one), and light it from above"
+            f"picture {samples.light}: {kept.mean():.0%} of the sphere shows the shading of a matt "
+            "sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"
         )
     return kept
 
 
 def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients of the shading as a function of n . l, and what it leaves."""
     coefficients = np.polyfit(cosine, values, _POWERS)
     return coefficients, values - np.polyval(coefficients, cosine)
 
 
-def _refined(normals: FloatArray, values: FloatArray, start: FloatArray) -> FloatArray:
-    """Direction, near `start`, by which the shading is best a function of n . l."""
+def _refined(
+    samples: _Samples, start: FloatArray, vignetting: float | None
+) -> tuple[FloatArray, float]:
+    """Direction near `start`, and vignetting, by which the shading is best a function of n . l."""
     side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
     def turned(step: FloatArray) -> FloatArray:
         direction = start + step @ side
         return np.asarray(direction / np.linalg.norm(direction))
 
+    def off(values: FloatArray) -> FloatArray:
+        share = float(values[2]) if vignetting is None else vignetting
+        return _shading(samples.normals @ turned(values[:2]), samples.flat(share))[1]
+
+    free = 3 if vignetting is None else 2
+    low, high = [-1.0, -1.0, _VIGNETTING[0]][:free], [1.0, 1.0, _VIGNETTING[1]][:free]
     found = optimize.least_squares(
-        lambda step: _shading(normals @ turned(step), values)[1],
-        np.zeros(2), diff_step=1e-4, x_scale=0.01, max_nfev=20,
+        off, np.zeros(free), bounds=(low, high), diff_step=1e-4, x_scale=[0.01, 0.01, 0.1][:free],
+        max_nfev=20,
     )  # fmt: skip
-    return turned(found.x)
+    return turned(found.x[:2]), float(found.x[2]) if vignetting is None else vignetting
 
 
-def _jackknife_deg(normals: FloatArray, values: FloatArray, direction: FloatArray) -> float:
+def _jackknife_deg(samples: _Samples, fit: _Fit) -> float:
     """Standard error by fits that leave out one sector of the sphere each."""
-    sector = np.floor((np.arctan2(normals[:, 1], normals[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS)
-    fits = [_refined(normals[sector != k], values[sector != k], direction) for k in range(_SECTORS)]
-    variance = (_SECTORS - 1) / _SECTORS * ((np.array(fits) - np.mean(fits, axis=0)) ** 2).sum()
+    angles = np.arctan2(samples.normals[:, 1], samples.normals[:, 0])
+    sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS)
+    fits = np.array([
+        _refined(samples.only(sector != k), fit.direction, fit.vignetting)[0]
+        for k in range(_SECTORS)
+    ])  # fmt: skip
+    variance = (_SECTORS - 1) / _SECTORS * ((fits - fits.mean(axis=0)) ** 2).sum()
     return float(np.degrees(np.sqrt(variance / 2.0)))

@@ -1,0 +1,185 @@
+"""``calibrate lights`` and ``calibrate scale`` on the simulated rig, and on files."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.calibration.ps4cal import CalibrationFile
+from capture.sets.light_list import load_light_list
+from classify import Lighting
+from classify.calibration.lights import CalibratedLights
+from tests.sphere_pictures import Picture, scattered_lights
+
+Run = Callable[..., Any]
+LIGHTS = scattered_lights(5, 3, 50.0)
+SIDE = 200
+
+
+def off_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    return np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1.0, 1.0)))
+
+
+def rig_toml(folder: Path, **simulation: object) -> Path:
+    lines = "\n".join(f"{key} = {value}" for key, value in simulation.items())
+    path = folder / "rig.toml"
+    path.write_text(
+        f"[lights]\nport = 'simulated'\n[camera]\nbits = 12\nwidth_px = {SIDE}\n"
+        f"height_px = {SIDE}\n[simulation]\n{lines}\n"
+    )
+    return path
+
+
+def lights_of(path: Path) -> CalibratedLights:
+    lights = CalibrationFile.read(path).calibration.lights
+    assert lights is not None
+    return lights
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Pictures and a mask, named and coded as in published sets."""
+    folder = tmp_path_factory.mktemp("chrome")
+    picture = Picture(LIGHTS, background="black", room=0.06, bounce=0.03, gamma=2.2, radius=70.0)
+    images, mask = picture.images()
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f"chrome.{number}.png"), cv2.merge([image] * 3))
+        cv2.imwrite(str(folder / f"chrome.{number}.jpg"), image)
+    cv2.imwrite(str(folder / "chrome.mask.png"), cv2.merge([255 * mask.astype(np.uint8)] * 3))
+    return folder
+
+
+@pytest.mark.parametrize(("kind", "limit_deg"), [("mirror", 0.5), ("matte", 2.0)])
+def test_a_sphere_on_the_simulated_rig_gives_its_lights(
+    ps4rig: Run, tmp_path: Path, kind: str, limit_deg: float
+) -> None:
+    cal = tmp_path / "rig.ps4cal"
+    toml = rig_toml(tmp_path, mm_per_px=0.2, vignetting_percent=20)
+    done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", kind, cal, "--json",
+                  "--diameter-mm", 24, "--list", tmp_path / "found.lp")  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    found = lights_of(cal)
+    true = Lighting.ring().directions
+    assert off_deg(found.lighting.directions, true).max() < limit_deg
+    assert found.source == f"{kind} sphere"
+    scale = CalibrationFile.read(cal).calibration.scale
+    assert scale is not None
+    assert scale.mm_per_px == pytest.approx(0.2, rel=0.01)
+    assert abs(scale.mm_per_px / 0.2 - 1.0) < 3.0 * scale.error
+    lights, _ = json.loads(done.stdout)
+    error_deg = lights["figures"]["largest_direction_error_deg"]
+    assert off_deg(found.lighting.directions, true).max() < 2.0 * error_deg
+    listed = load_light_list(tmp_path / "found.lp")
+    np.testing.assert_allclose(listed.vectors, found.lighting.directions, atol=1e-8)
+    assert bool(listed.intensities) == (kind == "matte")
+
+
+def test_placements_on_a_rig_with_near_lights_give_positions(ps4rig: Run, tmp_path: Path) -> None:
+    toml = rig_toml(tmp_path, led_distance_px=2 * SIDE, mm_per_px=0.4)
+    cal = tmp_path / "rig.ps4cal"
+    done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", "matte", cal, "--placements", 3,
+                  "--diameter-mm", 24)  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    positions = lights_of(cal).lighting.positions_px
+    assert positions is not None
+    true = 2 * SIDE * Lighting.ring().directions
+    assert (np.linalg.norm(positions - true, axis=1) / (2 * SIDE)).max() < 0.1
+
+
+def test_photographs_as_a_shell_gives_them_and_their_mask(
+    ps4rig: Run, photographs: Path, tmp_path: Path
+) -> None:
+    mask = photographs / "chrome.mask.png"
+    images, cal = sorted(photographs.glob("*.png")), tmp_path / "out.ps4cal"
+    assert mask in images
+    done = ps4rig("calibrate", "lights", "--from", *images, "--mask", mask, "--lights", 5,
+                  cal, "--sphere", "mirror", "--list", tmp_path / "l.json")  # fmt: skip
+    assert done.exit_code == 0, done.stderr
+    found = lights_of(cal)
+    assert off_deg(found.lighting.directions, LIGHTS).max() < 0.5
+    assert "degrees" in done.stdout
+    others = [Path(f"owl{k}.png") for k in range(5)]
+    listed = load_light_list(tmp_path / "l.json").lighting_for(others)
+    np.testing.assert_allclose(listed.directions, found.lighting.directions, atol=1e-8)
+
+
+def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_path: Path) -> None:
+    images = sorted(photographs.glob("*.jpg"))
+    cal = tmp_path / "out.ps4cal"
+    done = ps4rig("calibrate", "lights", cal, "--from", *images, "--sphere", "mirror")
+    assert done.exit_code == 0, done.stderr
+    found = lights_of(cal)
+    off = off_deg(found.lighting.directions, LIGHTS)
+    assert (off < 2.5 * found.direction_errors_deg).all()
+    done = ps4rig("calibrate", "lights", cal, "--from", *images, "--sphere", "matte")
+    assert done.exit_code == 2
+    assert "--gamma" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("given", "cause"),
+    [
+        (["--from", "chrome.0.png", "chrome.1.png", "--lights", "5"], "2 photographs"),
+        (["--from", "chrome.0.png", "--rig", "sim"], "--rig RIG"),
+        ([], "--rig RIG"),
+        (
+            ["--from", "chrome.0.png", "--mask", "chrome.mask.png", "--mask", "chrome.1.png"],
+            "masks",
+        ),
+        (["--from", "chrome.0.png", "other.ps4cal"], "2 files NAME.ps4cal"),
+        (["--rig", "sim", "--lights", "4"], "for photographs"),
+        (["--from", "missing.png"], "missing.png"),
+    ],
+)
+def test_wrong_options_are_named(
+    ps4rig: Run, photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    given: list[str], cause: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(photographs)
+    cal = tmp_path / "out.ps4cal"
+    done = ps4rig("calibrate", "lights", *given, cal, "--sphere", "mirror")
+    assert done.exit_code == 2
+    assert cause in done.stderr
+    assert not cal.exists()
+
+
+def test_pictures_without_a_sphere_are_refused_and_nothing_is_written(
+    ps4rig: Run, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), rng.integers(90, 110, (120, 160), np.uint8))
+    done = ps4rig("calibrate", "lights", "--from", *sorted(tmp_path.glob("*.png")),
+                  tmp_path / "out.ps4cal", "--sphere", "mirror")  # fmt: skip
+    assert done.exit_code == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out.ps4cal").exists()
+
+
+def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_path: Path) -> None:
+    cal = tmp_path / "rig.ps4cal"
+    toml = rig_toml(tmp_path, mm_per_px=0.3)
+    board = ("--checkerboard", "9x6", "--square-mm", 5)
+    done = ps4rig("calibrate", "scale", "--rig", toml, cal, *board, "--json")
+    assert done.exit_code == 0, done.stderr
+    scale = CalibrationFile.read(cal).calibration.scale
+    assert scale is not None
+    assert scale.mm_per_px == pytest.approx(0.3, rel=2e-3)
+    assert scale.distortion is None
+    captured = tmp_path / "board.ome.tif"
+    done = ps4rig("capture", "--rig", toml, "--surface", "checkerboard", captured)
+    assert done.exit_code == 0, done.stderr
+    done = ps4rig("calibrate", "scale", "--from", captured, cal, *board)
+    assert done.exit_code == 0, done.stderr
+    assert "replaced" in done.stdout
+    done = ps4rig("calibrate", "scale", "--from", captured, cal, "--checkerboard", "10x7",
+                  "--square-mm", 5)  # fmt: skip
+    assert done.exit_code == 1
+    assert "count corners" in done.stderr
+    done = ps4rig("calibrate", "scale", "--from", captured, cal, "--checkerboard", "nine",
+                  "--square-mm", 5)  # fmt: skip
+    assert done.exit_code == 2
