@@ -148,7 +148,7 @@ class CalibrationFile:
         what = f"{' and '.join(old)} measured before the response, which changes their pictures"
         return [f"{what}; run ps4rig calibrate plate again"]
 
-    def write(self, path: Path) -> None:
+    def write(self, path: str | Path) -> None:
         """Write the file, whole or not at all; an existing one is replaced.
 
         Raises
@@ -156,13 +156,14 @@ class CalibrationFile:
         InputError
             If the name does not end in ``.ps4cal``, or the file cannot be written.
         """
+        path = Path(path)
         if path.suffix != SUFFIX:
             raise InputError(f"{path}: let the name of a calibration end in {SUFFIX}")
         header, arrays = self._encoded()
         write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
     @classmethod
-    def read(cls, path: Path) -> CalibrationFile:
+    def read(cls, path: str | Path) -> CalibrationFile:
         """Read a calibration.
 
         Raises
@@ -171,6 +172,7 @@ class CalibrationFile:
             If the file is missing, cut, changed since it was written, not a calibration, or of
             another version; the message names it.
         """
+        path = Path(path)
         with open_archive(path, _KIND) as archive:
             header = archive.header(_Header)
             if header.sha256 != header.own_sha256():
