@@ -74,6 +74,13 @@ def plate_parts(
     ]
 
 
+def near_lights_are_refuted(calibration: Calibration, parts: Sequence[MeasuredPart]) -> bool:
+    """Whether a calibration has positions of lights of which the sheet in `parts` shows nothing."""
+    lights = calibration.lights
+    has_positions = lights is not None and lights.lighting.positions_px is not None
+    return has_positions and all(each.name != "lights" for each in parts)
+
+
 def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]) -> MeasuredPart:
     fitted = measured.flat_field
     levels = np.exp(fitted.flat_field.coefficients[:, 0, 0])

@@ -135,6 +135,11 @@ class CalibrationFile:
             replace(self.calibration, **{name: part}), {**self.records, name: record}
         )
 
+    def without_part(self, name: PartName) -> CalibrationFile:
+        """Return this calibration without a part that no longer holds."""
+        records = {each: record for each, record in self.records.items() if each != name}
+        return CalibrationFile(replace(self.calibration, **{name: None}), records)
+
     def warnings(self) -> list[str]:
         """Say which parts were measured before another one changed what they measure."""
         response, records = self.calibration.response, self.records
