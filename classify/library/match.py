@@ -13,8 +13,8 @@ from classify.texture.heading import LEAST_SCORE
 
 # A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
 _LEAST_SAID_PX = 0.3
-# Least margin of a surface within the limits of two classes; below it the surface is unknown.
-# classify/README.md compares others.
+# Least margin of a known surface, for classifiers with limits. classify/README.md shows how often
+# the nearest class is wrong below and above it.
 _LEAST_MARGIN = 0.15
 # An estimate that is nearer to its bound is at the bound.
 _ROUNDING_PX = 1e-3
@@ -43,7 +43,7 @@ class Match:
         The next other class; None in a library of one class.
     margin
         1 - distance / runner_up_distance: 0 undecided, 1 certain; None without a runner-up. Below
-        0.15 a surface within the limits of both is unknown.
+        0.15 a surface is unknown where limits were learned.
     limit
         Distance beyond which the nearest class rejects; None where none was learned.
     sharpness
@@ -115,10 +115,9 @@ def match_of(
             reason += f", {focus}"
         if margin is not None and runner_up is not None and runner_up_distance is not None:
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
-            both = runner_up_distance <= limits.get(runner_up, -math.inf)
-            if label is not None and both and margin < _LEAST_MARGIN:
+            if label is not None and limit is not None and margin < _LEAST_MARGIN:
                 label = None
-                reason += ", also within its limit: too near to each other to decide"
+                reason += ", too near to it to decide"
     orientation_deg = heading_deg = sharpness = None
     if found.orientations_deg is not None:
         sum_deg = float(orientations_deg[winner] + found.orientations_deg[winner])
