@@ -75,15 +75,19 @@ def temporal_variances(
     Pixels that are false in (n, pixels) `counted` do not count.
     """
     counts = np.maximum(counted.sum(axis=1), 1)
-    values = blocks.astype(np.float32)
-    values *= counted
-    means = values.sum(axis=2, dtype=np.float64) / counts
-    values -= (means[:, :, None] * counted).astype(np.float32)
-    values -= values.mean(axis=0)
+    means, squares = np.empty(len(counts)), np.empty(len(counts))
+    # A few blocks at a time: as float32, all frames of a large camera would not fit into memory.
+    for part in np.array_split(np.arange(len(counts)), BLOCKS):
+        values = blocks[:, part].astype(np.float32)
+        values *= counted[part]
+        frame_means = values.sum(axis=2, dtype=np.float64) / counts[part]
+        values -= (frame_means[:, :, None] * counted[part]).astype(np.float32)
+        values -= values.mean(axis=0)
+        means[part] = frame_means.mean(axis=0)
+        squares[part] = np.square(values).sum(axis=(0, 2), dtype=np.float64)
     freedom = (len(blocks) - 1) * (counts - 1)
-    squares = np.square(values).sum(axis=(0, 2), dtype=np.float64)
     variances = np.where(freedom > 0, squares / np.maximum(freedom, 1), np.nan)
-    return means.mean(axis=0), variances, float(np.median(freedom))
+    return means, variances, float(np.median(freedom))
 
 
 def in_blocks(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:

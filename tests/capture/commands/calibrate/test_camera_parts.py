@@ -253,3 +253,18 @@ def test_parts_of_two_rigs_are_not_put_into_one_file(
     message = refused("calibrate", "response", "--rig", toml, path)
     assert "its part dark is of another rig: 96 x 128 px instead of 128 x 128 px" in message
     assert path.read_bytes() == before
+
+
+def test_levels_that_the_ladder_does_not_reach_are_named(ps4rig: Run, tmp_path: Path) -> None:
+    toml = rig_toml(tmp_path, bits=8, response_gamma=2.2)
+    fast = "[camera]\nframe_rate_hz = 80\nexposure_ms = 10\n"
+    toml.write_text(toml.read_text().replace("[camera]\n", fast))
+    done = ps4rig("calibrate", "response", "--rig", toml, tmp_path / "rig.ps4cal")
+    assert done.exit_code == 0, done.stderr
+    assert "% of full scale was seen, where the curve is a continuation" in done.stderr
+    curve = CalibrationFile.read(tmp_path / "rig.ps4cal").calibration.response.curve
+    # The true curve up to its scale, which the highest level of the ladder determines.
+    seen = LEVELS < 0.6
+    np.testing.assert_allclose(
+        curve[seen] / curve[seen][-1], (LEVELS[seen] / LEVELS[seen][-1]) ** 2.2, atol=0.01
+    )
