@@ -21,9 +21,10 @@ from rig.doctor.light_images import capture_light_images
 
 from .lookup import OLD_DAYS, check_setting, read_calibration
 from .plate_parts import SHEET_BRIGHTNESS
-from .ps4cal import CalibrationFile
+from .ps4cal import CalibrationFile, PartRecord
 from .setting import Setting
 
+_SAME_EXPOSURE = 0.02  # as `Setting`: exposures that cameras read back are rounded
 _SHEET = "plate"  # the surface of the simulated rig
 
 
@@ -56,14 +57,20 @@ def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
     file = read_calibration(path)
     check_setting(file, Setting.of_rig(rig), "this rig")
     yield _age(path, file)
+    yield from _exposure(rig, file)
     if file.calibration.flat_field is None:
         advice = "run ps4rig calibrate plate"
         yield Check("sheet", "unknown", "the calibration has no flat field", advice)
-    elif has_sheet or (rig.simulation is not None and rig.simulation.placement is not None):
+    elif has_sheet or lays_sheet_down(rig):
         yield from checks_of_drift(drift_of_rig(rig, file))
     else:
         advice = "put a white matt sheet below the camera, and run this again with --sheet"
         yield Check("sheet", "unknown", "LEDs, lights, camera and lens were not compared", advice)
+
+
+def lays_sheet_down(rig: Rig) -> bool:
+    """Whether a rig puts a sheet below its camera itself: simulated ones do."""
+    return rig.simulation is not None and rig.simulation.placement is not None
 
 
 def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
@@ -88,7 +95,7 @@ def drift_of_rig(rig: Rig, file: CalibrationFile) -> Drift:
         if simulation is not None and placement is not None:
             simulation.place(placement)
     stack = ImageStack(images.lights, images.ambient)
-    return _drift(stack, images.full_scale, rig.lighting, file)
+    return _drift(stack, images.full_scale, rig.lighting, file, Setting.of_rig(rig))
 
 
 def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
@@ -103,9 +110,10 @@ def drift_of_set(captured: CapturedSet, file: CalibrationFile) -> Drift:
     CalibrationRejected
         If the set shows no white matt sheet.
     """
-    check_setting(file, Setting.of_set(captured), "these images")
+    setting = Setting.of_set(captured)
+    check_setting(file, setting, "these images")
     stack = ImageStack(captured.images, captured.ambient)
-    return _drift(stack, captured.metadata.full_scale, captured.lighting, file)
+    return _drift(stack, captured.metadata.full_scale, captured.lighting, file, setting)
 
 
 def checks_of_drift(drift: Drift) -> Iterator[Check]:
@@ -129,10 +137,36 @@ def checks_of_drift(drift: Drift) -> Iterator[Check]:
 
 
 def _drift(
-    stack: ImageStack, full_scale: float, lighting: Lighting, file: CalibrationFile
+    stack: ImageStack,
+    full_scale: float,
+    lighting: Lighting,
+    file: CalibrationFile,
+    setting: Setting,
 ) -> Drift:
-    brightness = file.records["flat_field"].figures.get(SHEET_BRIGHTNESS)
+    record = file.records["flat_field"]
+    brightness = record.figures.get(SHEET_BRIGHTNESS)
+    if brightness is not None:
+        brightness *= _exposure_ratio(record, setting)
     return plate_drift(stack, full_scale, file.calibration, lighting, brightness=brightness)
+
+
+def _exposure(rig: Rig, file: CalibrationFile) -> Iterator[Check]:
+    """A warning where the sheet was measured at another exposure, which is allowed."""
+    record = file.records.get("flat_field")
+    setting = Setting.of_rig(rig)
+    if record is None or abs(_exposure_ratio(record, setting) - 1.0) <= _SAME_EXPOSURE:
+        return
+    seen = (
+        f"{setting.exposure_ms:g} ms, the sheet was measured at {record.setting.exposure_ms:g} ms"
+    )
+    advice = "the flat field holds; dark frames of this exposure are needed where sets use them"
+    yield Check("exposure of the calibration", "warning", seen, advice)
+
+
+def _exposure_ratio(record: PartRecord, setting: Setting) -> float:
+    """How much longer the exposure is than that of the calibration; 1 if one is not known."""
+    before_ms, now_ms = record.setting.exposure_ms, setting.exposure_ms
+    return now_ms / before_ms if before_ms and now_ms else 1.0
 
 
 def _age(path: Path, file: CalibrationFile) -> Check:

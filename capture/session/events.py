@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
+from rig.doctor.check import Check
+
 from .journal import FinishReason, SetEntry
 from .plan import PlannedSet
 
@@ -12,6 +14,7 @@ class State(StrEnum):
     """What the runner is doing."""
 
     OPENING = "opening the rig"
+    COMPARING = "comparing the rig with its calibration"
     PLACING = "waiting for the specimen"
     CAPTURING = "capturing"
     CHECKING = "checking"
@@ -50,6 +53,13 @@ class SetAdopted:
 
 
 @dataclass(frozen=True)
+class RigCompared:
+    """The rig was compared with its calibration, or not: then the one check is unknown."""
+
+    checks: tuple[Check, ...]
+
+
+@dataclass(frozen=True)
 class SessionFinished:
     """The run is over."""
 
@@ -59,7 +69,7 @@ class SessionFinished:
     missing: int
 
 
-Event = StateChanged | SetCaptured | SetFailed | SetAdopted | SessionFinished
+Event = StateChanged | SetCaptured | SetFailed | SetAdopted | RigCompared | SessionFinished
 Publish = Callable[[Event], None]
 
 
@@ -81,6 +91,16 @@ class PlaceSpecimen:
 
 
 @dataclass(frozen=True)
+class PlaceSheet:
+    """Put a white matt sheet below the camera; SKIP does not compare the rig with its calibration.
+
+    `cause` is why the calibration did not hold for the sheet before, None at first.
+    """
+
+    cause: str | None
+
+
+@dataclass(frozen=True)
 class DecideFailure:
     """A set failed; REPEAT tries once more. `lost_rig` if camera or lights failed."""
 
@@ -97,12 +117,17 @@ class DecideWarnings:
     warnings: tuple[str, ...]
 
 
-Question = PlaceSpecimen | DecideFailure | DecideWarnings
+Question = PlaceSpecimen | PlaceSheet | DecideFailure | DecideWarnings
 Ask = Callable[[Question], Answer]
 
 
 def without_questions(question: Question) -> Answer:
-    """Answer for nobody: keep what was captured, leave what failed, stop without a rig."""
+    """Answer for nobody: keep what was captured, leave what failed, stop without a rig.
+
+    Nobody puts a sheet below a real camera: the rig is not compared with its calibration.
+    """
     if isinstance(question, DecideFailure):
         return Answer.STOP if question.lost_rig else Answer.LEAVE
+    if isinstance(question, PlaceSheet):
+        return Answer.SKIP
     return Answer.GO

@@ -1,6 +1,5 @@
 """The runner of a session: place, capture, check, keep, set after set."""
 
-import subprocess
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -40,6 +39,8 @@ from .folder import PLAN, SessionFolder, now_utc
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
+from .rig_comparison import compare_rig
+from .turntable import turn_specimen
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,8 @@ def run_session(
         If the plan does not suit the rig, or a file cannot be written.
     HardwareError
         If the rig fails and `ask` answers STOP.
+    CalibrationRejected
+        If the rig is not as its calibration says.
     KeyboardInterrupt
         As it came; the journal says that the run was interrupted.
     """
@@ -97,6 +100,7 @@ def run_session(
     with _Runner(folder, config, ask, publish) as runner:
         try:
             runner.adopt()
+            runner.compare_rig()
             runner.capture_all()
             end = Finish("incomplete" if folder.missing() else "complete")
         except _Stopped as stopped:
@@ -179,6 +183,22 @@ class _Runner:
             self._folder.update(self._folder.journal.with_entry(entry))
             self._publish(SetAdopted(entry))
 
+    def compare_rig(self) -> None:
+        """Compare the rig with its calibration by a white sheet, if there is one to compare with.
+
+        Raises
+        ------
+        CalibrationRejected
+            If the calibration does not hold.
+        """
+        known = None if self._calibration is None else self._calibration.file
+        if known is None or known.calibration.flat_field is None or not self._folder.missing():
+            return
+        self._publish(StateChanged(State.COMPARING, None))
+        self._rig = self._closing.enter_context(open_rig(self._config))
+        if compare_rig(self._rig, known, self._ask, self._publish) is Answer.STOP:
+            raise _Stopped(Finish("stopped"))
+
     def capture_all(self) -> None:
         """Capture the missing sets, placement after placement."""
         missing = self._folder.missing()
@@ -193,14 +213,14 @@ class _Runner:
                 case Answer.REPEAT:
                     # Once more what stood below the camera before, if anything did.
                     index = max(index - 1, 0)
-                    self._turn(placements[index][0].orientation_deg)
+                    turn_specimen(self._folder.plan, placements[index][0].orientation_deg)
                     self._capture_placement(placements[index])
                 case Answer.SKIP:
                     self._leave_out(placements[index], "left out by the operator")
                 case Answer.LEAVE:
                     pass
                 case Answer.GO:
-                    self._turn(first.orientation_deg)
+                    turn_specimen(self._folder.plan, first.orientation_deg)
                     self._capture_placement(placements[index])
             index += 1
 
@@ -319,20 +339,6 @@ class _Runner:
             )
         self._folder.update(journal)
 
-    def _turn(self, orientation_deg: float) -> None:
-        """Let the turntable of the plan turn the specimen."""
-        plan = self._folder.plan
-        if plan.turntable is None:
-            return
-        command = plan.turntable_command(orientation_deg)
-        try:
-            subprocess.run(
-                command, check=True, timeout=plan.turntable_timeout_s,
-                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            )  # fmt: skip
-        except (OSError, subprocess.SubprocessError) as error:
-            raise HardwareError(f"turntable {' '.join(command)}: {_cause(error)}") from error
-
     def _opened(self, planned: PlannedSet) -> Rig:
         """The rig with the exposure for a set; on a simulated rig with its specimen in place."""
         placement = None
@@ -378,12 +384,3 @@ class _Runner:
 
 def _placement(planned: PlannedSet) -> tuple[str, float]:
     return planned.specimen, planned.orientation_deg
-
-
-def _cause(error: OSError | subprocess.SubprocessError) -> str:
-    if isinstance(error, subprocess.TimeoutExpired):
-        return f"did not end within {error.timeout:g} s"
-    if isinstance(error, subprocess.CalledProcessError):
-        said = (error.stderr or b"").decode(errors="replace").strip()
-        return f"ended with status {error.returncode}" + (f": {said[-200:]}" if said else "")
-    return getattr(error, "strerror", None) or str(error)

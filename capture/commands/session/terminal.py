@@ -15,8 +15,10 @@ from capture.session.events import (
     DecideFailure,
     DecideWarnings,
     Event,
+    PlaceSheet,
     PlaceSpecimen,
     Question,
+    RigCompared,
     SessionFinished,
     SetAdopted,
     SetCaptured,
@@ -82,6 +84,10 @@ class SessionTerminal:
             case SetFailed(planned, reason):
                 self._folder.log(f"{planned}: {reason}")
                 complain(f"{planned}: {reason}")
+            case RigCompared(checks):
+                for check in checks:
+                    advice = "" if check.status == "ok" else f": {check.advice}"
+                    self._say(f"calibration: {check.seen}{advice}")
             case SessionFinished(finish, _, captured, missing):
                 self._say(f"{finish}: {captured} sets captured in this run, {missing} missing")
 
@@ -92,6 +98,12 @@ class SessionTerminal:
                 text = (
                     f"{planned.specimen}, turn to {planned.orientation_deg:g} degrees, then Enter; "
                     "r repeats the last, s skips, q stops: "
+                )
+            case PlaceSheet(cause):
+                text = (
+                    ("" if cause is None else f"{cause}. Lay it down anew, or stop: ")
+                    + "put a white matt sheet under the camera, then Enter; s goes on without "
+                    "comparing the rig with its calibration, q stops: "
                 )
             case DecideFailure(_, _, lost_rig):
                 text = (

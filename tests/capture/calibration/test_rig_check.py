@@ -71,6 +71,20 @@ def test_another_aperture_and_another_lens_are_named(
         assert [cause.kind for cause in drift_of_rig(rig, calibration).causes] == ["lens"]
 
 
+def test_another_exposure_time_is_named_and_is_no_drift(
+    near_config: RigConfig, calibration: CalibrationFile, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.ps4cal"
+    calibration.write(path)
+    shorter = near_config.with_changes(camera={"exposure_ms": 9.0})
+    with open_rig(shorter.model_copy(update={"calibration": str(path)})) as rig:
+        checks = {check.name: check for check in check_calibration(rig, has_sheet=False)}
+    assert checks["exposure of the calibration"].seen.startswith("9 ms")
+    assert {name: check.status for name, check in checks.items()} == {
+        "calibration": "ok", "exposure of the calibration": "warning", "sheet": "ok",
+    }  # fmt: skip
+
+
 def test_a_set_of_a_sheet_is_compared_as_well(
     near_config: RigConfig, calibration: CalibrationFile
 ) -> None:

@@ -4,6 +4,7 @@ import csv
 import shutil
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,18 +17,21 @@ from capture.session.events import (
     Answer,
     DecideFailure,
     DecideWarnings,
+    PlaceSheet,
     PlaceSpecimen,
     Question,
+    RigCompared,
     SessionFinished,
     SetAdopted,
     SetCaptured,
     without_questions,
 )
 from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.rig_comparison import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
-from classify.errors import InputError
-from rig import CameraError, HardwareError, RigConfig
+from classify.errors import CalibrationRejected, InputError
+from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 
 from .conftest import PLAN, Run, Script
 
@@ -330,6 +334,82 @@ def test_a_required_calibration_travels_with_the_sets(
     assert {finding.state for each in files_below(tmp_path) for finding in verify_file(each)} == {
         "good"
     }
+
+
+@pytest.fixture
+def calibrated_config(
+    near_config: RigConfig, near_calibration: CalibrationFile, tmp_path: Path
+) -> RigConfig:
+    """The near rig, with its calibration."""
+    path = tmp_path / "rig.ps4cal"
+    near_calibration.write(path)
+    return near_config.model_copy(update={"calibration": str(path)})
+
+
+def compared(script: Script) -> list[str]:
+    """What the comparison with the calibration has found."""
+    (event,) = (event for event in script.events if isinstance(event, RigCompared))
+    return [check.status for check in event.checks]
+
+
+def test_a_session_begins_with_a_comparison_of_the_rig(
+    run: Run, folder: Folder, calibrated_config: RigConfig
+) -> None:
+    script = run(rig=calibrated_config)
+    assert compared(script) == ["ok"]
+    # The simulated rig lays the sheet down, and nobody is asked for it.
+    assert {type(question) for question in script.questions} == {PlaceSpecimen}
+    assert folder().missing() == []
+    assert not [e for e in run(rig=calibrated_config).events if isinstance(e, RigCompared)]
+
+
+def weaker(config: RigConfig, factor: float) -> RigConfig:
+    levels = config.simulation.led_levels
+    return config.with_changes(simulation={"led_levels": (*levels[:3], factor * levels[3])})
+
+
+def test_an_led_that_drifted_warns_or_stops_the_session(
+    run: Run, folder: Folder, calibrated_config: RigConfig
+) -> None:
+    with pytest.raises(CalibrationRejected, match=r"light 3 gives 2\d% less light"):
+        run(rig=weaker(calibrated_config, 0.78))
+    last = folder().journal.runs[-1]
+    assert last.finish == "failed"
+    assert last.reason is not None
+    assert "light 3" in last.reason
+    assert not list((folder().path / "sets").glob("*"))
+    assert compared(run(rig=weaker(calibrated_config, 0.87))) == ["warning"]
+
+
+def real(rig: Rig) -> Rig:
+    """A rig that cannot lay a sheet down itself."""
+    return replace(rig, simulation=None)
+
+
+def test_a_person_is_asked_for_the_sheet_and_again_if_the_calibration_does_not_hold(
+    near_config: RigConfig, near_calibration: CalibrationFile
+) -> None:
+    def asked(*answers: Answer) -> Script:
+        script = Script(answers)
+        compare_rig(real(rig), near_calibration, script.ask, script.events.append)
+        return script
+
+    with open_rig(near_config) as rig:
+        assert asked(Answer.GO).questions == [PlaceSheet(None)]
+        assert compared(asked(Answer.SKIP)) == ["unknown"]
+        assert asked(Answer.STOP).events == []
+    with open_rig(near_config.with_changes(simulation={"placement": {"surface": "rock"}})) as rig:
+        with pytest.raises(CalibrationRejected, match="not a white"):
+            asked(Answer.GO, Answer.STOP)
+        script = asked(Answer.GO, Answer.SKIP)
+        _, second = script.questions
+        assert isinstance(second, PlaceSheet)
+        assert second.cause is not None
+        assert "not a white" in second.cause
+
+
+def test_without_questions_no_sheet_is_expected_below_a_real_camera() -> None:
+    assert without_questions(PlaceSheet(None)) is Answer.SKIP
 
 
 def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: RigConfig) -> None:
