@@ -30,7 +30,7 @@ _SMALLEST_RADIUS_PX = 12.0
 _RADIUS_STEP = 1.05
 # Gradients point to the centre within about this angle, in radians.
 _VOTE_SCATTER = 0.05
-_CANDIDATES = 10
+_CANDIDATES, _FINALISTS = 12, 5
 _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
 # Bands of radii in which edges are sought, and the tolerance, each as a share of the radius.
@@ -135,7 +135,9 @@ def find_outline(images: npt.NDArray[Any]) -> Outline:
     height, width = features[0].shape
     factor = min(1.0, _SEARCH_PX / max(height, width))
     small = _reduced(features, factor)
-    found = [_fitted(small, each, _COARSE) for each in _candidates(small, factor)]
+    found = [_fitted(small, each, _COARSE[:1]) for each in _candidates(small, factor)]
+    found = sorted(found, key=_rank)[-_FINALISTS:]
+    found = [_fitted(small, each.circle, _COARSE[1:]) for each in found]
     if not found:
         raise CalibrationRejected(_NONE)
     best = _chosen(found)
@@ -254,9 +256,13 @@ def _candidates(features: list[Image], factor: float) -> list[Circle]:
     return kept
 
 
-def _chosen(found: list[Outline]) -> Outline:
+def _rank(outline: Outline) -> float:
     # Longer outlines meet more edges of other things by chance, but say more.
-    best = max(found, key=lambda each: each.score * each.circle.radius**0.25)
+    return outline.score * float(outline.circle.radius**0.25)
+
+
+def _chosen(found: list[Outline]) -> Outline:
+    best = max(found, key=_rank)
 
     def is_around(each: Outline) -> bool:
         c, r, radius = (a - b for a, b in zip(each.circle, best.circle, strict=True))
@@ -335,9 +341,9 @@ def _fitted(
 
 def _off(points: FloatArray, circles: FloatArray) -> FloatArray:
     """Distances (circles, rays, k) of points outside circles; negative inside."""
-    dx = points[..., 0] - circles[:, None, None, 0]
-    dy = points[..., 1] - circles[:, None, None, 1]
-    return np.asarray(np.hypot(dx, dy) - circles[:, None, None, 2])
+    x, y, radius = circles.astype(np.float32).T[:, :, None, None]
+    near = points.astype(np.float32)
+    return np.asarray(np.sqrt((near[..., 0] - x) ** 2 + (near[..., 1] - y) ** 2) - radius)
 
 
 def _nearness(off: FloatArray, tolerance: float) -> FloatArray:

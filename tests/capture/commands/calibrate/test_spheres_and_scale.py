@@ -81,7 +81,7 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
 def test_placements_on_a_rig_with_near_lights_give_positions(ps4rig: Run, tmp_path: Path) -> None:
     toml = rig_toml(tmp_path, led_distance_px=2 * SIDE, mm_per_px=0.4)
     cal = tmp_path / "rig.ps4cal"
-    done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", "matte", cal, "--placements", 3,
+    done = ps4rig("calibrate", "lights", "--rig", toml, "--sphere", "matte", cal, "--placements", 5,
                   "--diameter-mm", 24)  # fmt: skip
     assert done.exit_code == 0, done.stderr
     positions = lights_of(cal).lighting.positions_px
