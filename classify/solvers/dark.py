@@ -13,9 +13,6 @@ from .problem import Maps, Problem
 # A light is missing if it is below the shadow limit, and below the prediction by so many standard
 # deviations.
 _BEYOND_NOISE = 3.0
-# To save time, the values of pixels of a larger albedo are not read, as a multiple of that of a
-# dark pixel that faces the camera: those are bright, or steeper than most surfaces.
-_LARGEST_ALBEDO = 3.0
 
 
 def judge_dark_pixels(
@@ -30,16 +27,14 @@ def judge_dark_pixels(
 
     Only rows from `first` to before `last` are judged, of maps that were solved from `stack`.
     """
-    largest = _LARGEST_ALBEDO * problem.dark_level / problem.directions[:, 2].mean()
+    part = maps.rows(first, last)
+    if not part.dark_counts.any():
+        return
     # The prediction from the other lights is noisy as well: 2 sigma of the difference for four.
     lights = len(problem.lighting)
     noise = np.float32(_BEYOND_NOISE * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
-    part = maps.rows(first, last)
-    p, q, albedo, valid = (each.ravel() for each in (part.p, part.q, part.albedo, part.valid))
-    maybe = albedo < largest
-    if not maybe.any():
-        return
-    pixels = np.flatnonzero(maybe & valid)
+    p, q, albedo, valid = part.p.ravel(), part.q.ravel(), part.albedo.ravel(), part.valid.ravel()
+    pixels = np.flatnonzero((albedo < problem.dark_albedo) & valid)
     values = stack.values_at(first * problem.shape[1] + pixels) * problem.gains[:, None]
     dark = values.mean(axis=0) < problem.dark_level
     pixels, values = pixels[dark], values[:, dark]

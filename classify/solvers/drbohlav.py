@@ -42,7 +42,8 @@ def solve_drbohlav(problem: Problem) -> Maps:
         _drop_inconsistent(
             *stack.float_rows(first, last), *fours, problem.saturation,
             problem.variance, problem.frames, least_bz, limits, weights,
-            part.p, part.q, part.albedo, part.valid, part.left_out, part.highlights,
+            problem.dark_albedo, part.p, part.q, part.albedo, part.valid, part.dark_counts,
+            part.left_out, part.highlights,
         )  # fmt: skip
 
     solve_strips(problem, maps, solve)
@@ -63,8 +64,9 @@ def gates(lights: int) -> npt.NDArray[np.float32]:
 def _drop_inconsistent(
     images: Array, ambient: Array, lights: Array, gains: Array, directions: Array,
     saturation: np.float32, noise: Array, frames: np.float32, least_bz: np.float32,
-    gates: Array, weights: Array,
-    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array, highlights: Array,
+    gates: Array, weights: Array, dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
+    dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
     """Solve rows from all lights, or without those that are inconsistent.
 
@@ -116,8 +118,9 @@ def _drop_inconsistent(
             bx[column], by[column], bz[column] = x, y, z
         floors = least_bz * np.sqrt(variance)
         judge_row(
-            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
-        )
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, dark_albedo,
+            p, q, albedo, valid, dark_counts,
+        )  # fmt: skip
 
 
 @kernel

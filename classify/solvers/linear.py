@@ -51,7 +51,7 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _linear(
             first, last, stack.images, stack.dark_rows, *fours, problem.saturation, floor, weights,
-            maps.p, maps.q, maps.albedo, maps.valid,
+            problem.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
         )  # fmt: skip
 
     solve_strips(problem, maps, solve, from_all_lights=unused == NO_DROPPED_LIGHT)
@@ -79,8 +79,8 @@ def by_fours(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, A
 def _linear(
     first: int, last: int, images: Array, ambient: Array,
     lights: Array, gains: Array, directions: Array,
-    saturation: np.float32, noise_floor: np.float32, weights: Array,
-    p: Array, q: Array, albedo: Array, valid: Array,
+    saturation: np.float32, noise_floor: np.float32, weights: Array, dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
     """Solve by b = weights i; `weights` (3, 4 n) contain the gains.
 
@@ -132,8 +132,9 @@ def _linear(
                 else:
                     floors[column] = np.inf
         judge_row(
-            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
-        )
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, dark_albedo,
+            p, q, albedo, valid, dark_counts,
+        )  # fmt: skip
         if saturated:
             floors[:] = noise_floor
 
@@ -196,18 +197,18 @@ def least_determinant(trace: float) -> float:
 @kernel
 def judge_row(
     images: Array, dark: Array, lights: Array, gains: Array, directions: Array, r: int,
-    bx: Array, by: Array, bz: Array, floors: Array,
-    p: Array, q: Array, albedo: Array, valid: Array,
+    bx: Array, by: Array, bz: Array, floors: Array, dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
     """Write the maps of row r from its scaled normals; `dark` is its ambient row.
 
     The lights are those of `by_fours`. A slope is valid where bz^2 >= `floors` rho and at least
-    three of the lights are out of shadow.
+    three of the lights are out of shadow. Pixels below `dark_albedo` are counted.
     """
     columns = p.shape[1]
     zero, one = np.float32(0.0), np.float32(1.0)
     lit = np.empty(columns, np.float32)
-    last = len(lights) - 4
+    last, dark_count = len(lights) - 4, 0
     for k in range(0, len(lights), 4):
         i0, i1, i2, i3 = lights[k], lights[k + 1], lights[k + 2], lights[k + 3]
         light0, light1 = _light(directions, gains, k), _light(directions, gains, k + 1)
@@ -232,7 +233,9 @@ def judge_row(
                 p[r, c] = x * inverse
                 q[r, c] = y * inverse
                 albedo[r, c] = rho
+                dark_count += rho < dark_albedo
                 valid[r, c] = visible & (n > np.float32(2.5))
+    dark_counts[r] = dark_count
 
 
 @kernel

@@ -93,7 +93,7 @@ def _undo_shear(
 ) -> None:
     """Replace b' by b = b' + c (b' . X) / (1 - c . X), at X = (x, y, 0)."""
     cx, cy, cz = plane
-    zero, one = np.float32(0.0), np.float32(1.0)
+    zero, one, least = np.float32(0.0), np.float32(1.0), MIN_NORMAL_Z * MIN_NORMAL_Z
     rows, columns = p.shape
     for r in range(rows):
         for c in range(columns):
@@ -102,10 +102,10 @@ def _undo_shear(
             # In units of b'_z.
             inner = -(p[r, c] * x[c] + q[r, c] * y[r]) / (across if known else one)
             bx, by, bz = cx * inner - p[r, c], cy * inner - q[r, c], one + cz * inner
-            length = np.sqrt(bx * bx + by * by + bz * bz)
-            known &= bz > MIN_NORMAL_Z * length
+            square = bx * bx + by * by + bz * bz
+            known &= (bz > zero) & (bz * bz > least * square)
             slope = -one / bz if known else zero
-            albedo[r, c] *= length / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            albedo[r, c] *= np.sqrt(square / (one + p[r, c] * p[r, c] + q[r, c] * q[r, c]))
             p[r, c] = bx * slope
             q[r, c] = by * slope
             valid[r, c] &= known

@@ -21,6 +21,9 @@ _MAX_SLOPE_ERROR = 0.5
 # be light that the lens scatters (veiling glare, 1 to 5 % by ISO 9358) and that the surface around
 # it reflects (`robust.LEAK`). test_validity.py holds it on photographs with dark backdrops.
 _DARK = 0.06
+# To save time, pixels of a larger albedo are not judged (`dark`), as a multiple of that of a dark
+# pixel that faces the camera.
+_DARK_ALBEDO = 3.0
 _SAMPLES = 4096
 
 Array = npt.NDArray[Any]
@@ -35,6 +38,9 @@ class Maps:
     ----------
     p, q, albedo, valid
         Written by every solver.
+    dark_counts
+        (H,) int32 number of pixels in each row below `Problem.dark_albedo`; written by every
+        solver.
     left_out
         uint8 index of the light left out at each pixel; None for the darkest one everywhere.
     highlights
@@ -52,6 +58,7 @@ class Maps:
     q: FloatArray
     albedo: FloatArray
     valid: npt.NDArray[np.bool_]
+    dark_counts: npt.NDArray[np.int32]
     left_out: npt.NDArray[np.uint8] | None
     highlights: npt.NDArray[np.bool_] | None
     repaired: npt.NDArray[np.bool_]
@@ -65,8 +72,9 @@ class Maps:
             return None if plane is None else plane[first:last]
 
         return Maps(
-            part(self.p), part(self.q), part(self.albedo), part(self.valid), part(self.left_out),
-            part(self.highlights), part(self.repaired), part(self.unlit), self.lighting,
+            part(self.p), part(self.q), part(self.albedo), part(self.valid), part(self.dark_counts),
+            part(self.left_out), part(self.highlights), part(self.repaired), part(self.unlit),
+            self.lighting,
         )  # fmt: skip
 
 
@@ -134,6 +142,11 @@ class Problem:
         return np.float32(_DARK * float(np.square(typical).sum()) / total if total > 0.0 else 0.0)
 
     @property
+    def dark_albedo(self) -> np.float32:
+        """Albedo from which on a pixel is not dark, or steeper than most surfaces."""
+        return np.float32(_DARK_ALBEDO * self.dark_level / self.directions[:, 2].mean())
+
+    @property
     def frames(self) -> np.float32:
         """Number of frames whose noise is in an image value: 2 where an ambient is subtracted."""
         return np.float32(1.0 if self.stack.ambient is None else 2.0)
@@ -147,10 +160,12 @@ class Problem:
     ) -> Maps:
         """Maps for a solver to write; nothing is repaired unless that map is given."""
         p, q, albedo = (np.empty(self.shape, np.float32) for _ in range(3))
-        valid = np.empty(self.shape, np.bool_)
+        valid, dark_counts = np.empty(self.shape, np.bool_), np.empty(self.shape[0], np.int32)
         if repaired is None:
             repaired = nowhere(self.shape)
-        return Maps(p, q, albedo, valid, left_out, highlights, repaired, unlit, self.lighting)
+        return Maps(
+            p, q, albedo, valid, dark_counts, left_out, highlights, repaired, unlit, self.lighting
+        )
 
     def noise_floor(self, weights: npt.NDArray[Any]) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""

@@ -37,7 +37,8 @@ def solve_ps4(problem: Problem) -> Maps:
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _drop_darkest(
             first, last, stack.images, stack.dark_rows, gains, albedo_gain, problem.saturation,
-            floor / albedo_gain, inverse, null, maps.p, maps.q, maps.albedo, maps.valid,
+            floor / albedo_gain, inverse, null, problem.dark_albedo, maps.p, maps.q, maps.albedo,
+            maps.valid, maps.dark_counts,
         )  # fmt: skip
 
     solve_strips(problem, maps, solve)
@@ -48,7 +49,8 @@ def solve_ps4(problem: Problem) -> Maps:
 def _drop_darkest(
     first: int, last: int, images: Array, ambient: Array, gains: Array, albedo_gain: np.float32,
     saturation: np.float32, noise_floor: np.float32, inverse: Array, null: Array,
-    p: Array, q: Array, albedo: Array, valid: Array,
+    dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
     """Leave out the darkest of four values, solve from the other three.
 
@@ -99,6 +101,7 @@ def _drop_darkest(
             albedo[r, c] = v2 - share * c2 * d2
             second -= (ties - one) * largest * abs(share)
             seconds[c] = second if brightest < saturation else -one
+        dark_count = 0
         for c in range(columns):
             s0, s1, s2 = p[r, c], q[r, c], albedo[r, c]
             bx = inverse[0, 0] * s0 + inverse[0, 1] * s1 + inverse[0, 2] * s2
@@ -109,5 +112,8 @@ def _drop_darkest(
             scale = -one / bz if visible else zero
             p[r, c] = bx * scale
             q[r, c] = by * scale
-            albedo[r, c] = rho * albedo_gain
+            scaled = rho * albedo_gain
+            albedo[r, c] = scaled
+            dark_count += scaled < dark_albedo
             valid[r, c] = visible & (seconds[c] > _DARK * rho)
+        dark_counts[r] = dark_count

@@ -70,7 +70,8 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
         _gate(
             first, last, stack.images, stack.dark_rows, balanced.gains, problem.saturation,
             problem.variance, problem.frames, spread, least_bz, pinv, per_residual, null,
-            maps.p, maps.q, maps.albedo, maps.valid, maps.left_out, maps.highlights, maps.unlit,
+            balanced.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
+            maps.left_out, maps.highlights, maps.unlit,
         )  # fmt: skip
 
     solve_strips(balanced, maps, solve, strip_px)
@@ -95,7 +96,8 @@ def _flatness(
 def _gate(
     first: int, last: int, images: Array, ambient: Array, gains: Array, saturation: np.float32,
     noise: Array, frames: np.float32, spread: np.float32, least_bz: np.float32, pinv: Array,
-    corrections: Array, null: Array, p: Array, q: Array, albedo: Array, valid: Array,
+    corrections: Array, null: Array, dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
     """Least squares of four lights where they agree, less the light to blame where they do not.
@@ -225,6 +227,7 @@ def _gate(
             black_pixel = (v0 <= t0) & (v1 <= t1) & (v2 <= t2) & (v3 <= t3)
             bits = _NONE_LIT if black_pixel else bits
             unlit[r, c] = bits
+        dark_count = 0
         for c in range(columns):
             bx, by, bz = p[r, c], q[r, c], albedo[r, c]
             rho = np.sqrt(bx * bx + by * by + bz * bz)
@@ -234,8 +237,10 @@ def _gate(
             p[r, c] = bx * inverse
             q[r, c] = by * inverse
             albedo[r, c] = rho
+            dark_count += rho < dark_albedo
             bits = unlit[r, c]
             lost = (bits & _NONE_LIT == 0) & (not visible)
             bits |= LOST if lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0
+        dark_counts[r] = dark_count

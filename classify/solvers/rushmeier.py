@@ -31,7 +31,8 @@ def solve_rushmeier(problem: Problem) -> Maps:
         part = maps.rows(first, last)
         _drop_extremes(
             *stack.float_rows(first, last), *fours, problem.saturation, floor, inverses,
-            part.p, part.q, part.albedo, part.valid, part.left_out,
+            problem.dark_albedo, part.p, part.q, part.albedo, part.valid, part.dark_counts,
+            part.left_out,
         )  # fmt: skip
 
     solve_strips(problem, maps, solve)
@@ -41,8 +42,8 @@ def solve_rushmeier(problem: Problem) -> Maps:
 @kernel
 def _drop_extremes(
     images: Array, ambient: Array, lights: Array, gains: Array, directions: Array,
-    saturation: np.float32, noise_floor: np.float32, inverses: Array,
-    p: Array, q: Array, albedo: Array, valid: Array, dropped: Array,
+    saturation: np.float32, noise_floor: np.float32, inverses: Array, dark_albedo: np.float32,
+    p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array, dropped: Array,
 ) -> None:  # fmt: skip
     """Solve rows without the lowest and the highest value of each pixel.
 
@@ -115,8 +116,9 @@ def _drop_extremes(
                     bx[c], by[c], bz[c] = _times(inverse, x, y, z)
             dropped[r, c] = i
         judge_row(
-            images, dark, lights, gains, directions, r, bx, by, bz, floors, p, q, albedo, valid
-        )
+            images, dark, lights, gains, directions, r, bx, by, bz, floors, dark_albedo,
+            p, q, albedo, valid, dark_counts,
+        )  # fmt: skip
 
 
 @kernel
