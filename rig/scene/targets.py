@@ -41,8 +41,7 @@ _MIRROR = Gloss(strength=1.0, exponent=2.0 / math.radians(1.3) ** 2)
 _CHROME = 0.6  # reflectance of polished chrome or steel
 # Light of an LED that comes back from the walls of the shroud.
 _WALLS = 0.01
-# Rays that go down more steeply than this hit the card: it reaches two radii beyond the ball.
-_CARD_BELOW_Z = -math.sin(math.atan(0.5))
+_CARD_SHARE = 1.5  # side of the card on which a ball rests, in sides of the frame
 
 
 def target_named(
@@ -180,7 +179,14 @@ class Sphere:
         x, y, z = -2.0 * scene.p * towards_z, -2.0 * scene.q * towards_z, 2.0 * towards_z - 1.0
         room = 1.0 + 0.5 * y + 3.0 * ((abs(x + 0.6) < 0.15) & (abs(y - 0.5) < 0.2))
         room = np.where(z > math.cos(math.radians(8.0)), 0.1, room)  # the lens of the camera
-        ball, card = scene.albedo == 0.0, z < _CARD_BELOW_Z
+        ball, side_px = scene.albedo == 0.0, len(scene.albedo)
+        # Where a ray that goes down from the ball reaches the plane of the card.
+        down_px = self.radius_px * (1.0 + np.sqrt(towards_z)) / np.maximum(-z, 1e-6)
+        beyond = [
+            np.abs(at + down_px * along) > 0.5 * _CARD_SHARE * side_px
+            for at, along in zip(_from_centre(side_px), (x, y), strict=True)
+        ]
+        card = (z < 0.0) & ~beyond[0] & ~beyond[1]
         lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
         lights = np.where(card, lit_card, np.float32(_WALLS) * room.astype(np.float32))
         dark = np.where(card, _BLACK, room).astype(np.float32)
