@@ -76,8 +76,7 @@ def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list
     """Return the images of sets of a sphere, corrected for the camera where it is calibrated.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
-    lens, which turns the light on a matt sphere by a degree if it takes 20 % from the corners
-    (`ps4rig reproduce --calibration`).
+    lens, which turns the lights on a matt sphere (tests/capture/calibration/test_sphere_parts.py).
     """
     pictures = []
     for captured in sets:
@@ -95,7 +94,8 @@ def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list
             stack = shared.divide(stack, full_scale)
             full_scale = float(shared.saturation(full_scale))
         mask = None if captured.mask is None else known.corrected_mask(captured.mask)
-        pictures.append(SpherePictures(stack.images, full_scale, stack.ambient, mask))
+        vignetting = None if known.flat_field is None else 0.0
+        pictures.append(SpherePictures(stack.images, full_scale, stack.ambient, mask, vignetting))
     return pictures
 
 

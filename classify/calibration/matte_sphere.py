@@ -39,7 +39,7 @@ _WORST_RESIDUAL = 0.12
 
 
 def matte_directions(
-    images: npt.NDArray[Any], sphere: Sphere, full_scale: float
+    images: npt.NDArray[Any], sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Find the light of each picture by its shading of a matt sphere.
 
@@ -54,6 +54,8 @@ def matte_directions(
         (N, H, W) pictures, one per light, less ambient light where that is known.
     full_scale
         Value of saturation.
+    vignetting
+        Share of light missing in the corners of the frame; None to fit it.
 
     Returns
     -------
@@ -85,7 +87,8 @@ def matte_directions(
             )
         samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
     # The lens is the same in all pictures.
-    vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
+    if vignetting is None:
+        vignetting = float(np.median([_fit(each, None).vignetting for each in samples]))
     fits = [_fit(each, vignetting) for each in samples]
     errors = []
     for each, fit in zip(samples, fits, strict=True):

@@ -46,6 +46,9 @@ _SYSTEMATIC_PX, _SYSTEMATIC_SHARE = 0.2, 0.002
 # A circle around the best one is the outline if it has this share of its score: windows and lamps
 # in a mirror are small circles too.
 _OUTER_SHARE, _OUTER_RADIUS = 0.4, 1.5
+# So is one about the same centre, to this share of its radius: a mirror shows the end of the ground
+# it rests on as a circle of 0.75 to 0.9 of its radius (tests/capture/calibration).
+_SAME_CENTRE, _LARGER = 0.02, 1.05
 # rms deviation of a mask from a circle, as a share of the radius. Perspective gives 0.01 at 15
 # degrees from the axis, a square 0.08.
 _ROUND = 0.02
@@ -266,11 +269,10 @@ def _chosen(found: list[Outline]) -> Outline:
 
     def is_around(each: Outline) -> bool:
         c, r, radius = (a - b for a, b in zip(each.circle, best.circle, strict=True))
-        return (
-            float(np.hypot(c, r)) < radius + 0.02 * each.circle.radius
-            and each.circle.radius > _OUTER_RADIUS * best.circle.radius
-            and each.score > _OUTER_SHARE * best.score
-        )
+        apart, ratio = float(np.hypot(c, r)), each.circle.radius / best.circle.radius
+        is_larger = apart < radius + 0.02 * each.circle.radius and ratio > _OUTER_RADIUS
+        has_same_centre = apart < _SAME_CENTRE * each.circle.radius and ratio > _LARGER
+        return (is_larger or has_same_centre) and each.score > _OUTER_SHARE * best.score
 
     return max(filter(is_around, found), key=lambda each: each.score, default=best)
 

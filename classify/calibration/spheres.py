@@ -43,12 +43,15 @@ class SpherePictures:
         (H, W) picture with all lights off, or None.
     mask
         (H, W) true on the sphere, or None if its outline is to be found.
+    vignetting
+        Share of light missing in the corners of the frame; None if unknown.
     """
 
     images: npt.NDArray[Any]
     full_scale: float
     ambient: npt.NDArray[Any] | None = None
     mask: npt.NDArray[np.bool_] | None = None
+    vignetting: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +117,7 @@ def lights_from_spheres(
             else:
                 lit = _without_ambient(each)
                 directions, errors, relative, residual = matte_directions(
-                    lit, sphere, each.full_scale
+                    lit, sphere, each.full_scale, each.vignetting
                 )
                 points, said = np.broadcast_to(sphere.centre, directions.shape), []
                 levels.append(relative)

@@ -1,12 +1,14 @@
 """Lights from sets of a sphere, corrected by the other parts of a calibration."""
 
 import numpy as np
+import pytest
 
 from capture import CapturedSet, capture_set
 from capture.calibration.plate_parts import plate_parts
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
+from classify.calibration.sphere_outline import find_outline
 from classify.lights.flat_field import FlatField
 from rig import Placement, RigConfig, open_rig
 
@@ -35,8 +37,25 @@ def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere(
         (lights,) = sphere_parts(pictures, "matte", file, Setting.of_set(ball), ("captured",))
         cosines = (lights.part.lighting.directions * true).sum(axis=1)
         errors_deg.append(float(np.degrees(np.arccos(cosines)).max()))
-    assert errors_deg[0] > 1.5
-    assert errors_deg[1] < 0.5
+    assert errors_deg[1] < 0.5 < errors_deg[0]
+
+
+@pytest.mark.parametrize("diameter_px", [102.4, 153.6])
+def test_the_card_that_a_mirror_sphere_reflects_is_not_taken_for_its_outline(
+    diameter_px: float,
+) -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 512, "height_px": 512},
+        simulation={
+            "mm_per_px": 1.0,
+            "placement": {"surface": "mirror_sphere", "size_mm": diameter_px},
+        },
+    )
+    with open_rig(config) as rig:
+        captured = capture_set(rig, is_target=True)
+    circle = find_outline(captured.images).circle
+    assert 2.0 * circle.radius == pytest.approx(diameter_px, rel=0.01)
+    assert (circle.column, circle.row) == pytest.approx((255.5, 255.5), abs=0.3)
 
 
 def test_what_lights_share_of_a_flat_field_is_their_geometric_mean() -> None:
