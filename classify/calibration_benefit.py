@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .calibration.calibration import Calibration
+from .calibration.drift_model import led_strength
 from .calibration.response import Response
 from .lighting import Lighting
-from .lights.flat_field import FlatField
+from .lights.flat_field import coordinates
 from .solvers.solver import photometric_stereo
 
 FloatArray = npt.NDArray[np.float64]
@@ -52,10 +53,7 @@ def errors_left(
     scale = _LONGER_SIDE_PX / max(shape)
     small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
     part = _Part.of(_scaled(calibration.lighting_of(configured), scale), calibration, small)
-    rigs = [
-        replace(part, lighting=true, flat_field=field)
-        for true, field in _draws(part, calibration, flat_field_error)
-    ]
+    rigs = list(_draws(part, flat_field_error))
     given, lighting = Calibration(), configured
     steps = [("without calibration", _mean_error_deg(rigs, given, lighting))]
     for name, words in _STEPS:
@@ -76,13 +74,13 @@ class _Part:
     ----------
     slopes
         (2, H, W) p and q.
-    lighting, flat_field
-        The true lights in the small frame, and their light on a white sheet.
+    lighting, sheet
+        The true lights in the small frame, and their light (N, H, W) on a white sheet.
     """
 
     slopes: FloatArray
     lighting: Lighting
-    flat_field: FlatField
+    sheet: FloatArray
     calibration: Calibration
 
     @classmethod
@@ -92,9 +90,10 @@ class _Part:
         slopes = np.stack(np.broadcast_arrays(p, q[:, None]))
         field = calibration.flat_field
         if field is None:
-            logarithms = np.log(lighting.directions[:, 2])
-            field = FlatField(logarithms[:, None, None], np.stack([logarithms] * 2, axis=1))
-        return cls(slopes, lighting, field, calibration)
+            sheet = _ideal_sheet(lighting, calibration, shape)
+        else:
+            sheet = field.strengths(rows, columns, shape)
+        return cls(slopes, lighting, sheet, calibration)
 
     def error_deg(self, given: Calibration, lighting: Lighting) -> float:
         """Mean angle between the true normals and those solved with the given parts."""
@@ -111,13 +110,11 @@ class _Part:
 
     def _images(self) -> tuple[FloatArray, FloatArray]:
         """(N, H, W) light images and (H, W) ambient image as shares of full scale."""
-        rows, columns = (np.arange(length) for length in self.slopes.shape[1:])
-        shape = (len(rows), len(columns))
-        light = self.flat_field.strengths(rows, columns, shape) * self._shading()
+        light = self.sheet * self._shading()
         light *= _BRIGHTEST / light.max()
         dark, response = self.calibration.dark, self.calibration.response
         even = 0.0 if dark is None else (dark.offset + (dark.ambient or 0.0)) / dark.full_scale
-        ambient = np.full(shape, even)
+        ambient = np.full(self.slopes.shape[1:], even)
         if response is None or response.linear:
             return light + ambient, ambient
         levels = np.linspace(0.0, 1.0, len(response.curve))
@@ -152,12 +149,26 @@ def _scaled(lighting: Lighting, scale: float) -> Lighting:
     return Lighting.near(lighting.positions_px * scale)
 
 
-def _draws(
-    part: _Part, calibration: Calibration, flat_field_error: float
-) -> Iterator[tuple[Lighting, FlatField]]:
-    """True lights and flat fields that the calibration may have been measured from."""
+def _ideal_sheet(
+    lighting: Lighting, calibration: Calibration, shape: tuple[int, int]
+) -> FloatArray:
+    """(N, H, W) light of equal LEDs on a white sheet."""
+    if lighting.positions_px is None:
+        return np.broadcast_to(lighting.directions[:, 2, None, None], (len(lighting), *shape))
+    x, y = coordinates(np.arange(shape[0]), np.arange(shape[1]), shape)
+    grid = [each.ravel() for each in np.meshgrid(x, y)]
+    lights = calibration.lights
+    lobe = 1.0 if lights is None or lights.lobe_exponent is None else lights.lobe_exponent
+    positions = lighting.positions_px * (2.0 / max(shape))
+    logs = [led_strength(position, lobe, "centre", *grid) for position in positions]
+    return np.asarray(np.exp(logs).reshape(-1, *shape), np.float64)
+
+
+def _draws(part: _Part, flat_field_error: float) -> Iterator[_Part]:
+    """The part under lights from which the calibration may have been measured."""
     rng = np.random.default_rng(0)
-    lights, count = calibration.lights, len(part.lighting)
+    calibration, count = part.calibration, len(part.lighting)
+    lights = calibration.lights
     for _ in range(_DRAWS):
         directions = part.lighting.directions.copy()
         distances = np.ones(count)
@@ -171,4 +182,10 @@ def _draws(
         if part.lighting.positions_px is not None:
             far = np.linalg.norm(part.lighting.positions_px, axis=1) * np.maximum(distances, 0.1)
             true = Lighting.near(directions * far[:, None])
-        yield true, part.flat_field.times(1.0 + flat_field_error * rng.standard_normal(count))
+        if calibration.flat_field is None:
+            shape = (part.slopes.shape[1], part.slopes.shape[2])
+            sheet = _ideal_sheet(true, calibration, shape)
+        else:
+            factors = 1.0 + flat_field_error * rng.standard_normal(count)
+            sheet = part.sheet * factors[:, None, None]
+        yield replace(part, lighting=true, sheet=sheet)

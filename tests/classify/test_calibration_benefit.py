@@ -1,0 +1,89 @@
+"""What a calibration buys, against the known cost of single faults."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from classify.calibration.calibration import Calibration
+from classify.calibration.lights import CalibratedLights
+from classify.calibration.response import Response
+from classify.calibration_benefit import errors_left
+from classify.lighting import Lighting
+from classify.lights.flat_field import FlatField
+
+RING = Lighting.ring(45.0)
+SHAPE = (96, 128)
+
+
+def lights(lighting: Lighting, direction_error_deg: float = 0.0) -> CalibratedLights:
+    near = lighting.positions_px is not None
+    errors = np.full(len(lighting), direction_error_deg)
+    return CalibratedLights(lighting, "plate", errors, np.zeros(4) if near else None, 0.0, None)
+
+
+def flat_field(*levels: float) -> FlatField:
+    logarithms = np.log(levels) - np.log(levels).mean()
+    return FlatField(logarithms[:, None, None], np.stack([logarithms] * 2, axis=1))
+
+
+def errors_deg(
+    calibration: Calibration, configured: Lighting = RING, **options: float
+) -> list[float]:
+    return [degrees for _, degrees in errors_left(calibration, configured, SHAPE, **options)]
+
+
+def test_a_rig_without_faults_has_no_errors() -> None:
+    before, after = errors_deg(Calibration(lights=lights(RING)))
+    assert before < 0.02
+    assert after < 0.02
+
+
+def test_an_led_that_is_10_percent_off_costs_two_to_three_degrees() -> None:
+    """On a level part 0.05 / sin 45 cos 45 in one slope is 2.9 degrees."""
+    before, after = errors_deg(Calibration(flat_field=flat_field(1.1, 1.0, 1.0, 1.0)))
+    assert 2.0 < before < 3.0
+    assert after < 0.02
+
+
+def test_a_wrong_slant_costs_0_8_degrees_for_each_degree() -> None:
+    """As in the table of single faults: slant off by 5 degrees, 4.0 degrees at rms slope 0.45."""
+    before, after = errors_deg(Calibration(lights=lights(Lighting.ring(50.0))))
+    assert 2.0 < before < 4.0
+    assert after < 0.02
+
+
+def test_a_response_of_gamma_2_is_costly_and_is_removed() -> None:
+    response = Response(np.linspace(0.0, 1.0, 257) ** 2.2, 0.0, linear=False)
+    before, after = errors_deg(Calibration(response=response))
+    assert before > 5.0
+    assert after < 0.1
+    assert len(errors_deg(Calibration(response=replace(response, linear=True)))) == 1
+
+
+def test_near_lights_need_their_positions() -> None:
+    """At two fields of view the directions differ over the frame by 14 degrees either way."""
+    near = Lighting.near(2.0 * max(SHAPE) * RING.directions)
+    field = flat_field(1.0, 1.0, 1.0, 1.0)
+    _, flat, after = errors_deg(Calibration(flat_field=field, lights=lights(near)))
+    assert flat > 0.5
+    assert after < 0.05
+
+
+def test_positions_alone_help_as_well() -> None:
+    near = Lighting.near(5.0 * max(SHAPE) * RING.directions)
+    before, after = errors_deg(Calibration(lights=lights(near)))
+    assert before > 3.0
+    assert after < 0.2 * before
+
+
+@pytest.mark.parametrize("error_deg", [0.3, 1.0, 3.0])
+def test_errors_of_the_calibration_itself_remain(error_deg: float) -> None:
+    *_, remaining = errors_deg(Calibration(lights=lights(RING, error_deg)))
+    assert 0.3 * error_deg < remaining < 1.5 * error_deg
+
+
+def test_an_uncertain_flat_field_remains() -> None:
+    known = Calibration(flat_field=flat_field(1.0, 0.9, 1.1, 1.0))
+    *_, remaining = errors_deg(known, flat_field_error=0.02)
+    assert 0.3 < remaining < 2.0
