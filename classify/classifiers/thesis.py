@@ -32,13 +32,14 @@ def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
 
 
 def images_of(surface: SurfaceEstimate) -> npt.NDArray[np.generic]:
-    """(N, H, W) images of a surface; InputError if it came without them."""
-    if surface.images is None:
+    """(N, H, W) images of a surface, as solved; InputError if it came without them."""
+    images = surface.even_images
+    if images is None:
         raise InputError(
             "this surface comes without its images, and this classifier compares images; "
             "solve the set again"
         )
-    return surface.images
+    return images
 
 
 def first_light(surface: SurfaceEstimate) -> int:

@@ -17,10 +17,10 @@ Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float32]
 
 # The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
-# of the albedo that it can add to an image. Below the first limit it is left alone: 0.03 degrees.
-# Least squares of all lights tell its b . X, but for pixels in shadow; from the second limit on
-# these are off by more than 0.1 degrees, and the solution tells it (test_near_light.py).
-_LEAST_EXCESS, _LARGE_EXCESS = 5e-4, 3e-3
+# of the albedo that it can add to an image. Below the first limit it is left alone: 0.06 degrees
+# at most. Least squares of all lights tell its b . X, but for pixels in shadow; from the second
+# limit on these are off by more than 0.1 degrees, and the solution tells it (test_near_light.py).
+_LEAST_EXCESS, _LARGE_EXCESS = 1e-3, 3e-3
 # 1 - c . X of a pixel so near to the plane of the lights that its slope across it is not known.
 _NEAR_PLANE = np.float32(0.05)
 

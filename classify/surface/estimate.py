@@ -177,6 +177,13 @@ class SurfaceEstimate:
         """
         return self._shadows_and_highlights[1]
 
+    @property
+    def even_images(self) -> npt.NDArray[Any] | None:
+        """(N, H, W) images as they were solved: divided by `divided_by`; None without images."""
+        if self.images is None or self.divided_by is None:
+            return self.images
+        return self._stack_and_lights[0].whole().images
+
     def within(self, mask: npt.NDArray[np.bool_]) -> Self:
         """Return this surface with no slope, shadow or highlight outside `mask` (H, W)."""
         zero = np.float32(0.0)

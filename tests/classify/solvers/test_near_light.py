@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, Method, SurfaceEstimate, photometric_stereo, relight
+from classify.classifiers.thesis import images_of
 from classify.lights.flat_field import FlatField
 from classify.lights.near_light import Shear, middle_px, sheet_of
 
@@ -260,6 +261,17 @@ def test_images_divided_by_the_sheet_give_its_slope_and_levels() -> None:
     np.testing.assert_allclose(surface.q, -0.1, atol=1e-5)
     assert surface.residual.max() < 1e-5
     assert surface.led_levels is None
+
+
+def test_images_are_compared_as_divided_by_the_sheet() -> None:
+    lighting = near(RING, 2.0)
+    images = lit_by(lighting, *slopes(10, 0.3))
+    plain = photometric_stereo(images, RING)
+    assert plain.even_images is plain.images
+    flat_field = sheet_of(lighting, SHAPE)
+    surface = photometric_stereo(images, RING, flat_field=flat_field)
+    strengths = flat_field.facing(RING).strengths(*map(np.arange, SHAPE), SHAPE)
+    np.testing.assert_allclose(images_of(surface), images / strengths, rtol=1e-5)
 
 
 def test_the_flat_field_of_other_lights_is_an_error() -> None:
