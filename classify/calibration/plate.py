@@ -88,8 +88,10 @@ def measure_plate(
     InputError
         For placements that differ in shape or lights.
     """
+    if len(lighting) < 3:
+        raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
     shapes = {each.images.shape for each in placements}
-    if len(shapes) != 1 or shapes.copy().pop()[0] != len(lighting):
+    if len(shapes) != 1 or next(iter(shapes))[0] != len(lighting):
         raise InputError("the sets of the sheet differ in size or in lights; capture them alike")
     blocks = PlateBlocks.of(placements, full_scale, mask)
     check_sheet(blocks, lighting)
@@ -266,7 +268,8 @@ def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lightin
             _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _SHINIEST), excess, 0
         )
         total = hot.sum()
-        towards = lighting.directions[light, :2] / np.linalg.norm(lighting.directions[light, :2])
+        towards = lighting.directions[light, :2]
+        towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
         along = hot.sum(axis=0) @ x * towards[0] + hot.sum(axis=1) @ y * towards[1]
         if total > 0.0 and along / total > _ON_ITS_SIDE:
             shiny.append(light)

@@ -93,6 +93,12 @@ def test_the_sheet_must_fill_the_frame_or_the_mask() -> None:
         measure_plate([stack], SHEET.full_scale, RING)
 
 
+def test_two_lights_are_too_few() -> None:
+    stack = ImageStack(SHEET.stack.images[:2], None)
+    with pytest.raises(InputError, match="2 lights; a sheet shows the positions of three or more"):
+        measure_plate([stack], SHEET.full_scale, Lighting(RING.directions[:2]))
+
+
 def test_placements_must_be_alike() -> None:
     other = replace(SHEET, shape=(96, 96))
     with pytest.raises(InputError, match="differ in size or in lights"):
