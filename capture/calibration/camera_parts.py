@@ -1,8 +1,7 @@
 """The parts of a calibration that describe the camera, with their records: how good they are."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -74,7 +73,6 @@ def dark_part(
 
 def response_parts(
     rungs: Iterable[Rung],
-    full_scale: float,
     calibration: Calibration,
     setting: Setting,
     source: Sequence[str],
@@ -90,6 +88,7 @@ def response_parts(
     rungs = list(rungs)
     if not rungs:
         raise InputError("no exposures are given; give at least one set")
+    full_scale = (1 << setting.bit_depth) - 1
     values = np.stack([rung.levels.means for rung in rungs])
     ladder = response_of(values, np.array([rung.exposure_ms for rung in rungs]), full_scale)
     exposures = len({rung.exposure_ms for rung in rungs})
@@ -113,11 +112,19 @@ def response_parts(
     return parts if noise is None else [*parts, _noise(noise, setting, source)]
 
 
-def levels_of(frames: Frames, full_scale: float, calibration: Calibration) -> BlockLevels:
-    """Return the levels of frames, without the hot pixels of the calibration."""
+def levels_of(
+    frames: Frames, full_scale: float, bit_depth: int, calibration: Calibration
+) -> BlockLevels:
+    """Return the levels of frames in values of the camera, without its hot pixels.
+
+    `full_scale` is that of the frames, which may be stretched, and `bit_depth` the camera's.
+    """
     dark = calibration.dark
     known = dark is not None and not (dark.hot_pixels >= frames.shape[1:]).any()
-    return block_levels(frames, full_scale, dark.hot_pixels if dark is not None and known else None)
+    hot_pixels = dark.hot_pixels if dark is not None and known else None
+    levels = block_levels(frames, full_scale, hot_pixels)
+    stretch = full_scale / ((1 << bit_depth) - 1)
+    return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)
 
 
 def rungs_of_photographs(
@@ -127,9 +134,9 @@ def rungs_of_photographs(
     by_exposure: dict[float, list[npt.NDArray[np.uint16]]] = {}
     for plane, exposure_ms in zip(photographs.planes, exposures_ms, strict=True):
         by_exposure.setdefault(exposure_ms, []).append(plane)
-    full_scale = photographs.full_scale
+    full_scale, bit_depth = photographs.full_scale, photographs.bit_depth
     return [
-        Rung(exposure_ms, levels_of(np.stack(planes), full_scale, calibration))
+        Rung(exposure_ms, levels_of(np.stack(planes), full_scale, bit_depth, calibration))
         for exposure_ms, planes in by_exposure.items()
     ]
 
@@ -139,8 +146,8 @@ def whole_stops(exposure_ms: float) -> float:
     return float(1e3 * 2.0 ** (round(3.0 * np.log2(exposure_ms / 1e3)) / 3.0))
 
 
-def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> tuple[list[Rung], int]:
-    """Return the levels of sets of one still scene, by exposure, and the camera's full scale.
+def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list[Rung]:
+    """Return the levels of sets of one still scene, by exposure.
 
     The light image of the brightest light counts. Sets of the same exposure show the noise.
 
@@ -150,37 +157,29 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> tupl
         If a set does not state its exposure, or the sets are of different cameras or settings.
     """
     first = Setting.of_set(sets[0])
+    light = int(np.argmax([image.mean() for image in sets[0].images]))
+    images: dict[tuple[float, int], list[npt.NDArray[np.uint16]]] = {}
     for captured in sets:
-        if captured.metadata.camera is None:
+        camera, full_scale = captured.metadata.camera, captured.metadata.full_scale
+        if camera is None:
             raise InputError(
                 "a set of photographs does not state its exposure; give the photographs "
                 "themselves, one for each exposure"
             )
         if differences := first.differences(Setting.of_set(captured), "response"):
             raise InputError(f"the sets differ: {'; '.join(differences)}")
-    full_scale = (1 << sets[0].metadata.bit_depth) - 1
-    light = int(np.argmax([image.mean() for image in sets[0].images]))
-    rungs: list[Rung] = []
-    for exposure_ms, group in groupby(sorted(sets, key=_exposure_ms), _exposure_ms):
-        alike = list(group)
-        raw = [each.images[light] for each in alike if each.metadata.full_scale == full_scale]
-        if raw:
-            rungs.append(Rung(exposure_ms, levels_of(np.stack(raw), full_scale, calibration)))
-        for averaged in (each for each in alike if each.metadata.full_scale != full_scale):
-            stretch = averaged.metadata.full_scale / full_scale
-            levels = levels_of(
-                averaged.images[light][None], averaged.metadata.full_scale, calibration
-            )
-            means = levels.means / stretch
-            rungs.append(
-                Rung(exposure_ms, BlockLevels(means, levels.variances, levels.saturated, 0.0))
-            )
-    return rungs, full_scale
-
-
-def _exposure_ms(captured: CapturedSet) -> float:
-    assert captured.metadata.camera is not None
-    return captured.metadata.camera.exposure_ms
+        images.setdefault((camera.exposure_ms, full_scale), []).append(captured.images[light])
+    bit_depth = first.bit_depth
+    rungs = []
+    for (exposure_ms, full_scale), alike in images.items():
+        # The noise of an average of frames is not that of the camera.
+        averaged = full_scale != (1 << bit_depth) - 1
+        series = [image[None] for image in alike] if averaged else [np.stack(alike)]
+        rungs += [
+            Rung(exposure_ms, levels_of(each, full_scale, bit_depth, calibration))
+            for each in series
+        ]
+    return rungs
 
 
 def _response(

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from capture.sets.photographs import Gamma
     from rig import Rig
 
-# Hot pixels are those beyond the noise of one frame, which 16 frames average away.
-_FRAMES = 16
-
 
 @reported
 def dark(
@@ -77,24 +74,20 @@ def dark(
 
 
 def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
-    import numpy as np
-
+    from capture.acquisition.camera_calibration import dark_of_rig
     from capture.acquisition.frame_series import frame_series, require_free_running
     from capture.calibration.camera_parts import dark_part
     from capture.calibration.setting import Setting
-    from classify.calibration.dark_frames import dark_of, with_ambient
+    from classify.calibration.dark_frames import with_ambient
 
     require_free_running(rig)
-    full_scale = (1 << rig.camera.info.bit_depth) - 1
     simulation = rig.simulation
     placement = None if simulation is None else simulation.placement
     if simulation is not None and placement is not None:
         simulation.place(placement.model_copy(update={"surface": "lens_cap"}))
     elif not yes:
         ask("cover the lens with its cap or with black foil, then press Enter")
-    frames = frame_series(rig, None, _FRAMES)
-    lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
-    found = dark_of(frames, full_scale, lit)
+    found = dark_of_rig(rig)
     dark = found.dark
     if simulation is not None and placement is not None:
         simulation.place(placement)
@@ -102,7 +95,7 @@ def _of_rig(rig: Rig, yes: bool) -> MeasuredPart:
         ask("uncover the lens, with the room's light as for captures, then press Enter")
     # With --yes nobody uncovers the lens of a real camera, and ambient light is not measured.
     if placement is not None or not yes:
-        dark = with_ambient(dark, frame_series(rig, None, 1)[0], full_scale)
+        dark = with_ambient(dark, frame_series(rig, None, 1)[0], dark.full_scale)
     return dark_part(found, dark, Setting.of_rig(rig), ("captured",))
 
 

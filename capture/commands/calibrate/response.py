@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     from rig import Rig
 
 _SHEET = Target("a white matt sheet", "plate")
-# At each exposure. Their differences show the noise: four give three times the freedom of two.
-_FRAMES = 4
 
 
 @reported
@@ -105,20 +104,20 @@ def _of_files(
         rungs = rungs_of_photographs(read, times_ms, calibration)
         setting = Setting.of_photographs(read)
         try:
-            return response_parts(rungs, read.full_scale, calibration, setting, names)
+            return response_parts(rungs, calibration, setting, names)
         except CalibrationRejected:
             if exposures_ms is not None:
                 raise
             # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
             with suppress(CalibrationRejected):
                 rungs = [replace(each, exposure_ms=whole_stops(each.exposure_ms)) for each in rungs]
-                return response_parts(rungs, read.full_scale, calibration, setting, names)
+                return response_parts(rungs, calibration, setting, names)
             raise
     if exposures_ms is not None or gamma is not None:
         raise InputError("--exposures-ms and --gamma are for photographs; sets state both")
     captured = [CapturedSet.load(path) for path in sets]
-    rungs, full_scale = rungs_of_sets(captured, calibration)
-    return response_parts(rungs, full_scale, calibration, Setting.of_set(captured[0]), names)
+    rungs = rungs_of_sets(captured, calibration)
+    return response_parts(rungs, calibration, Setting.of_set(captured[0]), names)
 
 
 def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
@@ -146,26 +145,13 @@ def _exposures_ms(photographs: list[Path], given: str | None) -> list[float]:
 
 
 def _of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[MeasuredPart]:
-    from capture.acquisition.frame_series import (
-        brightest_light,
-        exposure_kept,
-        ladder_frames,
-        ladder_ms,
-        require_free_running,
-    )
-    from capture.calibration.camera_parts import Rung, levels_of, response_parts
+    from capture.acquisition.camera_calibration import rungs_of_rig
+    from capture.acquisition.frame_series import require_free_running
+    from capture.calibration.camera_parts import response_parts
     from capture.calibration.setting import Setting
 
     require_free_running(rig)
-    full_scale = (1 << rig.camera.info.bit_depth) - 1
     setting = Setting.of_rig(rig)
     place_target(rig, _SHEET, yes=yes)
-    with exposure_kept(rig):
-        light = brightest_light(rig)
-        exposures_ms = ladder_ms(rig, light)
-        captured = ladder_frames(rig, light, exposures_ms, _FRAMES)
-        rungs = [
-            Rung(exposure_ms, levels_of(frames, full_scale, calibration))
-            for exposure_ms, frames in progress(captured, len(exposures_ms), "exposures")
-        ]
-    return response_parts(rungs, full_scale, calibration, setting, ("captured",))
+    rungs = rungs_of_rig(rig, calibration, partial(progress, description="exposures"))
+    return response_parts(rungs, calibration, setting, ("captured",))

@@ -42,11 +42,11 @@ def parts_of(rig: Rig) -> list[object]:
     with exposure_kept(rig):
         light = brightest_light(rig)
         rungs = [
-            Rung(exposure_ms, levels_of(frames, FULL, Calibration()))
+            Rung(exposure_ms, levels_of(frames, FULL, 12, Calibration()))
             for exposure_ms, frames in ladder_frames(rig, light, ladder_ms(rig, light), 2)
         ]
     setting = Setting.of_rig(rig)
-    return [each.part for each in response_parts(rungs, FULL, Calibration(), setting, ("test",))]
+    return [each.part for each in response_parts(rungs, Calibration(), setting, ("test",))]
 
 
 def test_frames_of_a_series_are_different_exposures_under_the_light(sheet: Rig) -> None:

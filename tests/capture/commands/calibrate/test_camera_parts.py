@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from capture import CapturedSet
+from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
+from rig import open_rig
 from rig.simulation.sensor import SensorModel
 
 Run = Callable[..., Any]
@@ -268,3 +269,20 @@ def test_levels_that_the_ladder_does_not_reach_are_named(ps4rig: Run, tmp_path: 
     np.testing.assert_allclose(
         curve[seen] / curve[seen][-1], (LEVELS[seen] / LEVELS[seen][-1]) ** 2.2, atol=0.01
     )
+
+
+@pytest.mark.slow
+def test_averages_and_single_frames_of_sets_are_of_one_camera(ps4rig: Run, tmp_path: Path) -> None:
+    sets = []
+    with open_rig(rig_toml(tmp_path)) as rig:
+        for exposure_ms in (1.5, 3.0, 6.0, 10.0, 15.0, 28.0):
+            rig.camera.set_exposure(exposure_ms)
+            for average in (1, 1, 2):
+                sets += ["--from", tmp_path / f"{len(sets)}.ome.tif"]
+                capture_set(rig, average=average).save(sets[-1])
+    done = ps4rig("calibrate", "response", tmp_path / "rig.ps4cal", *sets, "--json")
+    assert done.exit_code == 0, done.stderr
+    response, noise = json.loads(done.stdout)
+    sensor = SensorModel(12)
+    assert response["figures"]["offset_dn"] == pytest.approx(sensor.black_level_dn, abs=2.0)
+    assert noise["figures"]["gain_e_per_dn"] == pytest.approx(sensor.gain_e_per_dn, rel=0.03)

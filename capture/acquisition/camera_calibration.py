@@ -1,0 +1,74 @@
+"""What a rig shows of its camera: frames with the lens covered, and a ladder of exposures."""
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from capture.calibration.camera_parts import Rung, levels_of
+from classify.calibration.calibration import Calibration
+from classify.calibration.dark_frames import DarkFrames, dark_of
+from rig import Rig
+from rig.camera import Pixels
+
+from .frame_series import (
+    brightest_light,
+    exposure_kept,
+    frame_series,
+    ladder_frames,
+    ladder_ms,
+)
+
+# Hot pixels are those beyond the noise of one frame, which 16 frames average away.
+_DARK_FRAMES = 16
+# At each exposure. Their differences show the noise: four give three times the freedom of two.
+_LADDER_FRAMES = 4
+
+Series = tuple[float, Pixels]
+
+
+def _unshown(items: Iterator[Series], _: int) -> Iterable[Series]:
+    return items
+
+
+def dark_of_rig(rig: Rig) -> DarkFrames:
+    """Measure frames of a rig with its lens covered; its LEDs must not change them.
+
+    Raises
+    ------
+    CalibrationRejected
+        If the lens is not covered, or too many pixels are hot.
+    """
+    frames = frame_series(rig, None, _DARK_FRAMES)
+    lit = np.concatenate([frame_series(rig, light, 1) for light in range(len(rig.lighting))])
+    return dark_of(frames, (1 << rig.camera.info.bit_depth) - 1, lit)
+
+
+def rungs_of_rig(
+    rig: Rig,
+    calibration: Calibration,
+    shown: Callable[[Iterator[Series], int], Iterable[Series]] = _unshown,
+) -> list[Rung]:
+    """Capture a ladder of exposures of a white sheet; the exposure is as before at the end.
+
+    Parameters
+    ----------
+    calibration
+        Its hot pixels do not count.
+    shown
+        Passes on the frames of each exposure, and is told their number: a progress bar.
+
+    Raises
+    ------
+    CameraError
+        If the camera has only one exposure.
+    """
+    bit_depth = rig.camera.info.bit_depth
+    full_scale = (1 << bit_depth) - 1
+    with exposure_kept(rig):
+        light = brightest_light(rig)
+        exposures_ms = ladder_ms(rig, light)
+        series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)
+        return [
+            Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
+            for exposure_ms, frames in shown(series, len(exposures_ms))
+        ]
