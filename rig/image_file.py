@@ -1,4 +1,4 @@
-"""Reading one PNG, JPEG, TIFF or DNG image: damage is an error, and memory is bounded.
+"""Reading one PNG, JPEG, TIFF, TGA or DNG image: damage is an error, and memory is bounded.
 
 OpenCV fills the missing part of a truncated JPEG with grey, and libpng prints warnings. So a JPEG
 is decoded by simplejpeg, which makes warnings errors, and a PNG is checked before it is decoded.
@@ -27,6 +27,7 @@ from .exif import (
     jpeg_exif,
     upright,
 )
+from .tga import decode_tga, tga_size
 
 Image = npt.NDArray[np.uint8 | np.uint16]
 _MAX_BYTES = 2**31
@@ -76,10 +77,12 @@ def read_oriented_image(path: Path) -> tuple[Image, int]:
 
         raw, orientation = read_dng(path)
         return upright(raw, orientation), orientation
-    readers = {".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff}
+    readers = {
+        ".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff, ".tga": _tga,
+    }  # fmt: skip
     reader = readers.get(path.suffix.lower())
     if reader is None:
-        raise InputError(f"{path}: images come as PNG, JPEG, TIFF or DNG")
+        raise InputError(f"{path}: images come as PNG, JPEG, TIFF, TGA or DNG")
     content = read_regular_file(path, _MAX_BYTES)
     try:
         image, orientation = reader(content)
@@ -225,6 +228,12 @@ def _check_png_pixels(chunks: list[tuple[bytes, bytes]], held_bytes: int) -> boo
     if indexed and (len(palettes) != 1 or len(palettes[0]) not in range(3, 769, 3)):
         raise ValueError("the palette is missing or invalid")
     return indexed
+
+
+def _tga(content: bytes) -> tuple[npt.NDArray[Any], int]:
+    rows, columns, samples = tga_size(content)
+    _require_size(rows, columns, rows * columns * samples, len(content))
+    return decode_tga(content), UPRIGHT
 
 
 def _tiff(content: bytes) -> tuple[npt.NDArray[Any], int]:

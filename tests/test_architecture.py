@@ -39,7 +39,7 @@ STOREYS = {
         {"library"},
     ),
     "rig": (
-        {"acceptance", "errors", "camera", "dng", "exif", "set_file", "signals"},
+        {"acceptance", "errors", "camera", "dng", "exif", "set_file", "signals", "tga"},
         {"image_file"},
         {"scene"},
         {"config"},

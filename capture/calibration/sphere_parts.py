@@ -20,12 +20,14 @@ from classify.calibration.spheres import (
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
+from .parts import PartName
 from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from .setting import Setting
 
 # Errors of directions in words: half a degree is the aim for a mirror sphere, two that for a matt
 # one, and four degrees of slant turn the normals by three (table of faults, classify/README.md).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
+_OF_PICTURES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
 def pictures_of_photographs(
@@ -33,6 +35,7 @@ def pictures_of_photographs(
     masks: Sequence[Path],
     lights: int | None,
     gamma: Gamma | None,
+    file: CalibrationFile,
 ) -> tuple[list[SpherePictures], Setting]:
     """Read photographs of a sphere, one per light, placement after placement.
 
@@ -52,7 +55,7 @@ def pictures_of_photographs(
     if len(paths) % lights:
         raise InputError(
             f"{len(paths)} photographs of a sphere for {lights} lights; give one photograph per "
-            "light, and all lights again for each further placement"
+            "light, and all lights again for each further placement. A mask goes after --mask"
         )
     count = len(paths) // lights
     if len(masks) not in (0, count):
@@ -69,34 +72,44 @@ def pictures_of_photographs(
         )
         for k in range(count)
     ]
-    return pictures, Setting.of_photographs(read)
+    setting = Setting.of_photographs(read)
+    return [_corrected(each, setting, file) for each in pictures], setting
 
 
 def pictures_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[SpherePictures]:
-    """Return the images of sets of a sphere, corrected for the camera where it is calibrated.
+    """Return the images of sets of a sphere, corrected for the camera where it is calibrated."""
+    return [
+        _corrected(
+            SpherePictures(
+                captured.images, captured.metadata.full_scale, captured.ambient, captured.mask
+            ),
+            Setting.of_set(captured),
+            file,
+        )
+        for captured in sets
+    ]
+
+
+def _corrected(pictures: SpherePictures, setting: Setting, file: CalibrationFile) -> SpherePictures:
+    """Correct pictures by the parts of the calibration that hold for them.
 
     They are divided by the part of the flat field that all lights share: the vignetting of the
     lens, which turns the lights on a matt sphere (tests/capture/calibration/test_sphere_parts.py).
     """
-    pictures = []
-    for captured in sets:
-        setting = Setting.of_set(captured)
-        parts = {
-            name: getattr(file.calibration, name)
-            for name in ("dark", "response", "scale", "flat_field")
-            if name in file.records and not file.records[name].setting.differences(setting, name)
-        }
-        known = Calibration(**parts)
-        full_scale = float(captured.metadata.full_scale)
-        stack = known.corrected(ImageStack(captured.images, captured.ambient), full_scale)
-        if known.flat_field is not None:
-            shared = known.flat_field.shared
-            stack = shared.divide(stack, full_scale)
-            full_scale = float(shared.saturation(full_scale))
-        mask = None if captured.mask is None else known.corrected_mask(captured.mask)
-        vignetting = None if known.flat_field is None else 0.0
-        pictures.append(SpherePictures(stack.images, full_scale, stack.ambient, mask, vignetting))
-    return pictures
+    parts = {
+        name: getattr(file.calibration, name)
+        for name in _OF_PICTURES
+        if name in file.records and not file.records[name].setting.differences(setting, name)
+    }
+    known, full_scale = Calibration(**parts), pictures.full_scale
+    stack = known.corrected(ImageStack(pictures.images, pictures.ambient), full_scale)
+    if known.flat_field is not None:
+        shared = known.flat_field.shared
+        stack = shared.divide(stack, full_scale)
+        full_scale = float(shared.saturation(full_scale))
+    mask = None if pictures.mask is None else known.corrected_mask(pictures.mask)
+    vignetting = None if known.flat_field is None else 0.0
+    return SpherePictures(stack.images, full_scale, stack.ambient, mask, vignetting)
 
 
 def sphere_parts(

@@ -224,7 +224,7 @@ def import_(
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
-    """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit.
+    """Make a captured set from photographs: PNG, JPEG, TIFF, TGA or DNG, 8 or 16 bit.
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """

@@ -36,7 +36,7 @@ def import_images(
     warnings: Sequence[str] = (),
     calibration: Calibration | None = None,
 ) -> CapturedSet:
-    """Make a captured set from photographs: PNG, JPEG, TIFF or DNG, 8 or 16 bit, grey or colour.
+    """Make a captured set from PNG, JPEG, TIFF, TGA or DNG photographs of 8 or 16 bit.
 
     The photographs are turned upright as their EXIF data say. Linear grey images keep their pixel
     values. All others are made linear, reduced to luminance and stored with 16 bits. A pixel with

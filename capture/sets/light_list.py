@@ -20,7 +20,7 @@ from classify.regular_file import read_regular_file
 _MAX_BYTES = 2**22  # 16 KiB a light
 _MAX_LIGHTS = 255  # a captured set has up to 256 images, one of them ambient
 Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
+_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 # Words in the names that others give to the keys of this format.
 _ALIKE = {
     "intensity": {

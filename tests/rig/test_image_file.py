@@ -194,7 +194,7 @@ def test_a_tiff_of_several_pages_is_refused(tmp_path: Path, capfd: Any) -> None:
 
 def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     for name, content, message in (
-        ("a.gif", b"GIF89a", "images come as PNG, JPEG, TIFF or DNG"),
+        ("a.gif", b"GIF89a", "images come as PNG, JPEG, TIFF, TGA or DNG"),
         ("a.png", b"hello IEND", "not a complete PNG"),
         ("a.jpg", b"hello \xff\xd9", "not a complete JPEG"),
         ("a.tif", b"hello", "not a readable TIFF"),

@@ -46,7 +46,7 @@ PhotographGamma = Annotated[
     ),
 ]
 Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target is in place.")]
-_PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".dng")
+_PHOTOGRAPHS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,7 @@ def _of_files(
     if photographs:
         # Where a highlight is does not depend on the coding of brightness.
         coding = gamma or ("linear" if sphere == "mirror" else None)
-        pictures, setting = pictures_of_photographs(photographs, masks, count, coding)
+        pictures, setting = pictures_of_photographs(photographs, masks, count, coding, file)
         return pictures, setting, [path.name for path in photographs[: len(pictures[0].images)]]
     if masks or count is not None or gamma is not None:
         raise InputError("--mask, --lights and --gamma are for photographs; sets state them")
