@@ -9,7 +9,7 @@ FloatArray = npt.NDArray[np.float64]
 Curve = Callable[[FloatArray], FloatArray]
 
 WELL_E, READ_E, PIXELS, FULL = 10_000.0, 5.0, 4096, 255.0
-# As `capture.calibration_procedures` chooses them: octaves below, even steps above.
+# Octaves below, even steps above: fewer and coarser than those of `ladder_ms`.
 EXPOSURES_MS = np.unique(np.round(np.r_[20.0 * 0.5 ** np.arange(7), np.linspace(2.0, 20.0, 10)], 1))
 
 
