@@ -76,6 +76,16 @@ def test_a_tilt_that_does_not_turn_with_the_sheet_is_seen_by_the_lights(distance
         measured(plate, (0, 0))
 
 
+def test_light_of_no_led_gives_no_positions() -> None:
+    x, _ = SHEET.coordinates()
+    stack = SHEET.stack
+    bent = stack.images * np.exp(0.06 * np.sin(3.0 * x))[None] ** [[[1]], [[-1]], [[1]], [[-1]]]
+    found = measure_plate([ImageStack(bent.astype(np.uint16), stack.ambient)], 4095.0, RING)
+    assert found.lights is None
+    assert found.no_lights_because is not None
+    assert "from that of LEDs: the sheet is shiny, or the lights are no" in found.no_lights_because
+
+
 def test_relief_is_no_sheet() -> None:
     rng = np.random.default_rng(4)
     p, q = 0.3 * rng.standard_normal((2, 192, 192))
