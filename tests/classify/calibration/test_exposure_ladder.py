@@ -37,16 +37,19 @@ def error_up_to_a_line(curve: Curve, **scene: float) -> float:
     return float(np.abs(line - true).max())
 
 
+@settings(max_examples=25)
 @given(st.floats(1.2, 3.0), st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
 def test_a_gamma_curve_is_found(exponent: float, black: float, fall_off: float) -> None:
     assert error_of(gamma(exponent), black=black, fall_off=fall_off) < WITHIN
 
 
+@settings(max_examples=25)
 @given(st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
 def test_the_srgb_curve_is_found(black: float, fall_off: float) -> None:
     assert error_of(srgb, black=black, fall_off=fall_off) < WITHIN
 
 
+@settings(max_examples=25)
 @given(st.floats(-0.6, 0.4), st.floats(0.0, 1.0), st.floats(0.01, 0.6))
 def test_differences_of_light_follow_any_smooth_rising_curve(
     bend: float, middle: float, fall_off: float
@@ -57,6 +60,7 @@ def test_differences_of_light_follow_any_smooth_rising_curve(
     assert error_up_to_a_line(curve, fall_off=fall_off) < WITHIN
 
 
+@settings(max_examples=25)
 @given(st.floats(2.0, 8.0), st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
 def test_the_curves_of_picture_styles_are_found(
     contrast: float, black: float, fall_off: float
@@ -69,6 +73,7 @@ def test_the_curves_of_picture_styles_are_found(
     assert error_up_to_a_line(curve, black=black, fall_off=fall_off) < WITHIN
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1 / 64]), st.floats(0.01, 0.6))
 def test_a_linear_camera_is_said_to_be_linear(seed: int, black: float, fall_off: float) -> None:
     values = ladder(lambda light: light, fall_off, black, seed=seed)

@@ -95,13 +95,12 @@ def test_a_rig_or_files_are_needed_and_not_both(
 
 
 def test_sets_of_several_exposures_show_the_response(ps4rig: Run, tmp_path: Path) -> None:
-    toml, sets = rig_toml(tmp_path, response_gamma=1.8), []
-    text = toml.read_text()
-    for number, exposure_ms in enumerate((1.5, 3, 6, 10, 15, 20, 28)):
-        toml.write_text(text.replace("[camera]\n", f"[camera]\nexposure_ms = {exposure_ms}\n"))
-        sets += ["--from", tmp_path / f"{number}.ome.tif"]
-        done = ps4rig("capture", "--rig", toml, "--surface", "peel", sets[-1])
-        assert done.exit_code == 0, done.stderr
+    sets = []
+    with open_rig(rig_toml(tmp_path, response_gamma=1.8)) as rig:
+        for number, exposure_ms in enumerate((1.5, 3.0, 6.0, 10.0, 15.0, 20.0, 28.0)):
+            rig.camera.set_exposure(exposure_ms)
+            sets += ["--from", tmp_path / f"{number}.ome.tif"]
+            capture_set(rig, is_target=True).save(sets[-1])
     done = ps4rig("calibrate", "response", tmp_path / "rig.ps4cal", *sets)
     assert done.exit_code == 0, done.stderr
     assert "not linear" in done.stdout
