@@ -14,9 +14,9 @@ from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField, powers
 
 from .calibration import Calibration
-from .drift_model import Cause, DriftModel, Explanation, Kind, led_strength, moved_light
-from .led_positions import Aim
-from .plate import check_evenness, check_sheet
+from .drift_model import Cause, DriftModel, Explanation, Kind, moved_light
+from .led_positions import Aim, fit_led_positions
+from .plate import check_evenness, check_sheet, is_known
 from .plate_blocks import BLOCKS, PlateBlocks
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,6 +27,9 @@ Status = Literal["ok", "warning", "fault"]
 _JOINED = 8
 # A distant light as a position, in half of the longer side: it falls off by 0.3 % over the frame.
 _DISTANT = 1e3
+# Ratios that vary less over the frame are those of distant lights, at more than 50 fields of view.
+_EVEN = 0.01
+_FEWEST_LIGHTS = 3  # that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
 # light there, and its angle is known to 0.6 degrees (test_drift.py). What a check resolves at
@@ -147,12 +150,10 @@ def plate_drift(
         )
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
     check_sheet(blocks, lighting)
-    change, expected, x, y = _joined(blocks, flat_field)
+    expected = _logarithms(flat_field, blocks)
+    change, x, y = _joined(blocks, expected)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
-    lights = calibration.lights
-    lobe = 1.0 if lights is None or lights.lobe_exponent is None else lights.lobe_exponent
-    positions = _positions(lighting, blocks.shape)
-    model = DriftModel(positions, lobe, _aim(positions, lobe, expected, x, y), x, y)
+    model = DriftModel(*_leds(expected, blocks, lighting), x, y)
     found = model.explain(change)
     check_evenness(found.unevenness)
     factor = None if brightness is None else math.exp(found.brightness)
@@ -168,48 +169,45 @@ def plate_drift(
     )
 
 
-def _joined(
-    blocks: PlateBlocks, flat_field: FlatField
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """The change and the flat field as (N, B) logarithms of larger blocks, and their (B,) x, y."""
+def _logarithms(flat_field: FlatField, blocks: PlateBlocks) -> FloatArray:
+    """(N, n, n) logarithms of the flat field at the blocks."""
     terms = flat_field.coefficients.shape[1]
-    expected = powers(blocks.y, terms) @ flat_field.coefficients @ powers(blocks.x, terms).T
     low, high = flat_field.bounds.T[..., None, None]
-    expected = np.clip(expected, low, high)
+    logs = powers(blocks.y, terms) @ flat_field.coefficients @ powers(blocks.x, terms).T
+    return np.asarray(np.clip(logs, low, high), np.float64)
+
+
+def _leds(
+    expected: FloatArray, blocks: PlateBlocks, lighting: Lighting
+) -> tuple[FloatArray, float, Aim]:
+    """Positions of the LEDs, exponent and aim of their lobes, from the ratios in a flat field.
+
+    The positions of the calibration may be missing or those of directions alone.
+    """
+    ratios = expected - expected.mean(axis=0)
+    if len(expected) >= _FEWEST_LIGHTS and float(ratios.std(axis=(1, 2)).max()) > _EVEN:
+        usable = blocks.usable[0].astype(np.float64)
+        found = fit_led_positions(ratios, usable, blocks.x, blocks.y)
+        if is_known(found):
+            return found.positions, found.lobe_exponent, found.aim
+    return _DISTANT * lighting.directions, 1.0, "centre"
+
+
+def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The change of each light (N, B) in larger blocks, and their (B,) x and y."""
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
-    values = np.concatenate([blocks.logs[0] - expected, expected, x[None], y[None]])
+    values = np.concatenate([blocks.logs[0] - expected, x[None], y[None]])
     weights = _block_sums(usable.astype(np.float64)).ravel()
     sums = _block_sums(np.where(usable, values, 0.0)).reshape(len(values), -1)
     means = sums[:, weights > 0.0] / weights[weights > 0.0]
-    lights = len(expected)
-    return means[:lights], means[lights:-2], means[-2], means[-1]
-
-
-def _aim(
-    positions: FloatArray, lobe: float, expected: FloatArray, x: FloatArray, y: FloatArray
-) -> Aim:
-    """Where the LEDs point: the ratios of their lights are in the flat field."""
-
-    def misfit(aim: Aim) -> float:
-        left = expected - [led_strength(each, lobe, aim, x, y) for each in positions]
-        left -= left.mean(axis=0)
-        return float(np.square(left - left.mean(axis=1, keepdims=True)).sum())
-
-    aims: tuple[Aim, Aim] = ("centre", "down")
-    return min(aims, key=misfit)
+    return means[:-2], means[-2], means[-1]
 
 
 def _block_sums(values: FloatArray) -> FloatArray:
     size = BLOCKS // _JOINED
     parts = values.reshape(*values.shape[:-2], _JOINED, size, _JOINED, size)
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
-
-
-def _positions(lighting: Lighting, shape: tuple[int, int]) -> FloatArray:
-    if lighting.positions_px is None:
-        return _DISTANT * lighting.directions
-    return lighting.positions_px * (2.0 / max(shape))
 
 
 def _severity(status: Status) -> int:

@@ -100,7 +100,7 @@ def measure_plate(
     fitted = fit_flat_field(blocks)
     positions = fit_led_positions(fitted.ratios, fitted.weights, blocks.x, blocks.y)
     unit_px = 0.5 * max(blocks.shape)
-    measured = Lighting.near(positions.positions * unit_px) if _is_known(positions) else None
+    measured = Lighting.near(positions.positions * unit_px) if is_known(positions) else None
     tilts_deg = _tilts_deg(fitted.offsets, measured or lighting)
     common_deg = _checked_tilt_deg(tilts_deg, fitted, measured, lighting)
     _check_gloss(positions, blocks, measured or lighting)
@@ -167,7 +167,8 @@ def _check_exposure(blocks: PlateBlocks) -> None:
         )
 
 
-def _is_known(positions: LedPositions) -> bool:
+def is_known(positions: LedPositions) -> bool:
+    """Whether fitted positions are better than directions alone."""
     heights = positions.positions[:, 2] / np.linalg.norm(positions.positions, axis=1)
     return bool(
         heights.min() >= _LOWEST

@@ -202,12 +202,26 @@ def test_leds_that_point_down_are_recognised() -> None:
     assert angle_deg == pytest.approx(5.0, abs=0.6)
 
 
+def test_moved_lights_are_found_without_calibrated_positions(
+    calibration: tuple[Calibration, float],
+) -> None:
+    """The flat field contains them, also where a sphere gave directions or nobody any lights."""
+    rig = with_light_moved(replace(RIG, seed=29), 3, 0.0, 5.0)
+    for lights in (None, distant_lights(calibration[0])):
+        known = replace(calibration[0], lights=lights)
+        drift = plate_drift(rig.stack, RIG.full_scale, known, RING)
+        assert kinds(drift) == {("light moved", 3)}
+
+
+def distant_lights(known: Calibration) -> CalibratedLights:
+    assert known.lights is not None
+    return replace(known.lights, lighting=RING, distance_errors=None)
+
+
 def test_the_level_of_a_distant_led_is_compared_too() -> None:
     rig = replace(RIG, positions=ring_positions(1e3))
     known, _ = calibrated(rig)
-    assert known.lights is not None
-    lights = replace(known.lights, lighting=Lighting.ring(45.0), distance_errors=None)
-    distant = replace(known, lights=lights)
+    distant = replace(known, lights=distant_lights(known))
     drift = plate_drift(
         with_level(replace(rig, seed=27), 2, -0.2).stack, rig.full_scale, distant, RING
     )
