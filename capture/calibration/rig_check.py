@@ -16,7 +16,7 @@ from classify import Lighting
 from classify.calibration.drift import Drift, plate_drift
 from classify.images.stack import ImageStack
 from rig import Rig
-from rig.doctor.check import Check
+from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images
 
 from .lookup import OLD_DAYS, check_setting, read_calibration
@@ -43,10 +43,6 @@ def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
     ------
     CalibrationError
         If the file cannot be read, or is of another rig or setting.
-    CalibrationRejected
-        If no white matt sheet is below the camera.
-    HardwareError
-        If the controller or the camera fails.
     """
     if rig.config.calibration is None:
         if has_sheet:
@@ -62,7 +58,7 @@ def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
         advice = "run ps4rig calibrate plate"
         yield Check("sheet", "unknown", "the calibration has no flat field", advice)
     elif has_sheet or lays_sheet_down(rig):
-        yield from checks_of_drift(drift_of_rig(rig, file))
+        yield from collected("sheet", lambda: checks_of_drift(drift_of_rig(rig, file)))
     else:
         advice = "put a white matt sheet below the camera, and run this again with --sheet"
         yield Check("sheet", "unknown", "LEDs, lights, camera and lens were not compared", advice)

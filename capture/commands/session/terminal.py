@@ -88,7 +88,9 @@ class SessionTerminal:
                 for check in checks:
                     advice = "" if check.status == "ok" else f": {check.advice}"
                     self._say(f"calibration: {check.seen}{advice}")
-            case SessionFinished(finish, _, captured, missing):
+            case SessionFinished(finish, reason, captured, missing):
+                if reason is not None:
+                    self._folder.log(reason)
                 self._say(f"{finish}: {captured} sets captured in this run, {missing} missing")
 
     def ask(self, question: Question) -> Answer:

@@ -126,6 +126,22 @@ def test_the_doctor_checks_the_calibration_of_the_rig(
     assert done.exit_code == 0
 
 
+def test_a_part_instead_of_the_sheet_is_a_fault(
+    near_config: RigConfig, calibration: CalibrationFile, tmp_path: Path
+) -> None:
+    path = tmp_path / "rig.ps4cal"
+    calibration.write(path)
+    config = near_config.with_changes(simulation={"placement": {"surface": "rock"}})
+    with open_rig(config.model_copy(update={"calibration": str(path)})) as rig:
+        as_if_real = replace(rig, simulation=None)
+        unasked = {check.name: check for check in check_calibration(as_if_real, has_sheet=False)}
+        checks = {check.name: check for check in check_calibration(as_if_real, has_sheet=True)}
+    assert unasked["sheet"].status == "unknown"
+    assert "--sheet" in unasked["sheet"].advice
+    assert checks["sheet"].status == "fault"
+    assert "not a white matt sheet" in checks["sheet"].seen
+
+
 def test_the_doctor_fails_where_an_led_has_drifted_or_the_file_is_missing(
     ps4rig: Callable[..., Any], rig_toml: Path
 ) -> None:
