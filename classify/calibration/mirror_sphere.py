@@ -13,8 +13,11 @@ from classify.errors import CalibrationRejected
 
 from .sphere import FloatArray, Sphere
 
-# A highlight covers the pixels of which it is more than this share.
-_HIGHLIGHT = 0.5
+# A highlight covers the pixels of which it is more than this share; more where it is at full scale,
+# because walls beside the lamp then come near it: to 0.7 in a test.
+_HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
+# And its brightest pixel is all light; a lit wall or a glossy table is not as bright as the lamp.
+_ALL_LIGHT = 0.9
 # Beyond this share of the radius an outline's own blur and background mix in.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the noise of the rest of the sphere, by its robust scatter.
@@ -71,14 +74,16 @@ def mirror_directions(
     for light in range(len(values)):
         room = _room([*np.delete(values, light, axis=0), *without], values[light])
         change = values[light] - room
-        share = _lit_share(values[light], room, light)
+        share, least = _lit_share(values[light], room, light)
         picture = np.zeros(shape, np.bool_)
-        picture[rows - top, columns - left] = share > _HIGHLIGHT
+        picture[rows - top, columns - left] = share > least
         label = ndimage.label(picture, np.ones((3, 3)))[0][rows - top, columns - left]
         blobs = []
         for each in range(1, int(label.max()) + 1):
             at = np.flatnonzero(label == each)
-            weights = share[at] - _HIGHLIGHT
+            if share[at].max() < _ALL_LIGHT:
+                continue
+            weights = share[at] - least
             direction = weights @ towards[at]
             direction /= np.linalg.norm(direction)
             blobs.append((float(change[at].sum()), at, weights, direction))
@@ -120,8 +125,8 @@ def _room(others: Sequence[FloatArray], values: FloatArray) -> FloatArray:
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
-def _lit_share(values: FloatArray, room: FloatArray, light: int) -> FloatArray:
-    """Share of each pixel, 0 to 1, that shows the light and not the room.
+def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatArray, float]:
+    """Share of each pixel, 0 to 1, that shows the light and not the room; least of a highlight.
 
     A highlight is often at full scale. It then adds less to a bright window than to a dark wall
     beside it, and the share is of what is left up to full scale.
@@ -140,4 +145,6 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> FloatArray:
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
-    return np.where(change > 0.25 * _LEAST_CONTRAST * noise + middle, np.clip(share, 0.0, 1.0), 0.0)
+    is_seen = change > 0.25 * _LEAST_CONTRAST * noise + middle
+    least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
+    return np.where(is_seen, np.clip(share, 0.0, 1.0), 0.0), least

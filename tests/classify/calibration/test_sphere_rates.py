@@ -48,8 +48,8 @@ def test_rates(kind: SphereKind, background: Background, is_masked: bool) -> Non
     off, claim = np.concatenate(errors), np.concatenate(claims)
     print(f"| {kind} | {background} | {'mask' if is_masked else 'found'} | {np.median(off):.2f} "
           f"| {np.quantile(off, 0.9):.2f} | {np.median(claim):.2f} | {refused} |")  # fmt: skip
-    # Most are within their standard errors; a mask leaves the highlight or the shading only.
+    # Most are within twice their standard errors. With a mask only the highlight or the shading
+    # matters; without one the rim of a mirror shows what is behind it.
     assert np.mean(off < 2.0 * claim) > 0.85
-    limit = {("mirror", True): 0.5, ("matte", True): 0.5}.get((kind, is_masked), 2.0)
-    assert np.median(off) < limit
+    assert np.median(off) < (0.5 if is_masked else 1.0 if kind == "matte" else 3.0)
     assert refused <= (0 if is_masked else 1)

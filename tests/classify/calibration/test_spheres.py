@@ -230,3 +230,16 @@ def test_the_scale_follows_from_the_diameter() -> None:
     assert scale.error == pytest.approx(0.005)
     with pytest.raises(InputError, match="diameter of nan mm"):
         scale_of_spheres([sphere], float("nan"))
+
+
+@pytest.mark.parametrize("value", [120, 170])
+def test_a_wall_that_each_lamp_lights_is_not_the_lamp(value: int) -> None:
+    lights = scattered_lights(5, 2, 40.0)
+    picture = Picture(lights, background="black", room=0.05, bounce=0.02)
+    images, mask = picture.images()
+    for number, image in enumerate(images):
+        wall = np.s_[80 + 5 * number : 110 + 5 * number, 105:150]
+        image[wall] = np.maximum(image[wall], value)
+    found = lights_from_spheres([SpherePictures(images, 255.0, None, mask)], "mirror")
+    assert off_deg(found.lights.lighting.directions, lights).max() < 0.6
+    assert found.doubts == ()
