@@ -68,13 +68,14 @@ def _drop_darkest(
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
+    # As numbers, which a store to a map cannot change: else they are loaded for every pixel.
+    (x0, x1, x2), (y0, y1, y2), (z0, z1, z2) = inverse[0], inverse[1], inverse[2]
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
     largest = max(max(abs(c0), abs(c1)), max(abs(c2), abs(c3)))
     for r in range(first, last):
         dark_row = ambient[min(r, len(ambient) - 1)]
-        # Until the second loop the maps hold the values of the first three lights.
-        seconds = np.empty(columns, np.float32)
+        dark_count = 0
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
             v1 = np.float32(images[1, r, c])
@@ -96,17 +97,14 @@ def _drop_darkest(
             d3 = one if v3 == darkest else zero
             ties = (d0 + d1) + (d2 + d3)
             share = (n0 * v0 + n1 * v1 + n2 * v2 + n3 * v3) / ties
-            p[r, c] = v0 - share * c0 * d0
-            q[r, c] = v1 - share * c1 * d1
-            albedo[r, c] = v2 - share * c2 * d2
+            s0 = v0 - share * c0 * d0
+            s1 = v1 - share * c1 * d1
+            s2 = v2 - share * c2 * d2
             second -= (ties - one) * largest * abs(share)
-            seconds[c] = second if brightest < saturation else -one
-        dark_count = 0
-        for c in range(columns):
-            s0, s1, s2 = p[r, c], q[r, c], albedo[r, c]
-            bx = inverse[0, 0] * s0 + inverse[0, 1] * s1 + inverse[0, 2] * s2
-            by = inverse[1, 0] * s0 + inverse[1, 1] * s1 + inverse[1, 2] * s2
-            bz = inverse[2, 0] * s0 + inverse[2, 1] * s1 + inverse[2, 2] * s2
+            second = second if brightest < saturation else -one
+            bx = x0 * s0 + x1 * s1 + x2 * s2
+            by = y0 * s0 + y1 * s1 + y2 * s2
+            bz = z0 * s0 + z1 * s1 + z2 * s2
             rho = np.sqrt(bx * bx + by * by + bz * bz)
             visible = (bz > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (bz * bz >= noise_floor * rho)
             scale = -one / bz if visible else zero
@@ -115,5 +113,5 @@ def _drop_darkest(
             scaled = rho * albedo_gain
             albedo[r, c] = scaled
             dark_count += scaled < dark_albedo
-            valid[r, c] = visible & (seconds[c] > _DARK * rho)
+            valid[r, c] = visible & (second > _DARK * rho)
         dark_counts[r] = dark_count
