@@ -165,9 +165,10 @@ class DividedStack(ImageStack):
         self, first: int, last: int
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         block = np.empty((len(self.images), last - first, self.shape[1]), np.float32)
-        _multiply(first, self.images, self.dark_rows, *self._division, block)
         dark = self.dark_rows if self.ambient is None else self.ambient[first:last]
-        return block, dark.astype(np.float32)
+        dark = dark.astype(np.float32)
+        _multiply(first, self.images, dark, *self._division, block)
+        return block, dark
 
     @cached_property
     def _division(self) -> tuple[int, Array, Array, Array, np.float32, np.float32]:
@@ -203,9 +204,9 @@ def _multiply(
 ) -> None:  # fmt: skip
     """Multiply images, less `dark`, by exp of a polynomial of x within `bounds`.
 
-    `product` (N, n, W) is of the rows from `first` on. `factors` (N, m, 7) are the factors of the
-    polynomial in every row that is a multiple of `apart`; between these exp is interpolated. Pixels
-    that reach `saturation` get `top`.
+    `dark` and `product` (N, n, W) are of the rows from `first` on. `factors` (N, m, 7) are the
+    factors of the polynomial in every row that is a multiple of `apart`; between these exp is
+    interpolated. Pixels that reach `saturation` get `top`.
     """
     lights, rows, columns = product.shape
     begin, end = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
@@ -220,11 +221,11 @@ def _multiply(
                     _exponentials(factors[k, node + 1], low, high, x, end)
                 known = node
             share = np.float32(beyond / apart)
-            dark_row = dark[min(first + r, len(dark) - 1)]
+            dark_row = dark[min(r, len(dark) - 1)]
             for c in range(columns):
                 factor = begin[c] + share * (end[c] - begin[c])
-                raw, zero_light = np.float32(images[k, first + r, c]), np.float32(dark_row[c])
-                value = zero_light + (raw - zero_light) * factor
+                raw = np.float32(images[k, first + r, c])
+                value = dark_row[c] + (raw - dark_row[c]) * factor
                 product[k, r, c] = value if raw < saturation else top
 
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from classify.compiling import kernel
 from classify.images.stack import ImageStack
-from classify.lights.near_light import Shear, middle_px
+from classify.lights.near_light import Shear
 from classify.shadow_rule import MIN_NORMAL_Z
 
 from .problem import Maps, Problem
@@ -51,11 +51,11 @@ class NearRows:
         if problem.shear is None:
             return None
         rows, columns = problem.shape
-        y = -middle_px(rows)[first : first + height]
+        x, y = problem.plane_px
         largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
         kept = 0 if largest < _LEAST_EXCESS else 1 if largest < _LARGE_EXCESS else height
         inner = np.zeros((kept, columns), np.float32)
-        return cls(problem, problem.shear, middle_px(columns), y, inner)
+        return cls(problem, problem.shear, x, y[first : first + height], inner)
 
     @property
     def excess_is_large(self) -> bool:
@@ -98,14 +98,20 @@ def _undo_shear(
     for r in range(rows):
         for c in range(columns):
             across = one - cx * x[c] - cy * y[r]
-            known = across > _NEAR_PLANE
-            # In units of b'_z.
-            inner = -(p[r, c] * x[c] + q[r, c] * y[r]) / (across if known else one)
-            bx, by, bz = cx * inner - p[r, c], cy * inner - q[r, c], one + cz * inner
+            # b, in units of b'_z / across.
+            inner = -(p[r, c] * x[c] + q[r, c] * y[r])
+            bx, by, bz = (
+                cx * inner - across * p[r, c],
+                cy * inner - across * q[r, c],
+                across + cz * inner,
+            )
             square = bx * bx + by * by + bz * bz
-            known &= (bz > zero) & (bz * bz > least * square)
-            slope = -one / bz if known else zero
-            albedo[r, c] *= np.sqrt(square / (one + p[r, c] * p[r, c] + q[r, c] * q[r, c]))
+            known = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
+            # One quotient for both: divisions take most of the time.
+            scale = across * across * (one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
+            quotient = one / (bz * scale if known else one)
+            slope = -quotient * scale if known else zero
+            albedo[r, c] *= np.sqrt(square * quotient * bz) if known else one
             p[r, c] = bx * slope
             q[r, c] = by * slope
             valid[r, c] &= known

@@ -12,7 +12,7 @@ from classify.images.noise import SensorNoise, noise_of_images, noise_of_sensor
 from classify.images.sampling import sample_pixels
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
-from classify.lights.near_light import Shear
+from classify.lights.near_light import Shear, middle_px
 
 # A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
 # their mean slope is the better estimate.
@@ -108,6 +108,12 @@ class Problem:
         return None if self.lighting.positions_px is None else Shear.of(self.lighting)
 
     @cached_property
+    def plane_px(self) -> tuple[FloatArray, FloatArray]:
+        """(W,) x of the columns and (H,) y of the rows, from the middle of the frame."""
+        rows, columns = self.shape
+        return middle_px(columns), -middle_px(rows)
+
+    @cached_property
     def gains(self) -> FloatArray:
         """(N,) factors from pixel values to units of the albedo."""
         scale = 1.0 if self.full_scale is None else self.full_scale
@@ -141,7 +147,7 @@ class Problem:
         total = float(typical.sum())
         return np.float32(_DARK * float(np.square(typical).sum()) / total if total > 0.0 else 0.0)
 
-    @property
+    @cached_property
     def dark_albedo(self) -> np.float32:
         """Albedo from which on a pixel is not dark, or steeper than most surfaces."""
         return np.float32(_DARK_ALBEDO * self.dark_level / self.directions[:, 2].mean())

@@ -37,8 +37,8 @@ def solve_strips(
         Whether it is least squares of all lights, to which lights out of one plane do no harm.
     """
     rows, done = problem.shape[0], list[int]()
-    # The threads would each compute it.
-    problem.dark_level  # noqa: B018
+    # The threads would each compute them.
+    problem.dark_albedo, problem.shear, problem.plane_px  # noqa: B018
 
     def solve_strip(first: int, last: int) -> None:
         if problem.shear is not None or isinstance(problem.stack, DividedStack):
