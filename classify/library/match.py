@@ -15,7 +15,7 @@ from classify.texture.heading import LEAST_SCORE
 _LEAST_SAID_PX = 0.3
 # Least margin of a known surface, for classifiers with limits. classify/README.md shows how often
 # the nearest class is wrong below and above it.
-_LEAST_MARGIN = 0.15
+LEAST_MARGIN = 0.15
 # An estimate that is nearer to its bound is at the bound.
 _ROUNDING_PX = 1e-3
 
@@ -115,7 +115,7 @@ def match_of(
             reason += f", {focus}"
         if margin is not None and runner_up is not None and runner_up_distance is not None:
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
-            if label is not None and limit is not None and margin < _LEAST_MARGIN:
+            if label is not None and limit is not None and margin < LEAST_MARGIN:
                 label = None
                 reason += ", too near to it to decide"
     orientation_deg = heading_deg = sharpness = None

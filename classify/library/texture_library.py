@@ -18,7 +18,7 @@ from classify.texture.spectra import segment_for
 from . import ps4lib
 from .candidates import Indices, Sieve
 from .contents import LibraryContents
-from .match import Match, match_of
+from .match import LEAST_MARGIN, Match, match_of
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
 # The first comparison extrapolates the statistics of a training set to those of a sharper surface.
@@ -157,8 +157,9 @@ class TextureLibrary(LibraryContents):
     def classify(self, surface: SurfaceEstimate) -> Match:
         """Find the nearest class, or unknown, and the orientation; raises as `observe`.
 
-        A surface that is sharper than its nearest training set is blurred and compared again. Warns
-        where a solver solved the surface otherwise than the training sets.
+        A surface that is sharper than its nearest training set is blurred and compared again,
+        unless it is about as near to another class: blur would take it away from that. Warns where
+        a solver solved the surface otherwise than the training sets.
         """
         trained = (self.method or surface.method, self.planar)
         if surface.images is not None and (surface.method, surface.planar) != trained:
@@ -169,7 +170,8 @@ class TextureLibrary(LibraryContents):
                 stacklevel=2,
             )
         match = self.match(self.observe(surface))
-        if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX:
+        decided = match.margin is None or match.margin >= LEAST_MARGIN
+        if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX or not decided:
             return match
         blurred = blurred_surface(surface, -match.blur_px)
         return self.match(self.observe(blurred), blurred_px=-match.blur_px)

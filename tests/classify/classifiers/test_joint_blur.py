@@ -79,6 +79,16 @@ def test_a_surface_far_out_of_focus_is_unknown_and_the_reason_says_so(library, t
         assert "out of focus" in match.reason
 
 
+def test_blur_is_not_added_to_decide_between_two_classes(stationary, tests) -> None:
+    """Two patches of one texture under two labels, both blurrier than the test."""
+    patches = [("a", stationary("malv", seed=1)), ("b", stationary("malv", seed=2))]
+    alike = TextureLibrary.train((label, blurred_surface(each, 0.9)) for label, each in patches)
+    match = alike.classify(tests["malv"])
+    assert match.blur_px < -0.5
+    assert match == alike.match(alike.observe(tests["malv"]))
+    assert match.label is None
+
+
 def test_statistics_between_the_knots_are_linear(library, tests) -> None:
     """Half way between two knots they err by less than 0.06 of the distance of statistics."""
     levels = levels_for(64)
