@@ -68,8 +68,13 @@ def test_positions_of_an_older_sheet_do_not_outlast_distant_lights(
     ps4rig: Run, tmp_path: Path
 ) -> None:
     path = tmp_path / "rig.ps4cal"
-    answer(ps4rig, "--rig", rig_toml(tmp_path), path)
-    done = ps4rig("calibrate", "plate", "--rig", rig_toml(tmp_path, None), path)
+    rig_toml(tmp_path)
+    answer(ps4rig, "--from", *captured(ps4rig, tmp_path, "plate", 0), path)
+    assert CalibrationFile.read(path).calibration.lights is not None
+    (tmp_path / "distant").mkdir()
+    rig_toml(tmp_path / "distant", None)
+    distant = captured(ps4rig, tmp_path / "distant", "plate", 0)
+    done = ps4rig("calibrate", "plate", "--from", *distant, path)
     assert done.exit_code == 0, done.stderr
     assert "positions of lights measured before are dropped" in done.stderr
     assert "too far away for their positions" in done.stderr
