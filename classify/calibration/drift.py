@@ -182,15 +182,19 @@ def _leds(
 ) -> tuple[FloatArray, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from the ratios in a flat field.
 
-    The positions of the calibration may be missing or those of directions alone.
+    The positions of the calibration may be missing, or be those of directions alone. Where the
+    flat field does not tell directions, those of `lighting` are better, and its distances give
+    them the fall-off that was seen.
     """
     ratios = expected - expected.mean(axis=0)
-    if len(expected) >= _FEWEST_LIGHTS and float(ratios.std(axis=(1, 2)).max()) > _EVEN:
-        usable = blocks.usable[0].astype(np.float64)
-        found = fit_led_positions(ratios, usable, blocks.x, blocks.y)
-        if is_known(found):
-            return found.positions, found.lobe_exponent, found.aim
-    return _DISTANT * lighting.directions, 1.0, "centre"
+    if len(expected) < _FEWEST_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:
+        return _DISTANT * lighting.directions, 1.0, "centre"
+    usable = blocks.usable[0].astype(np.float64)
+    found = fit_led_positions(ratios, usable, blocks.x, blocks.y)
+    if is_known(found):
+        return found.positions, found.lobe_exponent, found.aim
+    distances = np.linalg.norm(found.positions, axis=1, keepdims=True)
+    return distances * lighting.directions, found.lobe_exponent, found.aim
 
 
 def _joined(blocks: PlateBlocks, expected: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
