@@ -143,7 +143,7 @@ class Problem:
         lights counts, which a highlight under one of them does not change.
         """
         values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
-        typical = np.maximum(np.median(values, axis=0), 0.0)
+        typical = np.maximum(_median(values), 0.0)
         total = float(typical.sum())
         return np.float32(_DARK * float(np.square(typical).sum()) / total if total > 0.0 else 0.0)
 
@@ -181,6 +181,17 @@ class Problem:
 def nowhere(shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
     """(H, W) False in one byte of memory."""
     return np.broadcast_to(np.False_, shape)
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """``np.median(values, axis=0)``, of four in a thirtieth of its time."""
+    if len(values) != 4:
+        return np.median(values, axis=0)
+    a, b, c, d = values
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    other_low, other_high = np.minimum(c, d), np.maximum(c, d)
+    middle: FloatArray = np.maximum(low, other_low) + np.minimum(high, other_high)
+    return np.float32(0.5) * middle
 
 
 def slope_noise(weights: npt.NDArray[Any]) -> np.float32:
