@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from capture.commands import options
-from capture.console import reported
+from capture.console import out, reported
 from classify.errors import InputError
 
 from .flow import (
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
     from capture.calibration.setting import Setting
     from capture.sets.captured_set import CapturedSet
+    from classify.calibration.lights import CalibratedLights
     from classify.calibration.spheres import SpherePictures
     from rig import Rig
 
@@ -136,6 +137,12 @@ def lights(
     if list_file is not None:
         write_light_list(list_file, parts[0].part.lighting, image_names)
     keep_parts(calibration, file, parts, json=json)
+    if not json:
+        found: CalibratedLights = parts[0].part
+        angles = zip(found.lighting.tilts_deg, found.lighting.slants_deg, strict=True)
+        errors_deg = found.direction_errors_deg
+        for name, (tilt, slant), error in zip(image_names, angles, errors_deg, strict=True):
+            out.print(f"  {name}: tilt {tilt:.1f}, slant {slant:.1f} degrees, to {error:.2g}")
 
 
 def _calibration_and_photographs(
