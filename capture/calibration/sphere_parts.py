@@ -27,6 +27,10 @@ from .setting import Setting
 # Errors of directions in words: half a degree is the aim for a mirror sphere, two that for a matt
 # one, and four degrees of slant turn the normals by three (table of faults, classify/README.md).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
+_POSITIONS_LOST = (
+    "the calibration held the positions of the lights, and now it holds directions; several "
+    "placements of the sphere, or ps4rig calibrate plate, give positions"
+)
 _OF_PICTURES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
@@ -134,7 +138,12 @@ def sphere_parts(
     if not setting.light_directions:
         rows = tuple((x, y, z) for x, y, z in lighting.directions.tolist())
         setting = setting.model_copy(update={"light_directions": rows})
-    parts = [_lights_part(found, kind, focal_px, setting, source)]
+    part = _lights_part(found, kind, focal_px, setting, source)
+    before = file.calibration.lights
+    had_positions = before is not None and before.lighting.positions_px is not None
+    if had_positions and lighting.positions_px is None:
+        part = replace(part, warnings=(*part.warnings, _POSITIONS_LOST))
+    parts = [part]
     if diameter_mm is not None:
         measured = scale_of_spheres(found.spheres, diameter_mm)
         if scale is not None:  # what is known of the lens stays

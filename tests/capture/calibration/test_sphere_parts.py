@@ -58,6 +58,21 @@ def test_the_card_that_a_mirror_sphere_reflects_is_not_taken_for_its_outline(
     assert (circle.column, circle.row) == pytest.approx((255.5, 255.5), abs=0.3)
 
 
+def test_a_sphere_that_gives_directions_instead_of_positions_says_so(
+    near_config: RigConfig, near_calibration: CalibrationFile
+) -> None:
+    sphere = Placement(surface="mirror_sphere")
+    config = near_config.with_changes(simulation={"placement": sphere.model_dump()})
+    with open_rig(config) as rig:
+        ball = capture_set(rig, is_target=True)
+    for file, warnings in ((CalibrationFile(), 0), (near_calibration, 1)):
+        pictures = pictures_of_sets([ball], file)
+        (lights,) = sphere_parts(pictures, "mirror", file, Setting.of_set(ball), ("captured",))
+        assert lights.part.lighting.positions_px is None
+        lost = [said for said in lights.warnings if "held the positions of the lights" in said]
+        assert len(lost) == warnings
+
+
 def test_what_lights_share_of_a_flat_field_is_their_geometric_mean() -> None:
     rng = np.random.default_rng(0)
     flat_field = FlatField(0.1 * rng.standard_normal((4, 3, 3)), np.tile([-9.0, 9.0], (4, 1)))
