@@ -58,7 +58,7 @@ STOREYS = {
         {"calibration"},
         {"acquisition", "maps"},
         {"batch", "calibration_page"},
-        {"preview"},
+        {"exchange", "preview"},
         {"session"},
         {"studies"},
         {"commands"},

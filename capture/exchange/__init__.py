@@ -1,0 +1,1 @@
+"""Captured sets and their heights in the files of other programs."""

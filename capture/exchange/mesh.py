@@ -1,0 +1,90 @@
+"""A height map as a mesh of triangles: binary ``.ply`` and ``.stl``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from classify.durable_file import durable_file
+from classify.surface.estimate import FloatMap
+
+Array = npt.NDArray[Any]
+
+
+def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
+    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian).
+
+    Parameters
+    ----------
+    height
+        (H, W) in `unit`.
+    albedo
+        (H, W); its 99.5th percentile becomes white.
+    per_px
+        Length of a pixel in `unit`, which a comment names.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    white = float(np.percentile(albedo, 99.5)) or 1.0
+    vertices = np.empty(height.size, [("place", "<f4", 3), ("grey", "u1", 3)])
+    vertices["place"] = _places(height, per_px)
+    grey = np.clip(255.0 / white * albedo.ravel() + 0.5, 0.0, 255.0).astype(np.uint8)
+    vertices["grey"] = grey[:, None]
+    corners = _corners(height.shape)
+    faces = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, corners
+    header = "\n".join(
+        [
+            "ply", "format binary_little_endian 1.0", f"comment lengths in {unit}",
+            f"element vertex {len(vertices)}",
+            *(f"property float {name}" for name in "xyz"),
+            *(f"property uchar {name}" for name in ("red", "green", "blue")),
+            f"element face {len(faces)}", "property list uchar int vertex_indices",
+            "end_header", "",
+        ]
+    )  # fmt: skip
+    with durable_file(path) as temporary, temporary.open("wb") as file:
+        file.write(header.encode("ascii"))
+        file.write(vertices.tobytes())
+        file.write(faces.tobytes())
+
+
+def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
+    """Write a mesh without colours (binary STL); its header names the unit. See `write_ply`."""
+    places = _places(height, per_px)
+    triangles = places[_corners(height.shape)]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    rows = np.zeros(len(triangles), [("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
+    rows["vectors"][:, 0], rows["vectors"][:, 1:] = normals, triangles
+    with durable_file(path) as temporary, temporary.open("wb") as file:
+        file.write(f"ps4rig height, lengths in {unit}".encode("ascii").ljust(80))
+        file.write(np.uint32(len(rows)).astype("<u4").tobytes())
+        file.write(rows.tobytes())
+
+
+def _places(height: FloatMap, per_px: float) -> FloatMap:
+    """(H W, 3) x, y and z of the pixels: x to the right, y up, from the middle of the frame."""
+    rows, columns = height.shape
+    places = np.empty((rows, columns, 3), np.float32)
+    places[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))
+    places[..., 1] = per_px * (0.5 * (rows - 1) - np.arange(rows))[:, None]
+    places[..., 2] = height
+    return places.reshape(-1, 3)
+
+
+def _corners(shape: tuple[int, ...]) -> Array:
+    """(2 (H - 1)(W - 1), 3) vertices of the triangles, anticlockwise as seen by the camera."""
+    rows, columns = shape
+    index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    upper_left, upper_right = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()
+    lower_left, lower_right = index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    lower = np.stack([lower_left, lower_right, upper_left], axis=1)
+    upper = np.stack([upper_left, lower_right, upper_right], axis=1)
+    return np.concatenate([lower, upper])

@@ -1,0 +1,119 @@
+"""The command export, and what other programs read of it."""
+
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.exchange.mesh import write_ply, write_stl
+
+Command = Callable[..., Any]
+Refused = Callable[..., str]
+FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
+VERTEX = np.dtype([("place", "<f4", 3), ("grey", "u1", 3)])
+TRIANGLE = np.dtype([("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
+
+
+@pytest.mark.parametrize("options", [(), ("--bits", 8), ("--average", 3)])
+def test_a_folder_of_images_comes_back_with_the_same_pixels(
+    ps4rig: Command, in_folder: Path, options: tuple[object, ...]
+) -> None:
+    path = in_folder / "my set.ome.tif"
+    assert ps4rig("capture", "--rig", "sim", "--size", 64, *options, path).exit_code == 0
+    answer = json.loads(ps4rig("export", path, "my images", "--json").stdout)
+    back = ps4rig("import", *shlex.split(answer["import_options"]), "back.ome.tif")
+    assert back.exit_code == 0, back.stderr
+    before, after = CapturedSet.load(path), CapturedSet.load("back.ome.tif")
+    np.testing.assert_array_equal(after.images, before.images)
+    np.testing.assert_array_equal(after.ambient, before.ambient)
+    np.testing.assert_allclose(after.lighting.directions, before.lighting.directions, atol=1e-8)
+    assert after.metadata.full_scale == before.metadata.full_scale
+    about = json.loads((in_folder / "my images" / "metadata.json").read_text())
+    assert about["pixels_sha256"] == before.metadata.pixels_sha256
+
+
+@pytest.mark.usefixtures("in_folder")
+def test_a_masked_set_comes_back_with_its_mask(
+    ps4rig: Command, made_set: Callable[..., CapturedSet]
+) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(500, 3000, (4, 40, 50)).astype(np.uint16)
+    mask = np.zeros((40, 50), np.bool_)
+    mask[10:30, 5:45] = True
+    made_set(pixels, mask=mask).save("masked.ome.tif")
+    answer = json.loads(ps4rig("export", "masked.ome.tif", "images", "--json").stdout)
+    options = shlex.split(answer["import_options"])
+    accepted = ("--accept", "residual", "--accept", "light-order")
+    assert ps4rig("import", *options, *accepted, "back.ome.tif").exit_code == 0
+    np.testing.assert_array_equal(CapturedSet.load("back.ome.tif").mask, mask)
+
+
+def test_a_numpy_file_has_every_array(ps4rig: Command, in_folder: Path) -> None:
+    assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0
+    assert ps4rig("export", "a.ome.tif", "a.npz").stdout == "a.npz: written\n"
+    captured = CapturedSet.load("a.ome.tif")
+    with np.load(in_folder / "a.npz", allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["images"], captured.images)
+        np.testing.assert_array_equal(arrays["ambient"], captured.ambient)
+        np.testing.assert_array_equal(arrays["directions"], captured.lighting.directions)
+        about = json.loads(str(arrays["metadata"]))
+        assert set(arrays) == {"images", "ambient", "directions", "intensities", "metadata"}
+    assert about["pixels_sha256"] == captured.metadata.pixels_sha256
+
+
+def test_a_mesh_has_the_places_of_the_pixels_and_faces_the_camera(tmp_path: Path) -> None:
+    height = np.array([[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]], np.float32)
+    albedo = np.linspace(0.0, 0.5, 6, dtype=np.float32).reshape(2, 3)
+    write_ply(tmp_path / "a.ply", height, albedo, 0.5, "mm")
+    header, _, body = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
+    lines = header.decode("ascii").splitlines()
+    assert "comment lengths in mm" in lines
+    assert {"element vertex 6", "element face 4"} <= set(lines)
+    vertices = np.frombuffer(body, VERTEX, 6)
+    faces = np.frombuffer(body, FACE, 4, offset=6 * VERTEX.itemsize)
+    assert len(body) == 6 * VERTEX.itemsize + 4 * FACE.itemsize
+    np.testing.assert_allclose(vertices["place"][0], [-0.5, 0.25, 0.0])
+    np.testing.assert_allclose(vertices["place"][5], [0.5, -0.25, 5.0])
+    assert vertices["grey"][5].tolist() == [255, 255, 255]
+    assert faces["count"].tolist() == [3] * 4
+
+    write_stl(tmp_path / "a.stl", height, 0.5, "mm")
+    data = (tmp_path / "a.stl").read_bytes()
+    assert data.startswith(b"ps4rig height, lengths in mm ")
+    assert np.frombuffer(data, "<u4", 1, offset=80)[0] == 4
+    triangles = np.frombuffer(data, TRIANGLE, 4, offset=84)["vectors"]
+    assert len(data) == 84 + 4 * TRIANGLE.itemsize
+    np.testing.assert_array_equal(triangles[:, 1:], vertices["place"][faces["corners"]])
+    assert (triangles[:, 0, 2] > 0.0).all()  # normals towards the camera
+    np.testing.assert_allclose(np.linalg.norm(triangles[:, 0], axis=1), 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "element"), [("a.ply", 64 * 64 * 15), ("a.stl", 63 * 63 * 100)])
+def test_a_set_becomes_a_mesh(ps4rig: Command, in_folder: Path, name: str, element: int) -> None:
+    assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0
+    result = ps4rig("export", "a.ome.tif", name)
+    assert result.stdout == f"{name}: written, lengths in px, relative\n"
+    assert (in_folder / name).stat().st_size > element
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        ("a.obj", "a.obj: end the name in .npz, .ply or .stl, or name a folder"),
+        ("full", "full: exists and is not empty; choose another name"),
+        ("full/a.npz", "full/a.npz: exists already; choose another name or give --force"),
+        ("none/a.npz", "none/a.npz: cannot be written: there is no folder none"),
+    ],
+)
+def test_a_wrong_output_is_refused(
+    ps4rig: Command, refused: Refused, in_folder: Path, output: str, message: str
+) -> None:
+    assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0
+    (in_folder / "full").mkdir()
+    (in_folder / "full" / "a.npz").touch()
+    assert refused("export", "a.ome.tif", output) == message
