@@ -146,7 +146,7 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
-        """(N,) standard errors of v along itself and across.
+        """(N,) standard errors of v along itself and across; infinite where nothing tells v.
 
         Clustered by parts of the frame (Cameron and Miller 2015, equation 11): what the model does
         not explain is smooth, so that blocks are not independent measurements.
@@ -156,6 +156,8 @@ class _Model:
         part = columns * 2 * _PARTS + rows
         scores = (found.jac * found.fun[:, None]).reshape(lights, part.size, -1).sum(axis=0)
         clustered = np.stack([scores[part == each].sum(axis=0) for each in np.unique(part)])
+        if np.linalg.matrix_rank(found.jac) < found.x.size:  # as of lights that do not differ
+            return np.full(lights, np.inf), np.full(lights, np.inf)
         inverse = np.linalg.pinv(found.jac.T @ found.jac)
         freedom = max((lights - 1) * part.size - found.x.size, 1)
         covariance = inverse @ (clustered.T @ clustered) @ inverse

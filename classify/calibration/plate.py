@@ -13,6 +13,7 @@ from classify.lighting import Lighting
 from .flat_field import FittedFlatField, fit_flat_field
 from .led_positions import LedPositions, fit_led_positions
 from .lights import CalibratedLights
+from .placements import check_placements_differ
 from .plate_blocks import PlateBlocks
 
 FloatArray = npt.NDArray[np.float64]
@@ -88,13 +89,14 @@ def measure_plate(
     CalibrationRejected
         For a sheet that is saturated, too dark, tilted or shiny, or that is no white matt sheet.
     InputError
-        For placements that differ in shape or lights.
+        For placements that differ in shape or lights, or that are the same pictures.
     """
     if len(lighting) < 3:
         raise InputError(f"{len(lighting)} lights; a sheet shows the positions of three or more")
     shapes = {each.images.shape for each in placements}
     if len(shapes) != 1 or next(iter(shapes))[0] != len(lighting):
         raise InputError("the sets of the sheet differ in size or in lights; capture them alike")
+    check_placements_differ([each.images for each in placements])
     blocks = PlateBlocks.of(placements, full_scale, mask)
     check_sheet(blocks, lighting)
     fitted = fit_flat_field(blocks)

@@ -15,6 +15,7 @@ from classify.lighting import Lighting
 from .lights import CalibratedLights
 from .matte_sphere import matte_directions
 from .mirror_sphere import mirror_directions
+from .placements import check_placements_differ
 from .scale import Scale, nominal_camera_matrix
 from .sphere import FloatArray, Sphere
 from .sphere_outline import find_outline, outline_of_mask
@@ -25,6 +26,9 @@ SphereKind = Literal["mirror", "matte"]
 # distant. Near light at five fields of view costs 10 degrees (table of faults, classify/README.md),
 # of which a distance 15 % off leaves 1.5.
 _KNOWN_DISTANCE = 0.15
+# Condition from which rays are parallel but for the rounding of float64. Distances known to
+# _KNOWN_DISTANCE have the square of how much less they are known than directions: to 1e-5 rad, 1e8.
+_PARALLEL = 1e12
 # Errors beyond this are not worth keeping: four lights 10 degrees off turn the normals as far.
 _WORST_ERROR_DEG = 10.0
 
@@ -90,7 +94,8 @@ def lights_from_spheres(
     Raises
     ------
     InputError
-        For no placement, or placements with different numbers of lights or sizes.
+        For no placement, placements with different numbers of lights or sizes, or two with the
+        same pictures.
     CalibrationRejected
         If a sphere or the light on it is not found; the message names placement and picture.
     """
@@ -100,6 +105,7 @@ def lights_from_spheres(
             f"{len(placements)} placements of the sphere with {len(shapes)} sizes or numbers of "
             "lights; give the same for each"
         )
+    check_placements_differ([each.images for each in placements])
     frame = placements[0].images.shape[1:]
     spheres, scores, doubts = [], [], []
     rays = []
@@ -168,7 +174,8 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     if not 0.0 < diameter_mm < np.inf:
         raise InputError(f"diameter of {diameter_mm:g} mm; give that of the sphere")
     radii = np.array([each.radius_px for each in spheres])
-    error_px = max(each.error_px for each in spheres)
+    # Of an outline, and between the outlines of one sphere.
+    error_px = float(np.hypot(max(each.error_px for each in spheres), radii.std()))
     return Scale(
         mm_per_px=diameter_mm / (2.0 * float(radii.mean())),
         error=error_px / float(radii.mean()),
@@ -220,11 +227,10 @@ def positions_of_rays(
         weighted = weights[..., None, None] * off
         normal = weighted.sum(axis=0)
         right = np.einsum("jnab,jnb->na", weighted, points)
-        try:
-            at = np.linalg.solve(normal, right[..., None])[..., 0]
-            covariance = np.linalg.inv(normal)
-        except np.linalg.LinAlgError:  # parallel rays
+        if not np.linalg.cond(normal).max() < _PARALLEL:
             return None
+        at = np.linalg.solve(normal, right[..., None])[..., 0]
+        covariance = np.linalg.inv(normal)
         distance = np.linalg.norm(at - points, axis=-1)
     misses = np.einsum("jnab,jnb->jna", off, at - points)
     freedom = misses.shape[1] * (2 * len(points) - 3)

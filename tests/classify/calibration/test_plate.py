@@ -73,7 +73,7 @@ def test_a_bad_sheet_is_refused(plate: Plate, cause: str) -> None:
 def test_a_tilt_that_does_not_turn_with_the_sheet_is_seen_by_the_lights(distance: float) -> None:
     plate = Plate(ring_positions(distance), brightest=0.4, tilt=(0.3, 0.0), levels=(1.0,) * 4)
     with pytest.raises(CalibrationRejected, match=r"tilted by about 1\d degrees, or the lights"):
-        measured(plate, (0, 0))
+        measure_plate([plate.stack, replace(plate, seed=1).stack], plate.full_scale, RING)
 
 
 def test_light_of_no_led_gives_no_positions() -> None:
@@ -113,3 +113,14 @@ def test_placements_must_be_alike() -> None:
     other = replace(SHEET, shape=(96, 96))
     with pytest.raises(InputError, match="differ in size or in lights"):
         measure_plate([SHEET.stack, other.stack], SHEET.full_scale, RING)
+
+
+def test_the_same_pictures_are_no_second_placement() -> None:
+    with pytest.raises(InputError, match="placements 1 and 2 are the same pictures; turn or move"):
+        measured(SHEET, (0, 0))
+
+
+def test_one_picture_for_all_lights_gives_no_positions() -> None:
+    one = SHEET.stack
+    same = ImageStack(np.repeat(one.images[:1], 4, axis=0), one.ambient)
+    assert measure_plate([same], SHEET.full_scale, RING).lights is None

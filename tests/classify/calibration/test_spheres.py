@@ -11,6 +11,7 @@ from classify.calibration.circle import Circle
 from classify.calibration.sphere import Sphere
 from classify.calibration.sphere_outline import Outline, find_outline, outline_of_mask
 from classify.calibration.spheres import (
+    SphereKind,
     SpherePictures,
     lights_from_spheres,
     positions_of_rays,
@@ -151,6 +152,20 @@ def test_rays_from_several_placements_meet_at_near_lights(
     assert (np.radians(off_deg(at, true)) < 5.0 * across).all()
 
 
+def test_rays_from_one_point_give_no_positions() -> None:
+    rays = scattered_lights(5, 3)
+    points = np.array([30.0, -10.0, 40.0]) + np.zeros((2, 5, 3))
+    with np.errstate(all="raise"):  # no root of a negative variance
+        assert positions_of_rays(points, np.stack([rays, rays]), np.full((2, 5), 0.01)) is None
+
+
+@pytest.mark.parametrize("kind", ["mirror", "matte"])
+def test_the_same_pictures_are_no_second_placement(kind: SphereKind) -> None:
+    pictures = taken(Picture(scattered_lights(4, 1), radius=50.0), kind)
+    with pytest.raises(InputError, match="placements 1 and 2 are the same pictures"):
+        lights_from_spheres([pictures, pictures], kind)
+
+
 def test_a_mirror_sphere_in_several_places_gives_positions_in_pixels() -> None:
     true = np.array([[500.0, 0.0, 520.0], [-300.0, 410.0, 480.0]])
     pictures = []
@@ -228,6 +243,8 @@ def test_the_scale_follows_from_the_diameter() -> None:
     scale = scale_of_spheres([sphere], 20.0)
     assert scale.mm_per_px == pytest.approx(0.125)
     assert scale.error == pytest.approx(0.005)
+    larger = replace(sphere, radius_px=90.0)
+    assert scale_of_spheres([sphere, larger], 20.0).error > 0.05
     with pytest.raises(InputError, match="diameter of nan mm"):
         scale_of_spheres([sphere], float("nan"))
 
