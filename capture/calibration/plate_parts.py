@@ -99,9 +99,11 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         SHEET_BRIGHTNESS: measured.brightness,
     }
     warnings = []
-    if len(measured.tilts_deg) == 1:
+    if not measured.is_turned:
+        count = len(measured.tilts_deg)
+        placements = "one placement" if count == 1 else f"{count} sets, but one placement"
         warnings.append(
-            "one placement of the sheet: its tilt is in the flat field; give a second set with the "
+            f"{placements} of the sheet: its tilt is in the flat field; give a second set with the "
             "sheet turned by half a turn"
         )
     if measured.no_lights_because is not None:

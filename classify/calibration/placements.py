@@ -1,4 +1,4 @@
-"""Placements of a target that calibrate a rig together."""
+"""Whether placements of a target that calibrate a rig together do differ."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -8,6 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
+from classify.lights.flat_field import TERMS, FlatField, powers
+
+from .plate_blocks import PlateBlocks
+
+# Correlation of the grain of two placements of one sheet: 0.01 at most if it was turned between
+# them, 0.95 and more if not (test_plate.py). The sensor's own pattern, which does not turn, is
+# weaker than the grain of paper.
+_ALIKE = 0.9
 
 
 def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
@@ -24,3 +32,20 @@ def check_placements_differ(images: Sequence[npt.NDArray[Any]]) -> None:
                 f"placements {first} and {second} are the same pictures; turn or move the target "
                 "between them, or give them once"
             )
+
+
+def are_turned(blocks: PlateBlocks, flat_field: FlatField) -> bool:
+    """Whether any two placements of a sheet differ in where its grain and dust lie."""
+    y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
+    uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
+    # Less the mean of the four neighbours, which a bias of the polynomial passes.
+    grain, seen = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
+    for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        near = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]
+        grain -= 0.25 * uneven[near]
+        seen &= blocks.usable[near]
+    for first, other in combinations(range(len(grain)), 2):
+        one, two = (grain[each][seen[first] & seen[other]] for each in (first, other))
+        if one @ two <= _ALIKE * np.linalg.norm(one) * np.linalg.norm(two):
+            return True
+    return False

@@ -13,7 +13,7 @@ from classify.lighting import Lighting
 from .flat_field import FittedFlatField, fit_flat_field
 from .led_positions import LedPositions, fit_led_positions
 from .lights import CalibratedLights
-from .placements import check_placements_differ
+from .placements import are_turned, check_placements_differ
 from .plate_blocks import PlateBlocks
 
 FloatArray = npt.NDArray[np.float64]
@@ -57,6 +57,8 @@ class MeasuredPlate:
         (S,) tilt of the sheet in each placement from the mean of all.
     brightness
         Geometric mean of the sheet's pixel values over lights and frame, as a share of full scale.
+    is_turned
+        Whether the sheet was turned or moved between placements. If not, they count as one.
     """
 
     flat_field: FittedFlatField
@@ -64,6 +66,7 @@ class MeasuredPlate:
     no_lights_because: str | None
     tilts_deg: FloatArray
     brightness: float
+    is_turned: bool
 
 
 def measure_plate(
@@ -109,17 +112,19 @@ def measure_plate(
     _check_surface(fitted)
     logs = np.moveaxis(blocks.logs, 1, -1)[blocks.usable]
     brightness = float(np.exp(logs.mean())) / full_scale
+    is_turned = are_turned(blocks, fitted.flat_field)
     if measured is None:
-        return MeasuredPlate(fitted, None, _why_unknown(positions), tilts_deg, brightness)
-    if len(placements) == 1:
-        level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
-    else:
+        reason = _why_unknown(positions)
+        return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_turned)
+    if is_turned:
         level_deg = np.hypot(_TABLE_DEG, _TURN * tilts_deg.max())
+    else:
+        level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
     lights = CalibratedLights(
         measured, "plate", np.hypot(positions.direction_errors_deg, level_deg),
         positions.distance_errors, positions.residual, positions.lobe_exponent,
     )  # fmt: skip
-    return MeasuredPlate(fitted, lights, None, tilts_deg, brightness)
+    return MeasuredPlate(fitted, lights, None, tilts_deg, brightness, is_turned)
 
 
 def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:

@@ -120,6 +120,25 @@ def test_the_same_pictures_are_no_second_placement() -> None:
         measured(SHEET, (0, 0))
 
 
+@pytest.mark.parametrize(("distance", "bits"), [(2.0, 8), (8.0, 12), (300.0, 12)])
+def test_a_sheet_that_was_not_turned_counts_as_one_placement(distance: float, bits: int) -> None:
+    plate = replace(SHEET, positions=ring_positions(distance), grain=0.01, bits=bits)
+    clean = replace(plate, noise=0.0).stack
+    again = []
+    for seed in range(2):
+        noise = plate.noise * np.sqrt(clean.images * plate.full_scale)
+        noise *= np.random.default_rng(seed).standard_normal(clean.images.shape)
+        images = np.rint(np.clip(clean.images + noise, 0.0, plate.full_scale))
+        again.append(ImageStack(images.astype(clean.images.dtype), clean.ambient))
+    found = measure_plate(again, plate.full_scale, RING)
+    assert not found.is_turned
+    assert found.lights is None or found.lights.direction_errors_deg.min() > 1.0
+    for turn in (1, 2):
+        assert measured(plate, (0, turn)).is_turned
+    moved = ImageStack(np.roll(clean.images, 3, axis=2), clean.ambient)
+    assert measure_plate([clean, moved], plate.full_scale, RING).is_turned
+
+
 def test_one_picture_for_all_lights_gives_no_positions() -> None:
     one = SHEET.stack
     same = ImageStack(np.repeat(one.images[:1], 4, axis=0), one.ambient)
