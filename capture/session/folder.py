@@ -11,6 +11,7 @@ from pathlib import Path
 
 from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.sets.captured_set import CapturedSet
+from capture.sets.ome_tiff import read_header
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -55,8 +56,12 @@ class SessionFolder:
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``session.log``."""
-        with (self.path / LOG).open("a", encoding="utf-8") as file:
-            file.write(f"{now_utc()} {line}\n")
+        path = self.path / LOG
+        try:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"{now_utc()} {line}\n")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
     def update(self, journal: Journal) -> None:
         """Write the journal, and then the table that follows from it."""
@@ -76,24 +81,33 @@ class SessionFolder:
     def keep(self, planned: PlannedSet, captured: CapturedSet, entry: SetEntry) -> SetEntry:
         """Write a set and its entry. An earlier file of the same set moves to ``replaced``."""
         path = self.file_of(planned)
-        if path.exists():
-            make_folder(self.path / _REPLACED)
-            stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-            path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+        self.set_aside(planned)
         captured.save(path)
         kept = entry.model_copy(update={"file": f"{_SETS}/{path.name}"})
         self.update(self.journal.with_entry(kept))
         return kept
 
+    def set_aside(self, planned: PlannedSet) -> None:
+        """Move the file of a planned set to ``replaced``, if there is one."""
+        path = self.file_of(planned)
+        if path.exists():
+            make_folder(self.path / _REPLACED)
+            stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+            path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
         """Whole files of planned sets that a killed run could not enter into the journal.
 
-        A file that cannot be read, or is of another specimen or orientation, is none of them.
+        A file that cannot be read, is of another specimen or orientation, or has the pixels of a
+        set in the journal is none of them.
         """
         for planned in self.plan.sets():
-            path = self.file_of(planned)
-            if self.journal.entry_of(planned) is None and path.is_file():
+            path, entry = self.file_of(planned), self.journal.entry_of(planned)
+            if path.is_file() and (entry is None or entry.file == f"{_SETS}/{path.name}"):
                 try:
+                    header, _ = read_header(path)
+                    if self.journal.entry_with(header.pixels_sha256) is not None:
+                        continue
                     captured = CapturedSet.load(path)
                 except InputError:
                     continue
@@ -179,8 +193,22 @@ def plan_changes(plan_path: Path, folder: Path) -> str:
 
 
 def use_plan(plan_path: Path, folder: SessionFolder) -> None:
-    """Replace the plan of a session; entries of sets that are no longer planned are kept."""
+    """Replace the plan of a session; entries of sets that are no longer planned are kept.
+
+    Raises
+    ------
+    InputError
+        If a set of the new plan would have the file of another set, or nothing can be written.
+    """
     plan = read_plan(plan_path)
+    files = {entry.file: entry for entry in folder.journal.entries if entry.file}
+    for planned in plan.sets():
+        taken = files.get(f"{_SETS}/{planned.file_name}")
+        if taken is not None and folder.journal.entry_of(planned) is not taken:
+            raise InputError(
+                f"{plan_path}: {planned} would be {taken.file}, which is {taken.specimen} at "
+                f"{taken.orientation_deg:g} degrees; give another id, or another file_name"
+            )
     with durable_file(folder.path / PLAN) as temporary:
         shutil.copyfile(plan_path, temporary)
     folder.plan = plan

@@ -203,7 +203,7 @@ class _Runner:
         """Capture the missing sets, placement after placement."""
         missing = self._folder.missing()
         placements = [list(group) for _, group in groupby(missing, key=_placement)]
-        index = 0
+        index, last = 0, None
         while index < len(placements):
             first = placements[index][0]
             self._state(State.PLACING, first)
@@ -211,17 +211,19 @@ class _Runner:
                 case Answer.STOP:
                     raise _Stopped(Finish("stopped"))
                 case Answer.REPEAT:
-                    # Once more what stood below the camera before, if anything did.
-                    index = max(index - 1, 0)
-                    turn_specimen(self._folder.plan, placements[index][0].orientation_deg)
-                    self._capture_placement(placements[index])
+                    # Once more what stands below the camera, if anything was captured there.
+                    if last is not None:
+                        turn_specimen(self._folder.plan, last[0].orientation_deg)
+                        self._capture_placement(last)
+                    continue
                 case Answer.SKIP:
                     self._leave_out(placements[index], "left out by the operator")
                 case Answer.LEAVE:
                     pass
                 case Answer.GO:
                     turn_specimen(self._folder.plan, first.orientation_deg)
-                    self._capture_placement(placements[index])
+                    last = placements[index]
+                    self._capture_placement(last)
             index += 1
 
     def _capture_placement(self, planned_sets: Iterable[PlannedSet]) -> None:
@@ -329,6 +331,7 @@ class _Runner:
     def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:
         journal = self._folder.journal
         for planned in planned_sets:
+            self._folder.set_aside(planned)
             journal = journal.with_entry(
                 SetEntry(
                     specimen=planned.specimen,

@@ -44,7 +44,7 @@ def run(
 
     Stop with q or Ctrl-C at any time; ps4rig session resume goes on.
     """
-    from capture.session.folder import make_session, plan_changes, session_folder, use_plan
+    from capture.session.folder import JOURNAL, make_session, plan_changes, session_folder, use_plan
     from capture.session.plan import read_plan
     from rig.config.rig import config_of
 
@@ -54,16 +54,18 @@ def run(
     if dry_run:
         _show_plan(plan, wanted, config, json=json)
         return
-    _check_disk(plan.absolute().parent, _needed_bytes(len(wanted), config))
-    path = make_session(plan)
+    path = plan.absolute().parent / wanted.name
+    if not (path / JOURNAL).is_file():
+        _check_disk(path.parent, _needed_bytes(len(wanted), config))
+    make_session(plan)
     with session_folder(path) as folder:
         changes = plan_changes(plan, path)
         if changes:
             out.print(changes, soft_wrap=True)
-            if yes:
+            if yes or not _has_terminal():
                 raise InputError(
-                    f"{plan}: differs from the plan of {path}; run without --yes to confirm it, or "
-                    f"go on with ps4rig session resume {path}"
+                    f"{plan}: differs from the plan of {path}; run without --yes to confirm it "
+                    f"on a terminal, or go on with ps4rig session resume {path}"
                 )
             if not confirmed("Use the changed plan from now on?"):
                 raise InputError(f"{plan}: differs from the plan of {path}, which stays as it is")
@@ -85,7 +87,6 @@ def resume(
 
     config = config_of(rig)
     with session_folder(folder) as opened:
-        _check_disk(folder, _needed_bytes(len(opened.missing()), config))
         _go(opened, config, yes=yes, json=json)
 
 
@@ -95,8 +96,9 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
 
     from .terminal import SessionTerminal
 
-    if not yes and not sys.stdin.isatty():
+    if not yes and not _has_terminal():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
+    _check_disk(folder.path, _needed_bytes(len(folder.missing()), config))
     terminal = SessionTerminal(folder, quiet=json)
     with terminal:
         finished = run_session(
@@ -113,6 +115,11 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
         )
     if finished.missing:
         raise typer.Exit(1)
+
+
+def _has_terminal() -> bool:
+    # None if the program was started with stdin closed.
+    return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _show_plan(path: Path, plan: SessionPlan, config: RigConfig, *, json: bool) -> None:
@@ -151,6 +158,6 @@ def _check_disk(folder: Path, needed: int) -> None:
     free, needed = shutil.disk_usage(folder).free, int(needed * _FREE_SHARE)
     if needed > free:
         raise InputError(
-            f"{folder}: {free / 1e6:.0f} MB are free, the sets need {needed / 1e6:.0f} MB; make "
+            f"{folder}: {free / 1e6:.1f} MB are free, the sets need {needed / 1e6:.1f} MB; make "
             "room, or plan fewer sets"
         )

@@ -19,7 +19,8 @@ def status(
 
     session = read_session(folder)
     missing = session.missing()
-    entries = session.journal.entries
+    planned = [session.journal.entry_of(each) for each in session.plan.sets()]
+    entries = [entry for entry in planned if entry is not None]
     skipped = [entry for entry in entries if entry.skipped is not None]
     warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
     if json:
@@ -49,7 +50,11 @@ def status(
         angles = dict.fromkeys(
             f"{each.orientation_deg:g}" for each in missing if each.specimen == specimen.id
         )
-        captured = sum(entry.file is not None for entry in entries if entry.specimen == specimen.id)
+        captured = sum(
+            (session.path / entry.file).is_file()
+            for entry in entries
+            if entry.file is not None and entry.specimen == specimen.id
+        )
         table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
     print_table(table)
     for run in session.journal.runs:

@@ -36,7 +36,10 @@ _ANSWERS = {"": Answer.GO, "r": Answer.REPEAT, "s": Answer.SKIP, "q": Answer.STO
 
 def confirmed(question: str) -> bool:
     """Ask a question that y affirms."""
-    return _line(f"{question} [y/N] ").lower() in ("y", "yes")
+    try:
+        return _line(f"{question} [y/N] ").lower() in ("y", "yes")
+    except EOFError:
+        return False
 
 
 class SessionTerminal:

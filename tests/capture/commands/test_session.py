@@ -3,11 +3,17 @@
 import json
 import os
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+
+from capture.commands.session import run
+from capture.session.folder import make_session, session_folder
+from capture.session.journal import SetEntry
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -105,6 +111,44 @@ def test_without_a_terminal_nobody_is_asked(refused: Refused, plan: Path) -> Non
     assert "give --yes" in refused("session", "run", plan)
     assert "not the folder of a session" in refused("session", "status", plan.parent)
     assert "not the folder of a session" in refused("session", "resume", plan.parent, "--yes")
+
+
+@pytest.mark.parametrize("closed", ["<&-", "</dev/null"])
+def test_without_a_terminal_a_changed_plan_is_refused(plan: Path, closed: str) -> None:
+    make_session(plan)
+    plan.write_text(plan.read_text().replace("[0, 30]", "[0, 30, 60]"))
+    shell = f'"{sys.executable}" -m capture session run "{plan}" {closed}'
+    done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    assert "run without --yes to confirm it on a terminal" in done.stderr
+    shell = f'"{sys.executable}" -m capture session resume fabrics {closed}'
+    done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr.count("give --yes")) == (2, 1), done.stderr
+
+
+def test_a_run_needs_room_for_the_missing_sets_only(
+    ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    monkeypatch.setattr(
+        run, "shutil", SimpleNamespace(disk_usage=lambda _: SimpleNamespace(free=0))
+    )
+    result = ps4rig("session", "run", plan, "--yes")
+    assert result.exit_code == 0, result.stderr
+
+
+def test_status_counts_planned_sets_whose_file_is_there(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    folder = plan.parent / "fabrics"
+    (folder / "sets" / "rock-1-30-1.ome.tif").unlink()
+    said = ps4rig("session", "status", "fabrics").stdout.split()
+    assert said[said.index("rock-1") :][:3] == ["rock-1", "1", "30"]
+    with session_folder(folder) as opened:
+        gone = SetEntry(specimen="wood-1", orientation_deg=0.0, repeat=1, skipped="wet")
+        opened.update(opened.journal.with_entry(gone))
+    assert "4 sets planned, 3 captured, 0 left out, 1 missing" in ps4rig(
+        "session", "status", "fabrics"
+    ).stdout.replace("\n", " ")
 
 
 def test_an_operator_answers_on_a_terminal(

@@ -83,6 +83,27 @@ def test_a_changed_plan_is_a_difference(session: Path, plan_file: Path) -> None:
     assert plan_changes(plan_file, session) == ""
 
 
+def test_a_plan_that_gives_a_set_the_file_of_another_is_refused(
+    session: Path, plan_file: Path
+) -> None:
+    entry = SetEntry(specimen="rock-", orientation_deg=1.0, repeat=1, file="sets/rock--1-1.ome.tif")
+    plan_file.write_text(PLAN.replace("[0, 40]", "[-1]").replace('"rock-1"', '"rock"'))
+    with session_folder(session) as folder:
+        folder.update(folder.journal.with_entry(entry))
+        with pytest.raises(InputError, match="which is rock- at 1 degrees; give another id"):
+            use_plan(plan_file, folder)
+        assert len(folder.plan) == 4
+
+
+def test_a_log_that_cannot_be_written_is_named(session: Path) -> None:
+    (session / "session.log").mkdir()
+    with (
+        session_folder(session) as folder,
+        pytest.raises(InputError, match=r"session\.log: cannot be written: Is a directory"),
+    ):
+        folder.log("captured")
+
+
 def test_sets_that_are_no_longer_planned_stay_in_journal_and_table(
     session: Path, plan_file: Path
 ) -> None:

@@ -111,6 +111,74 @@ def test_a_repeated_placement_keeps_the_earlier_set_aside(run: Run, folder: Fold
     assert placed[:3] == [f"{name}.ome.tif" for name in (FILES[0], FILES[1], FILES[1])]
 
 
+def test_a_repeat_before_any_capture_asks_again(run: Run, folder: Folder) -> None:
+    script = run(Answer.REPEAT, Answer.STOP)
+    assert not any(isinstance(event, SetCaptured) for event in script.events)
+    assert len(script.questions) == 2
+    assert folder().journal.entries == ()
+
+
+def test_a_repeat_after_a_skip_captures_what_stands_below_the_camera(
+    run: Run, folder: Folder
+) -> None:
+    run(Answer.GO, Answer.SKIP, Answer.REPEAT, Answer.STOP)
+    assert names(folder()) == FILES[:1]
+    assert [bool(entry.skipped) for entry in folder().journal.entries] == [True, False]
+
+
+def test_a_kill_in_a_repeat_leaves_a_file_that_the_next_run_enters(
+    run: Run, folder: Folder, session: Path
+) -> None:
+    run()
+    before = folder().journal
+    (session / "sets" / f"{FILES[0]}.ome.tif").unlink()
+    run()
+    # As if the program had been killed after it replaced the set and before it wrote the journal.
+    before.write(session / "journal.json")
+    run()
+    assert [each.state for path in files_below(session) for each in verify_file(path)] == (
+        ["good"] * 5
+    )
+
+
+def test_a_captured_set_that_is_left_out_later_is_kept_aside(
+    run: Run, folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    answers = iter((Answer.GO, Answer.REPEAT, Answer.SKIP, Answer.STOP))
+
+    def ask(_: Question) -> Answer:
+        answer = next(answers)
+        if answer is Answer.REPEAT:
+            failing(monkeypatch, SetRejected("the lens is covered"), 1)
+        return answer
+
+    run(ask=ask)
+    # The first run's set, and the second's, which was repeated and then skipped.
+    assert names(folder()) == FILES[:1]
+    (aside,) = (folder().path / "replaced").iterdir()
+    assert aside.name.endswith(f"{FILES[1]}.ome.tif")
+    assert all(
+        each.state == "good" for path in files_below(folder().path) for each in verify_file(path)
+    )
+
+
+def test_a_copy_of_a_set_is_not_another_repeat(plan_file: Path, config: RigConfig) -> None:
+    plan_file.write_text(PLAN.replace("[0, 40]", "[0]\nrepeats = 2"))
+    session = make_session(plan_file)
+    with session_folder(session) as folder:
+        run_session(folder, config, Script([Answer.GO, Answer.STOP]).ask, lambda _: None)
+        folder.journal.model_copy(update={"entries": folder.journal.entries[:1]}).write(
+            session / "journal.json"
+        )
+    shutil.copy(session / "sets" / "rock-1-0-1.ome.tif", session / "sets" / "rock-1-0-2.ome.tif")
+    with session_folder(session) as folder:
+        run_session(folder, config, without_questions, lambda _: None)
+        hashes = {entry.pixels_sha256 for entry in folder.journal.entries}
+    assert len(hashes) == 4
+    assert len(list((session / "replaced").iterdir())) == 1
+
+
 def test_a_deleted_file_is_missing_again(run: Run, folder: Folder) -> None:
     run()
     (folder().path / "sets" / f"{FILES[2]}.ome.tif").unlink()
