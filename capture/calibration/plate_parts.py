@@ -48,6 +48,11 @@ def plate_parts(
     for number, each in enumerate(sets[1:], start=2):
         other = Setting.of_set(each)
         differences = [*setting.differences(other, "dark"), *setting.differences(other, "lights")]
+        if each.metadata.full_scale != first.metadata.full_scale:
+            differences.append(
+                f"a full scale of {each.metadata.full_scale:g} instead of "
+                f"{first.metadata.full_scale:g}, as of another number of averaged frames"
+            )
         if differences:
             raise InputError(
                 f"set {number} of the sheet has {differences[0]}; capture all at one setting"

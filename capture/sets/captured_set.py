@@ -97,6 +97,7 @@ class CapturedSet:
             full_scale=full_scale, noise=self.noise_with(known), planar=planar,
             mask=None if self.mask is None else known.corrected_mask(self.mask),
             flat_field=known.flat_field, on_progress=on_progress,
+            lobe_exponent=None if known.lights is None else known.lights.lobe_exponent,
         )  # fmt: skip
 
     @property

@@ -52,6 +52,7 @@ def photometric_stereo(
     full_scale: float | None = None,
     noise: SensorNoise | None = None,
     flat_field: FlatField | None = None,
+    lobe_exponent: float | None = None,
     planar: bool = False,
     mask: npt.NDArray[np.bool_] | None = None,
     on_progress: Callable[[float], None] | None = None,
@@ -84,6 +85,8 @@ def photometric_stereo(
         The images of a white matt sheet under these lights, from a calibration. The images are
         divided by it; the intensities of `lighting` are in it and not used. Without it, those of
         near lights are divided by what inverse square and Lambert's law give.
+    lobe_exponent
+        Of LEDs without a flat field, as in `classify.lights.near_light.sheet_of`.
     planar
         The part is flat but for its texture: divide out the fall-off and the levels of near lights
         (`classify.lights.fall_off`). This also takes away a tilt or bow of the part.
@@ -135,7 +138,7 @@ def photometric_stereo(
         used = replace(lighting, intensities=np.ones(len(lighting)))
     elif lighting.positions_px is not None:
         even = replace(lighting, intensities=np.ones(len(lighting)))
-        divided_by = sheet_of(even, stack.shape).facing(lighting)
+        divided_by = sheet_of(even, stack.shape, lobe_exponent).facing(lighting)
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))

@@ -8,7 +8,10 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from classify import Lighting, Method
+from classify.calibration.calibration import Calibration
+from classify.calibration.lights import CalibratedLights
 from classify.errors import InputError
+from classify.lights.near_light import sheet_of
 from rig import Rig
 
 
@@ -58,6 +61,17 @@ def test_a_saved_set_keeps_the_positions_of_its_lights(
     captured = made_set(np.zeros((4, 3, 2), np.uint16), lighting=lighting)
     captured.save(tmp_path / "near.ome.tif")
     assert CapturedSet.load(tmp_path / "near.ome.tif").lighting == lighting
+
+
+def test_a_calibration_without_a_flat_field_still_has_the_lobes_of_its_leds(
+    made_set: Callable[..., CapturedSet],
+) -> None:
+    lighting = Lighting.near(100.0 * Lighting.ring(45.0).directions)
+    sheet = sheet_of(lighting, (48, 64), 8.0).strengths(np.arange(48), np.arange(64), (48, 64))
+    lights = CalibratedLights(lighting, "plate", np.ones(4), np.full(4, 0.01), 0.001, 8.0)
+    captured = made_set((10_000 * sheet).astype(np.uint16), lighting=Lighting.ring(45.0))
+    surface = captured.solve("least_squares", calibration=Calibration(lights=lights))
+    assert max(np.abs(surface.p).max(), np.abs(surface.q).max()) < 1e-3
 
 
 def test_a_mask_has_the_shape_of_the_images_and_a_name(

@@ -192,6 +192,14 @@ def test_lights_far_away_are_distant_lights(method: Method) -> None:
         )
 
 
+def test_lobes_are_divided_out_without_a_flat_field() -> None:
+    lighting = near(Lighting.from_angles([0, 90, 180, 270], [40, 45, 50, 45]), 2.0)
+    p, q, albedo = slopes(7, 0.3)
+    images = lit_by(lighting, p, q, albedo, lobe=8.0)
+    surface = photometric_stereo(images, lighting, lobe_exponent=8.0)
+    assert_is(surface, p, q, albedo, within=2e-4)
+
+
 def test_the_lobe_of_an_led_and_its_level_are_in_the_sheet() -> None:
     lighting = near(Lighting.from_angles([0, 90, 180, 270], [40, 45, 50, 45]), 2.0)
     lighting = replace(lighting, intensities=np.array([1.0, 0.8, 1.1, 0.95]))

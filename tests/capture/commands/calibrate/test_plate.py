@@ -95,6 +95,19 @@ def test_sets_of_a_sheet_serve_as_well_as_the_rig(ps4rig: Run, tmp_path: Path) -
     assert errors_deg[0] > 1.0 > errors_deg[1]
 
 
+def test_sets_of_one_sheet_have_one_full_scale(
+    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
+) -> None:
+    toml = rig_toml(tmp_path)
+    for average in (1, 2):
+        output = tmp_path / f"{average}.ome.tif"
+        arguments = ("--surface", "plate", "--average", average)
+        assert ps4rig("capture", "--rig", toml, *arguments, output).exit_code == 0
+    given = [part for each in (1, 2) for part in ("--from", tmp_path / f"{each}.ome.tif")]
+    message = refused("calibrate", "plate", *given, tmp_path / "rig.ps4cal")
+    assert "set 2 of the sheet has a full scale of" in message
+
+
 def test_flat_areas_of_a_part_serve_with_a_mask(ps4rig: Run, tmp_path: Path) -> None:
     toml, path = rig_toml(tmp_path), tmp_path / "rig.ps4cal"
     (sheet,) = captured(ps4rig, tmp_path, "plate", 0)
