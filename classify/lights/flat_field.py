@@ -21,8 +21,8 @@ FloatArray = npt.NDArray[np.float64]
 TERMS = 7
 _LARGEST_LOGARITHM = 80.0
 # Strengths are computed in a row for each such part of the frame, and interpolated between: that
-# differs by up to 6e-6 where light falls off by half, less than a step of 16 bits.
-_ROWS = 512
+# differs by up to 1.1e-5 where light falls off by half, less than a step of 16 bits.
+_ROWS = 384
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,18 +210,31 @@ def _multiply(
     """
     lights, rows, columns = product.shape
     begin, end = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
+    ambient = dark.any()
     for k in range(lights):
         low, high = bounds[k]
         known = -1
         for r in range(rows):
             node, beyond = divmod(first + r, apart)
             if node != known:
-                _exponentials(factors[k, node], low, high, x, begin)
+                if r > 0 and apart > 1:
+                    # As a loop: numba copies a slice more slowly.
+                    for c in range(columns):
+                        begin[c] = end[c]
+                else:
+                    _exponentials(factors[k, node], low, high, x, begin)
                 if apart > 1:
                     _exponentials(factors[k, node + 1], low, high, x, end)
                 known = node
             share = np.float32(beyond / apart)
             dark_row = dark[min(r, len(dark) - 1)]
+            if not ambient:
+                # The same for zeros, in three quarters of the time.
+                for c in range(columns):
+                    raw = np.float32(images[k, first + r, c])
+                    value = raw * (begin[c] + share * (end[c] - begin[c]))
+                    product[k, r, c] = value if raw < saturation else top
+                continue
             for c in range(columns):
                 factor = begin[c] + share * (end[c] - begin[c])
                 raw = np.float32(images[k, first + r, c])
