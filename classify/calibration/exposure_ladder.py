@@ -241,7 +241,6 @@ class _Fit:
         jumps = np.zeros((_PIECES - 1, pieces))
         jumps[:, 1:] = _SMOOTHNESS * widths[:, None] ** 3 * thirds
         scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * 1e3
-        target = np.r_[np.zeros(pieces + len(jumps)), 1e3]
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
         slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(jumps), mean_slope)
         found = np.zeros(pieces)
@@ -254,6 +253,7 @@ class _Fit:
             rows = weights[..., None] * (terms - times[:, None, None] * shares)
             upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
             system = np.concatenate([upper, jumps / knot_slopes[:, None], scale])
+            target = np.r_[np.zeros(len(system) - 1), 1e3]
             before, found = found, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
             slopes, knot_slopes = (
                 np.clip(each @ found[1:], *(mean_slope * np.array(_SLOPES)))

@@ -40,7 +40,8 @@ class FlatField:
     Raises
     ------
     InputError
-        For another shape, or bounds whose exponential float32 cannot hold.
+        For another shape, coefficients that are not finite, or bounds in the wrong order or whose
+        exponential float32 cannot hold.
     """
 
     coefficients: FloatArray
@@ -53,13 +54,17 @@ class FlatField:
                 f"flat field of {self.coefficients.shape} coefficients; give (lights, T, T), T at "
                 f"most {TERMS}"
             )
+        if not np.isfinite(self.coefficients).all():
+            raise InputError("a coefficient of the flat field is NaN or infinite; give numbers")
         if (
             self.bounds.shape != (lights, 2)
+            or (self.bounds[:, 0] > self.bounds[:, 1]).any()
             or not (np.abs(self.bounds) <= _LARGEST_LOGARITHM).all()
         ):
             raise InputError(
                 f"flat field with {self.bounds.shape} bounds, or bounds beyond "
-                f"{_LARGEST_LOGARITHM:g}; give the lowest and the highest logarithm of each light"
+                f"{_LARGEST_LOGARITHM:g} or in the wrong order; give the lowest and the highest "
+                "logarithm of each light"
             )
 
     @property

@@ -170,3 +170,8 @@ def test_values_of_another_shape_are_an_input_error(
 ) -> None:
     with pytest.raises(InputError):
         response_of(np.ones(shape), times, full_scale)
+
+
+def test_one_block_that_is_seen_at_every_exposure_is_enough() -> None:
+    times = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    assert response_of(100.0 * times[:, None], times, 4095.0).response.linear

@@ -287,3 +287,11 @@ def test_the_flat_field_of_other_lights_is_an_error() -> None:
     images = np.ones((4, 2, 2), np.float32)
     with pytest.raises(InputError, match="flat field is of 3 lights"):
         photometric_stereo(images, Lighting.ring(45.0), flat_field=flat_field)
+
+
+def test_a_flat_field_of_nan_or_swapped_bounds_is_refused() -> None:
+    even, bounds = np.zeros((4, 2, 2)), np.tile([-1.0, 1.0], (4, 1))
+    with pytest.raises(InputError, match="NaN or infinite"):
+        FlatField(np.full_like(even, np.nan), bounds)
+    with pytest.raises(InputError, match="in the wrong order"):
+        FlatField(even, bounds[:, ::-1])
