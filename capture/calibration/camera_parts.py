@@ -18,6 +18,7 @@ from classify.errors import CalibrationRejected, InputError
 
 from .ps4cal import MeasuredPart, PartRecord
 from .setting import Setting
+from .stated_error import stated_error
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _ROUNDED_AWAY = 0.49
@@ -200,14 +201,15 @@ def _response(
         warnings = [*warnings, unseen]
     if found.linear:
         quality = (
-            f"The camera is linear: within {ladder.departure:.2%} of full scale from "
-            f"{ladder.lowest / full:.0f} to {ladder.highest / full:.0f} %. Nothing is corrected."
+            f"The camera is linear: within {stated_error(ladder.departure, 2)} of full scale "
+            f"from {ladder.lowest / full:.0f} to {ladder.highest / full:.0f}%. Nothing is "
+            "corrected."
         )
     else:
         quality = (
             f"The camera is not linear: it departs by {ladder.departure:.1%} of full scale. Pixel "
             f"values are made linear in light by a curve that explains {exposures} exposures to "
-            f"{found.error:.2%} of full scale."
+            f"{stated_error(found.error, 2)} of full scale."
         )
     figures = {
         "departure_share": ladder.departure,
@@ -228,7 +230,7 @@ def _noise(found: PhotonTransfer, setting: Setting, source: Sequence[str]) -> Me
     quality = (
         f"{sensor.gain_e_per_dn:.4g} +- {found.gain_error * sensor.gain_e_per_dn:.2g} electrons "
         f"per pixel value, read noise {sensor.read_noise_dn:.3g}{read} in pixel values; the noise "
-        f"agrees with shot noise to {found.noise.error:.1%}."
+        f"agrees with shot noise to {stated_error(found.noise.error, 1)}."
     )
     figures = {
         "gain_e_per_dn": sensor.gain_e_per_dn,

@@ -14,6 +14,7 @@ from classify.images.stack import ImageStack
 
 from .ps4cal import MeasuredPart, PartRecord
 from .setting import Setting
+from .stated_error import stated_error
 
 # Figure of a flat field by which a later picture of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
@@ -90,7 +91,7 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
     fitted = measured.flat_field
     levels = np.exp(fitted.flat_field.coefficients[:, 0, 0])
     quality = (
-        f"The flat field is known to {fitted.error:.2%}. Lights fall off by up to "
+        f"The flat field is known to {stated_error(fitted.error, 2)}. Lights fall off by up to "
         f"{fitted.flat_field.share:.0%} over the frame, and differ by "
         f"{levels.max() / levels.min() - 1.0:.0%} in its middle."
     )
@@ -130,8 +131,8 @@ def _lights(
     direction_deg = float(lights.direction_errors_deg.max())
     distance = float(lights.distance_errors.max())
     quality = (
-        f"The positions of the lights are known to {direction_deg:.1f} degrees and "
-        f"{distance:.1%} of their distance."
+        f"The positions of the lights are known to {direction_deg:.2g} degrees and "
+        f"{stated_error(distance, 1)} of their distance."
     )
     distances_px = np.linalg.norm(lights.lighting.positions_px, axis=1)
     figures = {

@@ -11,6 +11,7 @@ from classify.errors import CalibrationRejected
 
 from .ps4cal import MeasuredPart, PartRecord
 from .setting import Setting
+from .stated_error import stated_error
 
 # Of a length, in words.
 _GOOD, _FAIR = 0.002, 0.01
@@ -54,7 +55,7 @@ def scale_part(
         if scale.distortion is not None
         else "no distortion of the lens beyond half a pixel is seen"
     )
-    quality = f"{word}: {scale.mm_per_px:.5g} mm per px to {scale.error:.2%}; {lens}."
+    quality = f"{word}: {scale.mm_per_px:.5g} mm per px to {stated_error(scale.error, 2)}; {lens}."
     if scale.error > _FAIR:
         quality += " Lay the board flat where the part will be, and let it fill the frame."
     figures = {

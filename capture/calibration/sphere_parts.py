@@ -23,6 +23,7 @@ from classify.images.stack import ImageStack
 from .parts import PartName
 from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from .setting import Setting
+from .stated_error import stated_error
 
 # Errors of directions in words: half a degree is the aim for a mirror sphere, two that for a matt
 # one, and four degrees of slant turn the normals by three (table of faults, classify/README.md).
@@ -211,7 +212,7 @@ def _scale_part(
 ) -> MeasuredPart:
     quality = (
         f"{'Good' if scale.error <= 0.005 else 'Fair'}: {scale.mm_per_px:.5g} mm per px to "
-        f"{scale.error:.1%}, from a sphere of {diameter_mm:g} mm."
+        f"{stated_error(scale.error, 1)}, from a sphere of {diameter_mm:g} mm."
     )
     figures = {
         "mm_per_px": scale.mm_per_px,

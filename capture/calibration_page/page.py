@@ -182,11 +182,12 @@ def _light_table(file: CalibrationFile) -> str:
         for light, row in enumerate(light_rows(file)):
             distance = _measured(row["distance_mm"], "mm") or _measured(row["distance_px"], "px")
             error = row["distance_error_percent"]
+            tilt_deg = round(row["tilt_deg"] or 0.0, 1) % 360.0
             if distance and error is not None:
                 distance += f" \N{PLUS-MINUS SIGN} {error:.2g}%"
             yield (
                 f"<tr><td>{light}</td>"
-                f'<td class="value">{row["tilt_deg"]:.1f}°</td>'
+                f'<td class="value">{tilt_deg:.1f}°</td>'
                 f'<td class="value">{row["slant_deg"]:.1f}°</td>'
                 f'<td class="value">\N{PLUS-MINUS SIGN} {row["direction_error_deg"]:.2g}°</td>'
                 f'<td class="value">{distance or "distant"}</td></tr>'

@@ -106,7 +106,7 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
         ", ".join(
             f"tilt {tilt:g} slant {slant:g} level {level:g}"
             for tilt, slant, level in zip(
-                captured.lighting.tilts_deg.round(1),
+                captured.lighting.tilts_deg.round(1) % 360.0,
                 captured.lighting.slants_deg.round(1),
                 captured.lighting.intensities.round(3),
                 strict=True,

@@ -9,6 +9,12 @@ from classify.durable_file import durable_file
 from classify.errors import InputError
 
 
+def require_light_list_name(path: Path) -> None:
+    """Raise `InputError` if the name of a list of lights has another ending."""
+    if path.suffix.lower() not in (".lp", ".json"):
+        raise InputError(f"{path}: let the name of a list of lights end in .lp or .json")
+
+
 def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
     """Write ``.lp`` with the names of images, or ``.json`` with vectors in their order.
 
@@ -20,11 +26,11 @@ def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> No
     InputError
         If the name has another ending, or the file cannot be written.
     """
+    require_light_list_name(path)
     vectors = [[round(each, 9) for each in row] for row in lighting.directions.tolist()]
-    suffix = path.suffix.lower()
-    if suffix == ".json":
+    if path.suffix.lower() == ".json":
         text = "[\n" + ",\n".join(f" {json.dumps(each)}" for each in vectors) + "\n]\n"
-    elif suffix == ".lp":
+    else:
         rows = [[*vector] for vector in vectors]
         if lighting.intensities_given:
             rows = [
@@ -33,7 +39,5 @@ def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> No
             ]
         lines = (f"{name} {' '.join(map(str, row))}" for name, row in zip(names, rows, strict=True))
         text = "\n".join([str(len(rows)), *lines]) + "\n"
-    else:
-        raise InputError(f"{path}: let the name of a list of lights end in .lp or .json")
     with durable_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

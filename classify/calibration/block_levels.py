@@ -92,9 +92,12 @@ def temporal_variances(
 
 def in_blocks(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """(F, blocks, pixels) of (F, H, W) frames; margins that fill no block are left out."""
-    if frames.ndim != 3 or min(frames.shape[1:]) < 2 * BLOCKS:
+    if frames.ndim != 3:
+        raise InputError(f"frames have shape {frames.shape}; give (frames, rows, columns)")
+    if min(frames.shape[1:]) < 2 * BLOCKS:
         raise InputError(
-            f"frames have shape {frames.shape}; give (frames, rows, columns) of 32 px or more"
+            f"frames of {frames.shape[2]} x {frames.shape[1]} px; give {2 * BLOCKS} px or more a "
+            "side, for blocks that show the noise"
         )
     count, rows, columns = frames.shape
     tall, wide = rows // BLOCKS, columns // BLOCKS

@@ -79,9 +79,10 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
         If the lens is not covered, or more than 1 % of the pixels are hot.
     """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
+        count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"
         raise InputError(
-            f"{len(frames)} frames of {frames.dtype}; give two or more of uint8 or uint16, which "
-            "show the noise"
+            f"{count} of {frames.dtype}; give two or more frames of uint8 or uint16, which show "
+            "the noise"
         )
     blocks = in_blocks(frames)
     medians = np.median(blocks.mean(axis=0, dtype=np.float64), axis=1)

@@ -110,7 +110,7 @@ def lights(
     from capture.calibration.setting import Setting
     from capture.calibration.sphere_parts import pictures_of_sets, sphere_parts
     from capture.outputs import check_output
-    from capture.sets.light_list_file import write_light_list
+    from capture.sets.light_list_file import require_light_list_name, write_light_list
     from rig import open_rig
 
     calibration, photographs = _calibration_and_photographs(paths, given, mask)
@@ -118,6 +118,7 @@ def lights(
         raise InputError("give --rig RIG to capture the sphere, or --from IMG... or SET with it")
     file = calibration_at(calibration, photographs)
     if list_file is not None:
+        require_light_list_name(list_file)
         check_output(list_file, suffix=list_file.suffix, inputs=photographs, force=force)
     if rig is not None:
         if mask or count is not None or gamma is not None:
@@ -134,12 +135,14 @@ def lights(
         )
         names = [path.name for path in photographs]
     parts = sphere_parts(pictures, sphere, file, setting, names, diameter_mm)
+    keep_parts(calibration, file, parts, json=json)
     if list_file is not None:
         write_light_list(list_file, parts[0].part.lighting, image_names)
-    keep_parts(calibration, file, parts, json=json)
     if not json:
         found: CalibratedLights = parts[0].part
-        angles = zip(found.lighting.tilts_deg, found.lighting.slants_deg, strict=True)
+        angles = zip(
+            found.lighting.tilts_deg.round(1) % 360.0, found.lighting.slants_deg, strict=True
+        )
         errors_deg = found.direction_errors_deg
         for name, (tilt, slant), error in zip(image_names, angles, errors_deg, strict=True):
             out.print(f"  {name}: tilt {tilt:.1f}, slant {slant:.1f} degrees, to {error:.2g}")

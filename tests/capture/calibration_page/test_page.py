@@ -21,6 +21,7 @@ from classify.calibration.scale import Scale
 from tests.html_page import Page
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
+TILTS_DEG = [359.97, 90.0, 180.0, 270.0]
 EVIL = "<script>alert(\"$title & 'x'\")</script>"
 
 
@@ -68,6 +69,16 @@ def test_the_page_says_age_scale_and_what_it_buys(whole: CalibrationFile) -> Non
         "6.4 mm \N{PLUS-MINUS SIGN} 2%", "without calibration", "and the lights", "Simulated",
     ):  # fmt: skip
         assert words in text
+
+
+def test_a_tilt_just_below_360_degrees_reads_as_0(whole: CalibrationFile) -> None:
+    lights = whole.calibration.lights
+    assert lights is not None
+    turned = Lighting.near(320.0 * Lighting.from_angles(TILTS_DEG, 45.0).directions)
+    changed = replace(lights, lighting=turned)
+    text = page_of(whole.with_part("lights", changed, whole.records["lights"])).text
+    assert "360.0" not in text
+    assert "90.0" in text
 
 
 def test_the_page_refers_to_no_other_file_and_escapes_text(whole: CalibrationFile) -> None:

@@ -132,6 +132,7 @@ def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_p
         ),
         (["--from", "chrome.0.png", "other.ps4cal"], "2 files NAME.ps4cal"),
         (["--rig", "sim", "--lights", "4"], "for photographs"),
+        (["--rig", "missing.toml", "--list", "lights.txt"], ".lp or .json"),
         (["--from", "missing.png"], "missing.png"),
     ],
 )
@@ -145,6 +146,20 @@ def test_wrong_options_are_named(
     assert done.exit_code == 2
     assert cause in done.stderr
     assert not cal.exists()
+
+
+def test_no_list_of_lights_is_written_where_the_calibration_is_refused(
+    ps4rig: Run, tmp_path: Path
+) -> None:
+    cal, lights = tmp_path / "rig.ps4cal", tmp_path / "lights.json"
+    toml = rig_toml(tmp_path)
+    assert ps4rig("calibrate", "dark", cal, "--rig", toml).exit_code == 0
+    toml.write_text(f"name = 'bench two'\n{toml.read_text()}")
+    sphere = ("--sphere", "mirror", "--list", lights)
+    done = ps4rig("calibrate", "lights", cal, "--rig", toml, *sphere)
+    assert done.exit_code == 2
+    assert "is of another rig" in done.stderr
+    assert not lights.exists()
 
 
 def test_pictures_without_a_sphere_are_refused_and_nothing_is_written(
