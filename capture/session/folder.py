@@ -82,6 +82,7 @@ class SessionFolder:
         """Write a set and its entry. An earlier file of the same set moves to ``replaced``."""
         path = self.file_of(planned)
         self.set_aside(planned)
+        make_folder(path.parent)
         captured.save(path)
         kept = entry.model_copy(update={"file": f"{_SETS}/{path.name}"})
         self.update(self.journal.with_entry(kept))

@@ -96,8 +96,10 @@ def run_session(
         software_version=version("ps4rig"),
     )
     _check_plan(folder, config)
+    # Before the journal: a calibration that cannot be read begins no run.
+    new_runner = _Runner(folder, config, ask, publish)
     folder.update(folder.journal.with_run(run))
-    with _Runner(folder, config, ask, publish) as runner:
+    with new_runner as runner:
         try:
             runner.adopt()
             runner.compare_rig()

@@ -24,22 +24,26 @@ _GRID = "#dddddd"
 def levels_figure(entries: Sequence[SetEntry]) -> str:
     """Draw the level of each light over time, relative to the first set of each specimen."""
     figure, axes = _figure(7.0, 2.6)
-    first: dict[str, tuple[float, ...]] = {}
-    times, relative = [], []
+    first: dict[tuple[str, int], tuple[float, ...]] = {}
+    # A session may be resumed on a rig with another number of lights.
+    curves: dict[int, list[tuple[float, float]]] = {}
     for entry in entries:
         if entry.measures is None or entry.captured_utc is None:
             continue
         levels = entry.measures.led_levels
-        base = first.setdefault(entry.specimen, levels)
-        times.append(datetime.fromisoformat(entry.captured_utc).timestamp() / 86_400.0)
-        relative.append(np.array(levels) / np.maximum(base, 1e-6))
-    for light, values in enumerate(np.array(relative).T):
+        base = first.setdefault((entry.specimen, len(levels)), levels)
+        days = datetime.fromisoformat(entry.captured_utc).timestamp() / 86_400.0
+        for light, value in enumerate(100.0 * np.array(levels) / np.maximum(base, 1e-6)):
+            curves.setdefault(light, []).append((days, value))
+    for light, curve in sorted(curves.items()):
         axes.plot(
-            times, 100.0 * values, ".-", linewidth=0.8, color=_colour(light), label=f"LED {light}"
-        )
+            *zip(*curve, strict=True),
+            ".-", linewidth=0.8, color=_colour(light), label=f"LED {light}",
+        )  # fmt: skip
     axes.set_ylabel("% of the first set")
     axes.xaxis_date()
-    axes.legend(fontsize=7, ncols=4, frameon=False)
+    if curves:
+        axes.legend(fontsize=7, ncols=4, frameon=False)
     figure.autofmt_xdate()
     return _svg(figure)
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,20 @@ def test_one_specimen_is_reported_without_a_comparison(mixed: Path) -> None:
         found = analyse(session)
         assert found.separation is None
         assert "It takes two specimens" in report_page(session, found)
+
+
+def test_a_session_without_sets_or_of_two_rigs_is_reported(mixed: Path) -> None:
+    with session_folder(mixed) as session:
+        entries = session.journal.entries
+        session.update(session.journal.model_copy(update={"entries": ()}))
+        with warnings.catch_warnings(action="error"):
+            report_page(session, analyse(session))
+        last = entries[-1]
+        assert last.measures is not None
+        eight = last.measures.model_copy(update={"led_levels": (0.4,) * 8})
+        changed = (*entries[:-1], last.model_copy(update={"measures": eight}))
+        session.update(session.journal.model_copy(update={"entries": changed}))
+        assert report_page(session, analyse(session)).startswith("<!DOCTYPE html>")
 
 
 def test_the_command_writes_the_page_and_names_what_stands_out(

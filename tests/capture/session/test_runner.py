@@ -185,6 +185,9 @@ def test_a_deleted_file_is_missing_again(run: Run, folder: Folder) -> None:
     assert [planned.file_name for planned in folder().missing()] == [f"{FILES[2]}.ome.tif"]
     run()
     assert names(folder()) == FILES
+    shutil.rmtree(folder().path / "sets")
+    run()
+    assert names(folder()) == FILES
 
 
 def test_a_file_that_a_killed_run_wrote_is_adopted_not_captured_twice(
@@ -478,6 +481,15 @@ def test_a_person_is_asked_for_the_sheet_and_again_if_the_calibration_does_not_h
 
 def test_without_questions_no_sheet_is_expected_below_a_real_camera() -> None:
     assert without_questions(PlaceSheet(None)) is Answer.SKIP
+
+
+def test_a_missing_calibration_begins_no_run(
+    run: Run, folder: Folder, config: RigConfig, tmp_path: Path
+) -> None:
+    rig = config.model_copy(update={"calibration": str(tmp_path / "missing.ps4cal")})
+    with pytest.raises(InputError, match="no such calibration"):
+        run(rig=rig)
+    assert folder().journal.runs == ()
 
 
 def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: RigConfig) -> None:
