@@ -24,7 +24,8 @@ class Picture:
     light_radius_deg: float = 2.5
     light: float = 30.0  # radiance of a light; 1 is full scale
     room: float = 0.25  # mean radiance of the room
-    bounce: float = 0.15  # radiance that each light adds to the room
+    bounce: float = 0.15  # mean radiance that each light adds to the room
+    unevenness: float = 0.0  # share of the bounce opposite to the light, less on its side
     background: Background = "clutter"
     blur: float = 0.7
     noise: float = 0.004
@@ -73,7 +74,8 @@ class Picture:
         for direction, level in zip(self.directions, levels, strict=True):
             if kind == "mirror":
                 near = towards @ direction > np.cos(np.radians(self.light_radius_deg))
-                ball = reflected * (self.room + self.bounce * level) + 0.6 * self.light * near
+                bounce = self.bounce * level * (1.0 - self.unevenness * (towards @ direction))
+                ball = reflected * (self.room + bounce) + 0.6 * self.light * near
             else:
                 ball = 0.8 * level * np.maximum(normals @ direction, 0.0) + 0.3 * self.room
             behind = outside * (self.room + level * direction[2])

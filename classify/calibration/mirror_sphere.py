@@ -20,8 +20,10 @@ _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 _ALL_LIGHT = 0.9
 # Beyond this share of the radius an outline's own blur and background mix in.
 _INSIDE = 0.97
-# Least ratio of a highlight's peak to the noise of the rest of the sphere, by its robust scatter.
-_LEAST_CONTRAST = 8.0
+# Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
+# scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
+# (test_sphere_rates.py).
+_LEAST_CONTRAST, _SEEN = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
 # Lights this low and lower are reflections from below, such as of the table: z of their direction.
@@ -145,6 +147,6 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatA
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
-    is_seen = change > 0.25 * _LEAST_CONTRAST * noise + middle
+    is_seen = change > _SEEN * noise + middle
     least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
     return np.where(is_seen, np.clip(share, 0.0, 1.0), 0.0), least

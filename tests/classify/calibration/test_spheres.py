@@ -260,3 +260,24 @@ def test_a_wall_that_each_lamp_lights_is_not_the_lamp(value: int) -> None:
     found = lights_from_spheres([SpherePictures(images, 255.0, None, mask)], "mirror")
     assert off_deg(found.lights.lighting.directions, lights).max() < 0.6
     assert found.doubts == ()
+
+
+def test_a_highlight_is_found_in_a_bright_room_that_each_lamp_lights_unevenly() -> None:
+    lights = scattered_lights(6, 1009, 65.0)
+    picture = Picture(
+        lights, centre=(-40.0, -60.0), radius=34.0, seed=1009, background="sheet", gamma=2.2,
+        unevenness=0.6,
+    )  # fmt: skip
+    found = lights_from_spheres([taken(picture, "mirror")], "mirror").lights
+    off = off_deg(found.lighting.directions, lights)
+    assert (off < 4.0 * found.direction_errors_deg).all()
+
+
+def test_the_outline_of_a_mirror_is_found_on_cloth_as_bright_as_its_room() -> None:
+    lights = scattered_lights(6, 5)
+    for seed in (5, 6):
+        picture = Picture(
+            lights, centre=(20.0, 10.0), radius=50.0, seed=seed, background="cloth", unevenness=0.3
+        )
+        circle = find_outline(picture.images()[0]).circle
+        assert circle == pytest.approx((179.5, 109.5, 50.0), abs=1.0)
