@@ -22,7 +22,7 @@ def picture(background: Background, seed: int) -> Picture:
         scattered_lights(LIGHTS, seed, 65.0), centre=(x, y), radius=radius, seed=seed,
         background=background, room=0.06 if is_black else 0.25, bounce=0.03 if is_black else 0.15,
         gamma=(1.0, 2.2)[seed % 2], jpeg=(None, 70)[seed // 2 % 2],
-        light=(30.0, 1.5)[seed // 4 % 2], unevenness=0.3,
+        light=(30.0, 1.5)[seed // 4 % 2], unevenness=0.2,
     )  # fmt: skip
 
 
