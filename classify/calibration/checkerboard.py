@@ -161,8 +161,8 @@ def scale_of_boards(
             fit = better
     if fit.residual_px > _WORST_RESIDUAL_PX:
         raise CalibrationRejected(
-            f"the corners are {fit.residual_px:.1f} px off a flat board; glue it to something "
-            "flat, and keep it still in one place for each picture"
+            f"the corners are {fit.residual_px:.1f} px off a flat board; count its inner corners "
+            "again, glue it to something flat, and keep it still for each picture"
         )
     distortion_px = _largest_shift_px(fit.radial, camera, frame)
     tilts_deg = _tilts_deg(fit, middle)

@@ -138,7 +138,12 @@ class SurfaceEstimate:
 
     @property
     def residual_share(self) -> float | None:
-        """Median of `residual` over the albedo where it is valid; None if it is valid nowhere."""
+        """Median of `residual` over the albedo where it is valid; None if it is valid nowhere.
+
+        Three lights leave no residual, so that it is None for these too.
+        """
+        if len(self._stack_and_lights[1]) < 4:
+            return None
         shares = self.residual[self.valid] / np.maximum(self.albedo[self.valid], _LEAST_ALBEDO)
         return float(np.median(shares)) if shares.size else None
 

@@ -120,6 +120,8 @@ def lights(
     if list_file is not None:
         require_light_list_name(list_file)
         check_output(list_file, suffix=list_file.suffix, inputs=photographs, force=force)
+    if rig is None and placements > 1:
+        raise InputError("--placements is for a rig; photographs state theirs by --lights")
     if rig is not None:
         if mask or count is not None or gamma is not None:
             raise InputError("--mask, --lights and --gamma are for photographs; leave them out")

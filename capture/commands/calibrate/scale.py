@@ -79,6 +79,8 @@ def scale(
     if (rig is None) == (not given):
         raise InputError("give --rig RIG to capture the board, or --from IMG|SET of it")
     file = calibration_at(calibration, given or ())
+    if rig is None and placements > 1:
+        raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
         pictures, setting, source = _of_files(given or ())
     else:

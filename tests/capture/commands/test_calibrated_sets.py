@@ -93,6 +93,7 @@ def test_the_slopes_are_those_of_an_ideal_rig(lab: Path, near_calibration: Calib
     assert dome(surface) < 0.3 * dome(raw)
 
 
+@pytest.mark.slow
 def test_textures_are_trained_and_classified_with_it(
     lab: Path, tmp_path: Path, ps4rig: Callable[..., Any]
 ) -> None:

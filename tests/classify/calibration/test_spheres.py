@@ -64,6 +64,7 @@ def test_a_mirror_sphere_gives_distant_lights_within_its_error(
     assert (off < 4.0 * found.lights.direction_errors_deg).all()
 
 
+@pytest.mark.slow
 @settings(max_examples=3, deadline=None)
 @given(PLACES, st.integers(0, 10**6), st.sampled_from([1.0, 2.2]), st.booleans())
 def test_a_matt_sphere_gives_lights_and_their_levels(

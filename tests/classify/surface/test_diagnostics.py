@@ -51,6 +51,14 @@ def test_the_residual_is_that_of_least_squares_of_all_lights(surface: SurfaceEst
     np.testing.assert_allclose(surface.residual, expected, atol=2e-6)
 
 
+def test_three_lights_leave_no_residual_to_judge_by(surface: SurfaceEstimate) -> None:
+    assert surface.residual_share is not None
+    three = Lighting.ring(45.0, (0.0, 120.0, 240.0))
+    solved = photometric_stereo(surface.images[:3], three, "least_squares")
+    assert solved.valid.any()
+    assert solved.residual_share is None
+
+
 def test_shadows_and_highlights_are_relative_to_the_prediction(surface: SurfaceEstimate) -> None:
     L = surface.lighting.directions
     normals = np.moveaxis(surface.normals.astype(float), -1, 0)

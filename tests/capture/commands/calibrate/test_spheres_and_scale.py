@@ -78,6 +78,7 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
     assert bool(listed.intensities) == (kind == "matte")
 
 
+@pytest.mark.slow
 def test_placements_on_a_rig_with_near_lights_give_positions(ps4rig: Run, tmp_path: Path) -> None:
     toml = rig_toml(tmp_path, led_distance_px=2 * SIDE, mm_per_px=0.4)
     cal = tmp_path / "rig.ps4cal"
@@ -198,3 +199,19 @@ def test_a_checkerboard_on_the_simulated_rig_gives_the_scale(ps4rig: Run, tmp_pa
     done = ps4rig("calibrate", "scale", "--from", captured, cal, "--checkerboard", "nine",
                   "--square-mm", 5)  # fmt: skip
     assert done.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("lights", "--sphere", "mirror"), ("scale", "--checkerboard", "9x6", "--square-mm", 5)],
+)
+def test_placements_are_for_a_rig(
+    refused: Callable[..., str], tmp_path: Path, command: tuple[object, ...]
+) -> None:
+    picture = tmp_path / "a.png"
+    cv2.imwrite(str(picture), np.zeros((64, 64), np.uint8))
+    name, *options = command
+    message = refused(
+        "calibrate", name, "--from", picture, *options, "--placements", 3, tmp_path / "a.ps4cal"
+    )
+    assert message.startswith("--placements is for a rig")
