@@ -5,7 +5,7 @@ import fcntl
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,7 +20,8 @@ from .journal import Journal, SetEntry, read_journal
 from .plan import PlannedSet, SessionPlan, read_plan
 from .sets_table import sets_table
 
-PLAN, JOURNAL, TABLE, LOG = "plan.toml", "journal.json", "sets.csv", "session.log"
+PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
+LOG, REPORT = "session.log", "report.html"
 _SETS, _REPLACED, _LOCK = "sets", "replaced", "session.lock"
 _MAX_PLAN_BYTES = 1 << 20
 
@@ -169,14 +170,15 @@ def make_session(plan_path: Path) -> Path:
     folder = plan_path.absolute().parent / plan.name
     if (folder / JOURNAL).is_file():
         return folder
-    if folder.exists() and not (folder.is_dir() and _is_unfinished(folder)):
+    if folder.exists() and not (folder.is_dir() and _lacks_its_journal(folder)):
         raise InputError(
             f"{folder}: exists and is not a session; choose another name in {plan_path}"
         )
     make_folder(folder / _SETS)
     make_folder(folder / CALIBRATION)
-    with durable_file(folder / PLAN) as temporary:
-        shutil.copyfile(plan_path, temporary)
+    if not (folder / PLAN).is_file():
+        with durable_file(folder / PLAN) as temporary:
+            shutil.copyfile(plan_path, temporary)
     Journal().write(folder / JOURNAL)
     return folder
 
@@ -216,26 +218,32 @@ def use_plan(plan_path: Path, folder: SessionFolder) -> None:
     folder.write_table()
 
 
-def _is_unfinished(folder: Path) -> bool:
-    """Whether a folder holds no more than `make_session` writes before the journal."""
+def _lacks_its_journal(folder: Path) -> bool:
+    """Whether a folder holds nothing but files of a session, whose journal is missing.
+
+    `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
+    """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, _SETS, CALIBRATION} and not any((folder / _SETS).glob("*.ome.tif"))
+    return names <= {PLAN, TABLE, LOG, REPORT, _SETS, CALIBRATION, _REPLACED, _LOCK}
 
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    descriptor = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    """Hold a lock on the folder; a file in it only names the owner, and may be deleted."""
+    descriptor = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    owner_file = folder / _LOCK
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            owner = os.pread(descriptor, 100, 0).decode(errors="replace").strip()
+            owner = ""
+            with suppress(OSError):
+                owner = owner_file.read_bytes()[:100].decode(errors="replace").strip()
             raise InputError(
                 f"{folder}: in use by {owner or 'another program'}; end it first"
             ) from error
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"ps4rig, process {os.getpid()} since {now_utc()}".encode(), 0)
+        owner_file.write_text(f"ps4rig, process {os.getpid()} since {now_utc()}", encoding="utf-8")
         yield
-        os.ftruncate(descriptor, 0)
+        owner_file.unlink(missing_ok=True)
     finally:
         os.close(descriptor)

@@ -15,13 +15,13 @@ def report(
     json: options.Json = False,
 ) -> None:
     """Write DIR/report.html: specimens, levels, orientations, and how the textures separate."""
-    from capture.session.folder import read_session
+    from capture.session.folder import REPORT, read_session
     from capture.session.report.analysis import analyse
     from capture.session.report.page import report_page
     from classify.durable_file import durable_file
 
     session = read_session(folder)
-    path = folder / "report.html"
+    path = folder / REPORT
     share = ItemProgress()
     (found,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
     with durable_file(path) as temporary:

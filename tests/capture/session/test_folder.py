@@ -36,6 +36,11 @@ def test_a_second_program_is_refused_by_the_name_of_the_first(session: Path) -> 
     ) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "open\n"
+        owner = (session / "session.lock").read_text()
+        (session / "session.lock").unlink()  # it only names the owner
+        with pytest.raises(InputError, match="in use by another program"), session_folder(session):
+            pass
+        (session / "session.lock").write_text(owner)
         with (
             pytest.raises(InputError, match=f"in use by ps4rig, process {holder.pid} since"),
             session_folder(session),
@@ -64,7 +69,6 @@ def test_a_session_whose_making_was_interrupted_is_made_again(
     tmp_path: Path, plan_file: Path
 ) -> None:
     (tmp_path / "stones" / "sets").mkdir(parents=True)
-    (tmp_path / "stones" / "plan.toml").write_text("na")
     assert len(SessionFolder(make_session(plan_file)).plan) == 4
 
 
