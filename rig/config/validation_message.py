@@ -31,6 +31,14 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
         case "union_tag_invalid":
             kinds = ", ".join(map(repr, CAMERA_KINDS))
             return f"camera.kind = {_toml(value['kind'])}: must be one of {kinds}"
+        case "too_short" | "too_long":
+            limits = first["ctx"]
+            bound = (
+                f"at least {limits['min_length']}"
+                if first["type"] == "too_short"
+                else f"at most {limits['max_length']}"
+            )
+            return f"{field} has {limits['actual_length']} values: must have {bound}"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{field} = {_toml(value)}: must be a table, [{field}]"
     for old, new in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):

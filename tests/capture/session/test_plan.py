@@ -48,7 +48,7 @@ def test_every_commented_key_of_the_example_is_a_key(tmp_path: Path) -> None:
         ("orientations_deg = [0]" + _SPECIMEN, "name is missing"),
         ('name = "../a"\norientations_deg = [0]' + _SPECIMEN, "'../a' becomes part of names"),
         ('name = "a"\norientations_deg = [0, 40, 0]' + _SPECIMEN, "0.0 is named twice"),
-        ('name = "a"\norientations_deg = []' + _SPECIMEN, "orientations_deg = "),
+        ('name = "a"\norientations_deg = []' + _SPECIMEN, "has 0 values: must have at least 1"),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + _SPECIMEN, "specimen.id: a is named"),
         ('name = "a"\norientations_deg = [0]\nrepeat = 2' + _SPECIMEN, "did you mean repeats"),
         ('name = "a"\norientations_deg = [0]\nexposure_ms = "long"' + _SPECIMEN, "or 'search'"),
