@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from capture.cli import run
-from capture.console import new_table, print_table
 
 Command = Callable[..., Any]
 
@@ -52,16 +51,16 @@ def test_help_is_readable_on_a_narrow_terminal(
     assert {"--library", "Texture", "library,", "NAME.ps4lib."} <= set(stdout.split())
 
 
-def test_a_table_that_is_too_wide_is_printed_cell_by_cell(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    table = new_table("set", "reason", prose="reason")
-    table.title = "Title"
-    table.add_row("[sets]/rock-001.ome.tif\n(simulated)", "rock is nearest")
-    monkeypatch.setenv("COLUMNS", "35")
-    print_table(table)
-    assert "[sets]/rock-001.ome.tif  rock is" in capsys.readouterr().out
-    monkeypatch.setenv("COLUMNS", "20")
-    print_table(table)
+_TABLE = """
+from capture.console import new_table, print_table
+table = new_table("set", "reason", prose="reason")
+table.title = "Title"
+table.add_row("[sets]/rock-001.ome.tif\\n(simulated)", "rock is nearest")
+print_table(table)
+"""
+
+
+def test_a_table_that_is_too_wide_is_printed_cell_by_cell(run_python: Command) -> None:
+    assert "[sets]/rock-001.ome.tif  rock is" in run_python(_TABLE, COLUMNS="35")
     expected = "Title\nset: [sets]/rock-001.ome.tif (simulated)\nreason: rock is nearest\n\n"
-    assert capsys.readouterr().out == expected
+    assert run_python(_TABLE, COLUMNS="20") == expected

@@ -20,6 +20,7 @@ from capture.errors import Cause
 from capture.sets.image_checks import LightImages
 from capture.sets.photograph_checks import check_photographs
 from classify import Lighting
+from classify.calibration.calibration import Calibration
 from classify.images.colour import linear_from_srgb
 from classify.lights.shading import shading_of, shading_order
 
@@ -84,7 +85,9 @@ def part(images: LightImages, of_images: list[int], of_lights: list[int]) -> Lig
 
 
 def refused(images: LightImages) -> set[Cause]:
-    return {each.cause for each in check_photographs(images, None)[0] if each.refutes}
+    return {
+        each.cause for each in check_photographs(images, None, Calibration())[0] if each.refutes
+    }
 
 
 @pytest.mark.slow
