@@ -132,15 +132,18 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     return Outline(circle, rim, error_px, 1.0)
 
 
-def find_outline(images: npt.NDArray[Any]) -> Outline:
+def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
     """Find the outline of the one sphere in (N, H, W) pictures under N lights.
+
+    Of a matt sphere the differences between lights do not count: they are largest at the edges of
+    its attached shadows.
 
     Raises
     ------
     CalibrationRejected
         If there is none, or it is cut by the frame.
     """
-    features = _features(images)
+    features = _features(images, is_mirror=is_mirror)
     height, width = features[0].shape
     factor = min(1.0, _SEARCH_PX / max(height, width))
     small = _reduced(features, factor)
@@ -183,7 +186,7 @@ def _scaled(circle: Circle, factor: float) -> Circle:
     return Circle(column, row, circle.radius * factor)
 
 
-def _features(images: npt.NDArray[Any]) -> list[Image]:
+def _features(images: npt.NDArray[Any], *, is_mirror: bool) -> list[Image]:
     """Mean, largest and smallest value over the lights, as roots, and how far the lights differ.
 
     Roots let all values weigh alike. In the ratio of a pixel's brighter half of the lights to its
@@ -192,6 +195,8 @@ def _features(images: npt.NDArray[Any]) -> list[Image]:
     """
     each = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
     top = max(float(image.max()) for image in each) or 1.0
+    if not is_mirror:
+        return [np.sqrt(np.maximum(image.astype(np.float32) / top, 0.0)) for image in each]
     roots = [np.sqrt(_share(image, top)) for image in each]
     if len(images) < _RATIO_LIGHTS:
         return roots

@@ -113,7 +113,10 @@ def lights_from_spheres(
     residuals = []
     for number, each in enumerate(placements):
         try:
-            outline = find_outline(each.images) if each.mask is None else outline_of_mask(each.mask)
+            if each.mask is None:
+                outline = find_outline(each.images, is_mirror=kind == "mirror")
+            else:
+                outline = outline_of_mask(each.mask)
             sphere = Sphere.of_outline(outline, (frame[0], frame[1]), focal_px)
             if kind == "mirror":
                 directions, errors, points, said = mirror_directions(
