@@ -14,11 +14,13 @@ from pydantic import (
     BeforeValidator,
     Field,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
 
 from capture.acquisition.attempts import MAX_AVERAGE
+from capture.sets.description import checked_text
 from capture.sets.ome_tiff import SUFFIX
 from classify.errors import InputError
 from classify.labels import checked_label
@@ -33,9 +35,17 @@ _PLACE = "{angle}"
 SEARCH: Literal["search"] = "search"
 
 
-def _usable_label(label: str | None) -> str | None:
+def _usable_label(label: str) -> str:
     try:
-        return None if label is None else checked_label(label)
+        return checked_label(label)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+
+
+def _usable_text(text: str, about: ValidationInfo) -> str:
+    # A set with a text that is not printable could not be read again.
+    try:
+        return checked_text(about.field_name or "text", text)
     except InputError as error:
         raise ValueError(str(error)) from error
 
@@ -57,7 +67,7 @@ def _exposure(value: object) -> object:
 
 Name = Annotated[str, AfterValidator(_file_name)]
 Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
-Text = Annotated[str, Field(max_length=1000)]
+Text = Annotated[str, AfterValidator(_usable_text)]
 
 
 class Specimen(Section):
@@ -76,7 +86,7 @@ class Specimen(Section):
     """
 
     id: Name
-    label: Annotated[str | None, AfterValidator(_usable_label)] = None
+    label: Annotated[str, AfterValidator(_usable_label)] | None = None
     note: Text | None = None
     surface: str | None = None
 

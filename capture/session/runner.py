@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -17,6 +17,7 @@ from capture.calibration.lookup import (
 )
 from capture.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
+from capture.sets.description import described
 from classify.errors import InputError, Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
@@ -283,15 +284,13 @@ class _Runner:
         rig = self._opened(planned)
         self._state(State.CAPTURING, planned)
         captured = self._new_pixels(rig, specimen.label or specimen.id)
-        described = captured.metadata.model_copy(
-            update={
-                "specimen": specimen.id,
-                "operator": self._folder.plan.operator,
-                "note": specimen.note,
-                "orientation_deg": planned.orientation_deg,
-            }
+        return described(
+            captured,
+            specimen=specimen.id,
+            operator=self._folder.plan.operator,
+            note=specimen.note,
+            orientation_deg=planned.orientation_deg,
         )
-        return replace(captured, metadata=described)
 
     def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:
         """Capture a set that no other set of the session equals pixel by pixel.

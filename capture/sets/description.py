@@ -20,20 +20,31 @@ _MAX_CHARACTERS = 4000
 
 
 def described(
-    captured: CapturedSet, *, specimen: str | None, operator: str | None, note: str | None
+    captured: CapturedSet,
+    *,
+    specimen: str | None,
+    operator: str | None,
+    note: str | None,
+    orientation_deg: float | None = None,
 ) -> CapturedSet:
     """Return a set with what was said of it at the capture; None stands for nothing.
+
+    Without `orientation_deg` the set keeps that of its simulated part.
 
     Raises
     ------
     InputError
         If a text is not printable, or too long.
     """
-    texts = {"specimen": specimen, "operator": operator, "note": note}
-    for name, text in texts.items():
-        if text is not None:
-            _checked_text(name, text)
-    return replace(captured, metadata=captured.metadata.model_copy(update=texts))
+    said: dict[str, str | float | None] = {
+        "specimen": specimen, "operator": operator, "note": note,
+    }  # fmt: skip
+    for name, text in said.items():
+        if isinstance(text, str):
+            checked_text(name, text)
+    if orientation_deg is not None:
+        said["orientation_deg"] = orientation_deg
+    return replace(captured, metadata=captured.metadata.model_copy(update=said))
 
 
 def corrected(
@@ -82,10 +93,17 @@ def _value(name: str, text: str) -> str | float | None:
         if not math.isfinite(degrees):
             raise InputError(f"orientation_deg {text}: give degrees, such as 40")
         return degrees
-    return checked_label(text) if name == "label" else _checked_text(name, text)
+    return checked_label(text) if name == "label" else checked_text(name, text)
 
 
-def _checked_text(name: str, text: str) -> str:
+def checked_text(name: str, text: str) -> str:
+    """Return `text` if it can stand in the metadata of a set under `name`.
+
+    Raises
+    ------
+    InputError
+        If it is not printable, or too long.
+    """
     if not text.isprintable():
         raise InputError(f"{name} {text!r}: use printable characters only")
     if len(text) > _MAX_CHARACTERS:

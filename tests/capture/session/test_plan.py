@@ -62,6 +62,8 @@ def test_every_commented_key_of_the_example_is_a_key(tmp_path: Path) -> None:
             "becomes part of names of files",
         ),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'label = "unknown"', "'unknown' sta"),
+        ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'note = "a\\nb"', "use printable"),
+        ('name = "a"\noperator = "\\t"\norientations_deg = [0]' + _SPECIMEN, "use printable"),
     ],
 )
 def test_a_wrong_plan_is_refused_by_name(tmp_path: Path, text: str, message: str) -> None:
