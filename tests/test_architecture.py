@@ -37,6 +37,7 @@ STOREYS = {
         {"texture"},
         {"classifiers"},
         {"library"},
+        {"defects"},
     ),
     "rig": (
         {"acceptance", "errors", "camera", "dng", "exif", "set_file", "signals", "tga"},
@@ -60,6 +61,7 @@ STOREYS = {
         {"batch", "calibration_page"},
         {"exchange", "preview"},
         {"session"},
+        {"station"},
         {"studies"},
         {"commands"},
         {"cli"},

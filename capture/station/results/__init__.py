@@ -1,0 +1,1 @@
+"""The results of a station: one row a part in a database, never changed."""

@@ -1,0 +1,107 @@
+"""`PartResult`: one row of the results, which is never changed."""
+
+from dataclasses import dataclass, field
+
+from capture.station.verdict import Verdict
+
+
+@dataclass(frozen=True)
+class DefectRecord:
+    """A place where the part departs from its texture; pixels of the light images, rows downwards.
+
+    Attributes
+    ----------
+    kind
+        ``relief``, ``albedo`` or ``texture``.
+    row, column, height, width
+        The smallest box around it, in px.
+    area_px
+        Its area.
+    score
+        The largest score in it, in units of the recipe's threshold: 1 is the threshold.
+    """
+
+    kind: str
+    row: int
+    column: int
+    height: int
+    width: int
+    area_px: int
+    score: float
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """What the station knows of one part.
+
+    Attributes
+    ----------
+    station
+        Name of the station.
+    part_id
+        Identity of the part, unique in the station: from the trigger, or made from the number.
+    number
+        Position in the order of triggers, from 1, without gaps within a station.
+    trigger
+        Source of the trigger: ``timer``, ``enter``, ``http`` or ``modbus``.
+    triggered_utc, exposed_utc, decided_utc
+        Trigger, end of the last exposure and verdict, ISO 8601 with ms; `exposed_utc` is None where
+        no exposure was completed.
+    verdict
+        The verdict.
+    operator
+        Name of the operator, None if nobody said one.
+    simulated
+        Whether the set comes from a simulated rig.
+    software_version
+        Version of ps4rig.
+    recipe, recipe_version, recipe_sha256, library_sha256, calibration_sha256
+        What judged the part; None where none was in use.
+    set_file, set_sha256
+        The captured set, relative to the station's folder, and the hash of its pixels; None where
+        no set was captured.
+    label, nearest, orientation_deg, distance, limit, margin, blur_px
+        As in `classify.Match`; None where it was not matched.
+    sdq, shadow_fraction
+        Measured slope (ISO 25178-2) and share of shadow in the region; None where not measured.
+    defect_score
+        Largest score of the defect map, in units of the threshold; None without a map.
+    defects
+        Outlined defects, the largest score first.
+    led_levels
+        Measured level of each light against the taught one, in the order of the lights.
+    timings_ms
+        Duration of each step by name, and ``exposed_to_announced`` where it is known.
+    """
+
+    station: str
+    part_id: str
+    number: int
+    trigger: str
+    triggered_utc: str
+    exposed_utc: str | None
+    decided_utc: str
+    verdict: Verdict
+    operator: str | None
+    simulated: bool
+    software_version: str
+    recipe: str | None = None
+    recipe_version: int | None = None
+    recipe_sha256: str | None = None
+    library_sha256: str | None = None
+    calibration_sha256: str | None = None
+    set_file: str | None = None
+    set_sha256: str | None = None
+    label: str | None = None
+    nearest: str | None = None
+    orientation_deg: float | None = None
+    distance: float | None = None
+    limit: float | None = None
+    margin: float | None = None
+    blur_px: float | None = None
+    sdq: float | None = None
+    shadow_fraction: float | None = None
+    defect_score: float | None = None
+    defects: tuple[DefectRecord, ...] = ()
+    led_levels: tuple[float, ...] = ()
+    timings_ms: dict[str, float] = field(default_factory=dict)

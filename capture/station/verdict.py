@@ -1,0 +1,67 @@
+"""`Verdict`: what the station says of a part, and why."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Decision(StrEnum):
+    """The four verdicts. Only PASS goes on; the other three go to the reject bin."""
+
+    PASS = "PASS"
+    FAIL = "FAIL"
+    UNKNOWN = "UNKNOWN"
+    ERROR = "ERROR"
+
+
+class Cause(StrEnum):
+    """Why a part did not pass, as a code that statistics and a PLC count.
+
+    The first group says that nothing can be said of the part (ERROR), the second that it is like
+    nothing taught (UNKNOWN), the third that it is known to be bad (FAIL).
+    """
+
+    CAPTURE = "capture"  # the set was rejected: saturation, a dead LED, stale frames
+    RIG = "rig"  # camera or lights failed
+    CALIBRATION = "calibration"  # missing, too old, or of another rig or setting
+    INTERRUPTED = "interrupted"  # the station ended before the verdict
+    STORAGE = "storage"  # the set could not be written
+    UNFORESEEN = "unforeseen"  # anything else
+
+    NO_TEXTURE = "no-texture"  # beyond the limit of every class
+    UNDECIDED = "undecided"  # two classes are about as near
+    BLUR = "blur"  # out of focus
+
+    BAD_TEXTURE = "bad-texture"  # a class that the recipe rejects
+    WRONG_TEXTURE = "wrong-texture"  # a class that the recipe does not name
+    ORIENTATION = "orientation"
+    ROUGHNESS = "roughness"  # Sdq outside its limits
+    SHADOW = "shadow"  # shadow fraction outside its limits
+    DEFECT = "defect"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a part.
+
+    Attributes
+    ----------
+    decision
+        PASS, FAIL, UNKNOWN or ERROR.
+    reason
+        Why, in one sentence, with the values and their limits.
+    causes
+        Codes of everything that speaks against the part, the gravest first; empty for PASS.
+
+    Raises
+    ------
+    ValueError
+        For a PASS with causes, or another decision without one.
+    """
+
+    decision: Decision
+    reason: str
+    causes: tuple[Cause, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.decision is Decision.PASS) == bool(self.causes):
+            raise ValueError(f"{self.decision} with causes {list(self.causes)}")
