@@ -13,6 +13,7 @@ from capture.calibration.lookup import check_setting
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.errors import SetRejected
+from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
@@ -151,7 +152,7 @@ def _attempt(
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
-        created_utc=created.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+        created_utc=utc_text(created, timespec="milliseconds"),
         simulated=rig.simulation is not None or rig.lights.identity.is_simulated,
         bit_depth=info.bit_depth,
         full_scale=full_scale,

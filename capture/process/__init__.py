@@ -1,1 +1,1 @@
-"""The process of the command line: signals, standard streams and crash logs."""
+"""The process of the command line: signals, streams, crash logs, the lock on a folder, UTC."""

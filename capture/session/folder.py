@@ -1,15 +1,15 @@
 """The folder of a session: plan, journal, sets and their table, for one program at a time."""
 
 import difflib
-import fcntl
-import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
 from capture.calibration.lookup import FOLDER as CALIBRATION
+from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
+from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.ome_tiff import read_header
 from classify.durable_file import durable_file, make_folder
@@ -23,12 +23,8 @@ from .sets_table import sets_table
 PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
 _SETS, _REPLACED, _LOCK = "sets", "replaced", "session.lock"
+_LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 _MAX_PLAN_BYTES = 1 << 20
-
-
-def now_utc() -> str:
-    """Return the time as ISO 8601, to the second."""
-    return datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
 
 
 class SessionFolder:
@@ -60,7 +56,7 @@ class SessionFolder:
         path = self.path / LOG
         try:
             with path.open("a", encoding="utf-8") as file:
-                file.write(f"{now_utc()} {line}\n")
+                file.write(f"{utc_text()} {line}\n")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
@@ -157,7 +153,7 @@ def session_folder(path: Path) -> Iterator[SessionFolder]:
         As `read_session`, or if another program has it open.
     """
     read_session(path)
-    with _locked(path):
+    with folder_lock(path, _LOCK):
         yield SessionFolder(path)
 
 
@@ -224,26 +220,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, TABLE, LOG, REPORT, _SETS, CALIBRATION, _REPLACED, _LOCK}
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold a lock on the folder; a file in it only names the owner, and may be deleted."""
-    descriptor = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
-    owner_file = folder / _LOCK
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            owner = ""
-            with suppress(OSError):
-                owner = owner_file.read_bytes()[:100].decode(errors="replace").strip()
-            raise InputError(
-                f"{folder}: in use by {owner or 'another program'}; end it first"
-            ) from error
-        owner_file.write_text(f"ps4rig, process {os.getpid()} since {now_utc()}", encoding="utf-8")
-        yield
-        owner_file.unlink(missing_ok=True)
-    finally:
-        os.close(descriptor)
+    return names <= {PLAN, TABLE, LOG, REPORT, _SETS, CALIBRATION, _REPLACED, *_LOCKS}

@@ -16,6 +16,7 @@ from capture.calibration.lookup import (
     read_calibration,
 )
 from capture.errors import SetRejected
+from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.sets.description import described
 from classify.errors import InputError, Ps4rigError
@@ -36,7 +37,7 @@ from .events import (
     StateChanged,
 )
 from .exposure import find_exposure_ms
-from .folder import PLAN, SessionFolder, now_utc
+from .folder import PLAN, SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
@@ -91,7 +92,7 @@ def run_session(
         As it came; the journal says that the run was interrupted.
     """
     run = RunRecord(
-        started_utc=now_utc(),
+        started_utc=utc_text(),
         rig=config.name,
         simulated=config.is_simulated,
         software_version=version("ps4rig"),
@@ -143,7 +144,7 @@ def _check_plan(folder: SessionFolder, config: RigConfig) -> None:
 def _end(
     folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
 ) -> SessionFinished:
-    folder.update(folder.journal.with_run_ended(now_utc(), end.finish, end.reason))
+    folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
     missing = len(folder.missing())
     finished = SessionFinished(end.finish, end.reason, runner.captured, missing)
     publish(StateChanged(State.FINISHED, None))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Literal, get_args
 
+from capture.process.utc_time import utc_text
 from classify.errors import InputError
 from classify.labels import checked_label
 from rig.set_file import SCHEMA_VERSION
@@ -65,7 +66,7 @@ def corrected(
             "a set of schema 1 has no hash over its metadata, so a correction could not be told "
             "from tampering; keep notes on it elsewhere"
         )
-    date = corrected_utc.isoformat(timespec="seconds").replace("+00:00", "Z")
+    date = utc_text(corrected_utc)
     changes = {name: _value(name, text) for name, text in values.items()}
     entries = tuple(
         CorrectionRecord.model_validate(

@@ -1,13 +1,13 @@
 """Import of photographs as a captured set."""
 
 from collections.abc import Collection, Sequence
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from capture.errors import SetRejected
+from capture.process.utc_time import utc_text
 from classify import Lighting
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError
@@ -104,7 +104,7 @@ def import_images(
         records[-1] = ImageRecord(light=None, source_file=names[-1])
     metadata = SetMetadata(
         label=label,
-        created_utc=datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+        created_utc=utc_text(),
         simulated=False,
         bit_depth=photographs.bit_depth,
         full_scale=photographs.full_scale,

@@ -1,0 +1,80 @@
+"""A lock on a folder, for one program at a time, that ends with the program."""
+
+import os
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from classify.errors import InputError
+
+from .utc_time import utc_text
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+# Beside the owner file, where folders themselves cannot be locked.
+LOCK_FILE_SUFFIX = ".held"
+_OWNER_BYTES = 100
+
+
+@contextmanager
+def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
+    """Hold a lock on a folder during the block; a second program is refused.
+
+    The system releases the lock when the program ends, however it ends. The file `owner_file` in
+    the folder only names the program, for the message to the second one.
+
+    Without `fcntl`, SQLite locks an empty file beside it: SQLite does that by the calls of each
+    system. The file stays, because to remove it would let two programs lock two files.
+
+    Raises
+    ------
+    InputError
+        If another program, or another block of this one, holds the lock; the message names it.
+        If the folder cannot be locked.
+    """
+    owner_path = folder / owner_file
+    try:
+        release = _lock_folder(folder) if fcntl is not None else _lock_file(owner_path)
+    except BlockingIOError as error:
+        owner = ""
+        with suppress(OSError):
+            owner = owner_path.read_bytes()[:_OWNER_BYTES].decode(errors="replace").strip()
+        raise InputError(
+            f"{folder}: in use by {owner or 'another program'}; end it first"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be locked: {error.strerror or error}") from error
+    try:
+        owner_path.write_text(f"ps4rig, process {os.getpid()} since {utc_text()}", encoding="utf-8")
+        yield
+        owner_path.unlink(missing_ok=True)
+    finally:
+        release()
+
+
+def _lock_folder(folder: Path) -> Callable[[], None]:
+    descriptor = os.open(folder, os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return lambda: os.close(descriptor)
+
+
+def _lock_file(owner_path: Path) -> Callable[[], None]:
+    path = owner_path.with_name(owner_path.name + LOCK_FILE_SUFFIX)
+    connection: sqlite3.Connection | None = None
+    try:
+        connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+        connection.execute("BEGIN EXCLUSIVE")
+    except sqlite3.Error as error:
+        if connection is not None:
+            connection.close()
+        is_held = error.sqlite_errorcode == sqlite3.SQLITE_BUSY
+        raise (BlockingIOError if is_held else OSError)(f"{path.name}: {error}") from error
+    return connection.close

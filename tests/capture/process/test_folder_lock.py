@@ -1,0 +1,50 @@
+"""The lock on a folder, with the locks of POSIX and without them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HOLD = """
+import sys
+from pathlib import Path
+{block}
+from capture.process.folder_lock import folder_lock
+with folder_lock(Path(sys.argv[1]), "owner.lock"):
+    print("held", flush=True)
+    sys.stdin.readline()
+"""
+HOLDERS = [HOLD.format(block=""), HOLD.format(block='sys.modules["fcntl"] = None')]
+
+
+@pytest.mark.parametrize("program", HOLDERS, ids=["with fcntl", "without fcntl"])
+def test_a_folder_is_for_one_program_until_it_ends_or_is_killed(
+    program: str, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-c", program, str(tmp_path)]
+
+    def second() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(command, input="\n", capture_output=True, text=True, timeout=60.0)
+
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == "held\n"
+        assert f"in use by ps4rig, process {first.pid} since" in second().stderr
+        (tmp_path / "owner.lock").unlink()  # it only names the owner
+        assert "in use by another program; end it first" in second().stderr
+        first.kill()
+        first.wait()
+    assert second().stdout == "held\n"
+    assert second().stdout == "held\n"
+    assert not (tmp_path / "owner.lock").exists()
+
+
+@pytest.mark.parametrize("program", HOLDERS, ids=["with fcntl", "without fcntl"])
+def test_a_folder_that_cannot_be_locked_is_named(program: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", program, str(tmp_path / "none")]
+    refused = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert "InputError" in refused.stderr
+    assert "none: cannot be locked: " in refused.stderr
