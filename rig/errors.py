@@ -6,7 +6,7 @@ from classify.errors import InputError, Ps4rigError
 
 
 class ConfigError(InputError):
-    """A rig configuration that cannot be used; the message names file and field."""
+    """A configuration or plan that cannot be used; the message names file and field."""
 
 
 class HardwareError(Ps4rigError):

@@ -15,6 +15,7 @@ from capture.sets.ome_tiff import read_header
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.toml_file import MAX_TOML_BYTES
 
 from .journal import Journal, SetEntry, read_journal
 from .plan import PlannedSet, SessionPlan, read_plan
@@ -24,7 +25,6 @@ PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
 _SETS, _REPLACED, _LOCK = "sets", "replaced", "session.lock"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
-_MAX_PLAN_BYTES = 1 << 20
 
 
 class SessionFolder:
@@ -184,7 +184,7 @@ def plan_changes(plan_path: Path, folder: Path) -> str:
     if read_plan(plan_path) == read_plan(folder / PLAN):
         return ""
     before, after = (
-        read_regular_file(path, _MAX_PLAN_BYTES).decode().splitlines()
+        read_regular_file(path, MAX_TOML_BYTES).decode().splitlines()
         for path in (folder / PLAN, plan_path)
     )
     names = str(folder / PLAN), str(plan_path)

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,6 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
-    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -24,11 +22,9 @@ from capture.sets.description import checked_text
 from capture.sets.ome_tiff import SUFFIX
 from classify.errors import InputError
 from classify.labels import checked_label
-from classify.regular_file import read_regular_file
 from rig.config.section import Degrees, Section
-from rig.config.validation_message import validation_message
+from rig.config.toml_file import read_toml_as
 
-_MAX_TOML_BYTES = 1 << 20
 # A year of captures at one a minute.
 _MAX_SETS = 500_000
 _PLACE = "{angle}"
@@ -230,25 +226,12 @@ def read_plan(path: Path) -> SessionPlan:
 
     Raises
     ------
-    InputError
+    ConfigError
         If it is missing or not TOML, or has an unknown key or a value out of range; the message
         names file, key and value.
     """
-    try:
-        values = tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
-    except InputError as error:
-        if isinstance(error.__cause__, FileNotFoundError):
-            raise InputError(
-                f"{path}: no such plan; write one with ps4rig session new {path}"
-            ) from error
-        raise
-    # tomllib also raises the errors of deep nesting and of very long numbers.
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from error
-    try:
-        return SessionPlan.model_validate(values)
-    except ValidationError as error:
-        raise InputError(f"{path}: {validation_message(error, SessionPlan)}") from error
+    missing = f"no such plan; write one with ps4rig session new {path}"
+    return read_toml_as(path, SessionPlan, missing)
 
 
 EXAMPLE = """\

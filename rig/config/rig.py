@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from classify.errors import InputError
-from classify.regular_file import read_regular_file
 from rig.errors import ConfigError
 
 from .camera import (
@@ -25,12 +22,11 @@ from .lights import SIMULATED, LightsConfig
 from .section import Section
 from .sequence_plan import SequencePlan, plan_sequence
 from .simulation import SimulationConfig
-from .validation_message import validation_message
+from .toml_file import read_toml, validated
 
 # A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
 # constants for that, and ln 9 from 10 to 90 %.
 _STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
-_MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB
 
 
 class RigConfig(Section):
@@ -195,7 +191,7 @@ class RigConfig(Section):
         if new != old and new in CAMERA_KINDS:
             fields = {*CAMERA_KINDS[new].model_fields, *sections["camera"]}
             values["camera"] = {key: values["camera"][key] for key in fields & {*values["camera"]}}
-        return _validated(values, "rig configuration")
+        return validated(values, RigConfig, "rig configuration")
 
 
 def config_of(rig: str | Path) -> RigConfig:
@@ -212,7 +208,7 @@ def load_config(path: Path) -> RigConfig:
         If it is missing or not TOML, or has an unknown key or a value out of range; the message
         names file, key and value.
     """
-    values = _read_toml(
+    values = read_toml(
         path, "no such rig configuration; write one with ps4rig rig init, or use --rig sim"
     )
     simulation = values.get("simulation", {})
@@ -220,7 +216,7 @@ def load_config(path: Path) -> RigConfig:
     if isinstance(camera, dict) and isinstance(camera.get("set_file"), str):
         camera["set_file"] = str(path.parent / camera["set_file"])
     if isinstance(simulation, dict) and isinstance(simulation.get("faults"), str):
-        simulation["faults"] = _read_toml(path.parent / simulation["faults"], "no such fault plan")
+        simulation["faults"] = read_toml(path.parent / simulation["faults"], "no such fault plan")
     if isinstance(values.get("calibration"), str) and values["calibration"]:
         values["calibration"] = str(path.parent / values["calibration"])
     lights = values.get("lights", {})
@@ -230,22 +226,4 @@ def load_config(path: Path) -> RigConfig:
             f"{path}: lights.port is missing; give the light controller's port, or "
             f"{SIMULATED!r} for a simulated rig"
         )
-    return _validated(values, str(path))
-
-
-def _read_toml(path: Path, if_missing: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
-    except InputError as error:
-        missing = isinstance(error.__cause__, FileNotFoundError)
-        raise ConfigError(f"{path}: {if_missing}" if missing else str(error)) from error
-    # tomllib also raises the errors of deep nesting and of very long numbers.
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
-
-
-def _validated(values: dict[str, Any], source: str) -> RigConfig:
-    try:
-        return RigConfig.model_validate(values)
-    except ValidationError as error:
-        raise ConfigError(f"{source}: {validation_message(error, RigConfig)}") from error
+    return validated(values, RigConfig, str(path))

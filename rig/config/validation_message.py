@@ -1,4 +1,4 @@
-"""Error messages of a wrong ``rig.toml``, in one line: key, value and remedy."""
+"""Error messages of wrong TOML files, in one line: key, value and remedy."""
 
 import difflib
 import json
