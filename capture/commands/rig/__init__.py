@@ -1,12 +1,12 @@
 """``ps4rig rig``: one file per command, registered here."""
 
-import typer
+from capture.commands.group import command_group
 
 from . import doctor, flash, init, latency, lights, preview, simulate, timing
 
 __all__ = ["rig_app"]
 
-rig_app = typer.Typer()
+rig_app = command_group("Set up and check the rig itself, and switch its lights by hand.")
 rig_app.command()(init.init)
 rig_app.command()(flash.flash)
 rig_app.command()(doctor.doctor)
@@ -15,10 +15,3 @@ rig_app.command()(latency.latency)
 rig_app.command()(timing.timing)
 rig_app.command()(preview.preview)
 rig_app.command()(simulate.simulate)
-
-
-@rig_app.callback(invoke_without_command=True)
-def _options(context: typer.Context) -> None:
-    """Set up and check the rig itself, and switch its lights by hand."""
-    if context.invoked_subcommand is None:
-        print(context.get_help())
