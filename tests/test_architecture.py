@@ -53,7 +53,7 @@ STOREYS = {
         {"doctor"},
     ),
     "capture": (
-        {"errors", "outputs", "process", "process_settings"},
+        {"errors", "outputs", "page", "process", "process_settings"},
         {"console"},
         {"sets"},
         {"calibration"},

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 from html import escape
-from importlib.metadata import version
 from pathlib import Path
-from string import Template
 
 import numpy as np
 import numpy.typing as npt
@@ -17,13 +15,13 @@ from capture.calibration.setting import Setting
 from capture.maps.figures import figure_html, number_text
 from capture.maps.pictures import ColourScale
 from capture.maps.views import SHOWN_LIGHTS, MapView
+from capture.page.skeleton import page_html, simulated_notice, table_html
 from classify.lights.flat_field import FlatField
 
 from . import drawings
 from .summary import Benefit, PartSummary, light_rows, part_summaries
 
-_TEMPLATE = Path(__file__).with_name("page.html")
-_SIMULATED = '<p class="notice"><b>Simulated.</b> No light, camera or sheet is real.</p>'
+_STYLE = Path(__file__).with_name("page.css")
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
 
@@ -38,17 +36,14 @@ def calibration_page(path: Path, file: CalibrationFile, found: Benefit, now: dat
         "Positions of the lights": _lights(file),
         "Camera": _camera(file),
     }
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
-        title=escape(path.name),
-        notice=_SIMULATED * any(setting.simulated for setting in settings),
-        facts="".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in _facts(file)
-        ),
-        sections="".join(
-            f"<h2>{escape(name)}</h2>{content}" for name, content in sections.items() if content
-        ),
-        version=escape(version("ps4rig")),
+    return page_html(
+        path.name,
+        "calibration",
+        sections,
+        facts=_facts(file),
+        notices=[simulated_notice("sheet") * any(setting.simulated for setting in settings)],
+        note="x to the right, y up, z to the camera, from the middle of the frame.",
+        style=_STYLE.read_text(encoding="utf-8"),
     )
 
 
@@ -71,7 +66,7 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
 
 
 def _parts(parts: tuple[PartSummary, ...]) -> str:
-    return _table(("part", "measured", "age", "how good", "from"), map(_part, parts))
+    return table_html(("part", "measured", "age", "how good", "from"), map(_part, parts))
 
 
 def _part(part: PartSummary) -> str:
@@ -107,7 +102,7 @@ def _benefit(found: Benefit) -> str:
         "<p>Mean error of normals on a matt part of rms slope 0.3, simulated with the faults and "
         "the uncertainties that this calibration has measured, without noise and shadow. "
         "One fault may hide another, so that the error can rise before the last step.</p>"
-        + _table(("corrected", "error", ""), rows)
+        + table_html(("corrected", "error", ""), rows)
     )
 
 
@@ -193,7 +188,7 @@ def _light_table(file: CalibrationFile) -> str:
                 f'<td class="value">{distance or "distant"}</td></tr>'
             )
 
-    return _table(("light", "tilt", "slant", "direction", "distance"), rows())
+    return table_html(("light", "tilt", "slant", "direction", "distance"), rows())
 
 
 def _measured(value: float | None, unit: str) -> str:
@@ -223,8 +218,3 @@ def _camera(file: CalibrationFile) -> str:
 
 def _frame(setting: Setting) -> npt.NDArray[np.float64]:
     return np.array([setting.width_px, setting.height_px], np.float64)
-
-
-def _table(columns: tuple[str, ...], rows: Iterator[str]) -> str:
-    heads = "".join(f"<th>{escape(column)}</th>" for column in columns)
-    return f'<div class="table"><table><tr>{heads}</tr>{"".join(rows)}</table></div>'

@@ -5,12 +5,16 @@ from collections.abc import Sequence
 from html import escape
 
 import cv2
+import numpy as np
+
+from capture.page.skeleton import image_html
 
 from .pictures import ColourScale, Picture
 from .views import MapView
 
 # A smaller picture is enlarged on the page, with square pixels instead of interpolation.
 _SMALL_PX = 256
+TILE_PX = 176  # longer side of a tile; six fit into a row of the page
 
 
 def figure_html(view: MapView) -> str:
@@ -25,6 +29,14 @@ def figure_html(view: MapView) -> str:
         f"<figcaption><b>{escape(view.title)}</b>{unit}{file}<br>{escape(view.caption)}</figcaption>"
         "</figure>"
     )
+
+
+def tile_html(name: str, picture: Picture) -> str:
+    """Return a picture as a small figure with its name below it."""
+    scale = TILE_PX / max(picture.shape[:2])
+    size = [max(1, round(scale * side)) for side in picture.shape[1::-1]]
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+    return image_html(data_uri(small), name, name)
 
 
 def _bar(scale: ColourScale) -> str:

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterator
 from html import escape
-from importlib.metadata import version
-from pathlib import Path
-from string import Template
 
 import numpy as np
 import numpy.typing as npt
 
+from capture.page.skeleton import notice, page_html, simulated_notice
 from capture.sets.captured_set import CapturedSet
 from capture.sets.metadata import UNPROTECTED
 from classify import SurfaceEstimate
@@ -21,13 +19,13 @@ from .views import MapView
 
 FloatArray = npt.NDArray[np.float64]
 
-_TEMPLATE = Path(__file__).with_name("page.html")
 # Units on the page that differ from those in files.
 _UNITS = {"1": "", "um": " \N{MICRO SIGN}m"}
-_SIMULATED = (
-    '<p class="notice"><b>Simulated.</b> No light, camera or part behind these maps is real.</p>'
+_NOTE = (
+    "Colour scales end at the 99.5th percentile; grey pixels have no valid slope. The TIFF files "
+    "hold all values as float32, 0 where there is no valid slope. x to the right, y up, z to the "
+    "camera."
 )
-_UNPROTECTED = f'<p class="notice">This is {UNPROTECTED}.</p>'
 
 
 def map_page(
@@ -41,30 +39,21 @@ def map_page(
 
     `calibration` is the name of the one that was used, `raw_residual` the residual without it.
     """
-    sections = {name: "".join(map(figure_html, members)) for name, members in views.items()}
-    sections["Curvature"] += _roughness_table(maps)
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
-        title=escape(captured.label or "Captured set without a label"),
-        notice=_SIMULATED * captured.metadata.simulated
-        + _UNPROTECTED * (not captured.metadata.is_protected)
-        + "".join(map(_warning, captured.metadata.warnings)),
-        facts="".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in (
-                *_facts(captured, maps),
-                *_calibration(maps.surface, calibration, raw_residual),
-            )
+    metadata = captured.metadata
+    figures = {name: "".join(map(figure_html, members)) for name, members in views.items()}
+    figures["Curvature"] += _roughness_table(maps)
+    return page_html(
+        metadata.label or "Captured set without a label",
+        "maps",
+        {name: f'<div class="maps">{each}</div>' for name, each in figures.items()},
+        facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
+        notices=(
+            simulated_notice("part behind these maps") * metadata.simulated,
+            notice(f"This is {UNPROTECTED}.") * (not metadata.is_protected),
+            *(notice(text, "Warning at import:") for text in metadata.warnings),
         ),
-        sections="".join(
-            f'<h2>{escape(name)}</h2><div class="maps">{figures}</div>'
-            for name, figures in sections.items()
-        ),
-        version=escape(version("ps4rig")),
+        note=_NOTE,
     )
-
-
-def _warning(text: str) -> str:
-    return f'<p class="notice"><b>Warning at import:</b> {escape(text)}</p>'
 
 
 def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]]:

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from html import escape
-from importlib.metadata import version
-from pathlib import Path
-from string import Template
-
-import cv2
-import numpy as np
 
 from capture.maps import pictures
-from capture.maps.figures import data_uri, number_text
+from capture.maps.figures import number_text, tile_html
+from capture.page.skeleton import image_html, page_html, simulated_notice, table_html
 from capture.session.folder import SessionFolder
 from capture.session.plan import Specimen
 
 from . import figures
 from .analysis import SessionAnalysis, SpecimenResult
 
-_TEMPLATE = Path(__file__).with_name("page.html")
-_TILE_PX = 160
-_SIMULATED = '<p class="notice"><b>Simulated.</b> No light, camera or specimen is real.</p>'
-
 
 def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
     """Return the page as HTML; all text from plan, journal and sets is escaped."""
     sections = {
         "To look at": _remarks(found),
-        "Levels over time": _image(figures.levels_figure(found.entries), "Levels of the lights"),
-        "Orientation": _image(
+        "Levels over time": image_html(
+            figures.levels_figure(found.entries), "Levels of the lights"
+        ),
+        "Orientation": image_html(
             figures.orientations_figure(found.entries), "Estimated less entered orientation"
         ),
         "How the textures separate": _separation(found),
@@ -40,15 +33,13 @@ def report_page(folder: SessionFolder, found: SessionAnalysis) -> str:
         ),
         "Sets": _sets(found),
     }
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
-        title=escape(folder.plan.name),
-        notice=_SIMULATED * any(run.simulated for run in folder.journal.runs),
-        facts="".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in _facts(folder)
-        ),
-        sections="".join(f"<h2>{name}</h2>{content}" for name, content in sections.items()),
-        version=escape(version("ps4rig")),
+    return page_html(
+        folder.plan.name,
+        "session",
+        sections,
+        facts=_facts(folder),
+        notices=[simulated_notice("specimen") * any(run.simulated for run in folder.journal.runs)],
+        note="Orientations in degrees, anticlockwise, modulo 180 where estimated.",
     )
 
 
@@ -69,10 +60,10 @@ def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
 def _remarks(found: SessionAnalysis) -> str:
     if not found.remarks:
         return "<p>Nothing stands out.</p>"
-    rows = "".join(
+    rows = (
         f"<tr><td>{escape(file)}</td><td>{escape(said)}</td></tr>" for file, said in found.remarks
     )
-    return f'<div class="table"><table><tr><th>set</th><th>what</th></tr>{rows}</table></div>'
+    return table_html(("set", "what"), rows)
 
 
 def _separation(found: SessionAnalysis) -> str:
@@ -83,8 +74,8 @@ def _separation(found: SessionAnalysis) -> str:
         "<p>Distances as the classifier measures them, before any training: 1 is typical of two "
         "quarters of one frame. In the plane near sets look alike; one colour and mark is one "
         "specimen.</p>"
-        + _image(figures.matrix_figure(separation), "Distances of specimens and their grouping")
-        + _image(figures.map_figure(separation), "Map of all sets")
+        + image_html(figures.matrix_figure(separation), "Distances of specimens and their grouping")
+        + image_html(figures.map_figure(separation), "Map of all sets")
     )
 
 
@@ -95,16 +86,10 @@ def _specimen(specimen: Specimen, result: SpecimenResult, found: SessionAnalysis
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.shaded(surface.normals),
     }
-    images = [
-        f'<figure><img alt="{escape(name)}" src="{data_uri(_small(tile))}">'
-        f"<figcaption>{escape(name)}</figcaption></figure>"
-        for name, tile in tiles.items()
-    ]
+    images = [tile_html(name, tile) for name, tile in tiles.items()]
     if result.spectra is not None:
-        images.append(
-            f'<figure><img alt="polar spectra" src="{figures.spectrum_figure(result.spectra)}">'
-            "<figcaption>polar spectra of gradient (blue) and albedo (red)</figcaption></figure>"
-        )
+        caption = "polar spectra of gradient (blue) and albedo (red)"
+        images.append(image_html(figures.spectrum_figure(result.spectra), "polar spectra", caption))
     count = sum(entry.specimen == specimen.id for entry in found.entries)
     label, note = specimen.label or specimen.id, f", {specimen.note}" if specimen.note else ""
     return (
@@ -129,19 +114,8 @@ def _sets(found: SessionAnalysis) -> str:
                 f"<td>{' '.join(f'{level:.1%}' for level in measures.led_levels)}</td>",
             ]
         rows.append(f"<tr>{''.join(cells)}</tr>")
-    heads = "".join(f"<th>{each}</th>" for each in head)
-    return f'<div class="table"><table><tr>{heads}</tr>{"".join(rows)}</table></div>'
+    return table_html(head, rows)
 
 
 def _value(value: float | None) -> str:
     return f'<td class="value">{"-" if value is None else number_text(value)}</td>'
-
-
-def _small(picture: pictures.Picture) -> pictures.Picture:
-    scale = _TILE_PX / max(picture.shape[:2])
-    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
-
-
-def _image(address: str, name: str) -> str:
-    return f'<figure><img alt="{escape(name)}" src="{address}"></figure>'

@@ -1,6 +1,5 @@
 """The report of the demo: one self-contained HTML file."""
 
-import base64
 import math
 from dataclasses import dataclass
 from html import escape
@@ -8,9 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-import cv2
-
 from capture.maps import pictures
+from capture.maps.figures import TILE_PX, tile_html
+from capture.page.skeleton import document_html, table_html
 from capture.sets.captured_set import CapturedSet
 from classify import Evaluation, Spectra, SurfaceEstimate, Trial
 from classify.durable_file import durable_file
@@ -23,8 +22,6 @@ ANGLE_NOTE = (
     "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
     "that looks the same after 90 degrees (Tiles036) is known modulo 90 only."
 )
-# Side of an image; eight images and two spectra fit into two rows of the page.
-_TILE_PX = 176
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +43,11 @@ def write_report(
     config: RigConfig,
 ) -> None:
     """Write the report as a whole or not at all."""
-    template = Path(__file__).with_name("report.html").read_text(encoding="utf-8")
-    page = Template(template).substitute(
+    body, style = (
+        Path(__file__).with_name(name).read_text(encoding="utf-8")
+        for name in ("report.html", "report.css")
+    )
+    body = Template(body).substitute(
         version=version("ps4rig"),
         controller=escape(
             f"{controller.vendor} {controller.model} {controller.serial_number}, firmware "
@@ -61,12 +61,13 @@ def write_report(
         sets=str(result.sets),
         classes=str(len(result.per_class)),
         angle_note=ANGLE_NOTE,
-        columns="".join(f"<th>{column}</th>" for column in COLUMNS),
-        rows="\n".join(_row(number, entry.trial) for number, entry in enumerate(entries)),
+        table=table_html(COLUMNS, (_row(i, entry.trial) for i, entry in enumerate(entries))),
         details="\n".join(_detail(number, entry) for number, entry in enumerate(entries)),
     )
     with durable_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        temporary.write_text(
+            document_html("ps4rig demo: simulated rig", body, style), encoding="utf-8"
+        )
 
 
 def cells_of(trial: Trial) -> tuple[str, ...]:
@@ -101,11 +102,7 @@ def _detail(number: int, entry: ReportEntry) -> str:
         "relief": pictures.shaded(surface.normals),
         "normals": pictures.normal_map(surface.normals),
     }
-    figures = [
-        f'<figure><img alt="{escape(name)}" src="{_jpeg(picture)}">'
-        f"<figcaption>{escape(name)}</figcaption></figure>"
-        for name, picture in maps.items()
-    ]
+    figures = [tile_html(name, picture) for name, picture in maps.items()]
     for name, test, reference in zip(
         ("gradient", "albedo"), entry.spectra.polar, entry.reference.polar, strict=True
     ):
@@ -124,17 +121,11 @@ def _detail(number: int, entry: ReportEntry) -> str:
     )
 
 
-def _jpeg(picture: pictures.Picture) -> str:
-    small = cv2.resize(picture, (_TILE_PX, _TILE_PX), interpolation=cv2.INTER_AREA)
-    _, buffer = cv2.imencode(".jpg", small[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.tobytes()).decode("ascii")
-
-
 def _polar_plot(test: FloatMap, reference: FloatMap, orientation_deg: float) -> str:
     """SVG: the test as a line, the nearest training set at the orientation found as an area."""
     top = max(float(test.max()), float(reference.max()), 1e-12)
     return (
-        f'<svg viewBox="-1.1 -1.1 2.2 2.2" width="{_TILE_PX}" height="{_TILE_PX}">'
+        f'<svg viewBox="-1.1 -1.1 2.2 2.2" width="{TILE_PX}" height="{TILE_PX}">'
         '<circle r="1" class="frame"/><circle r="0.5" class="frame"/>'
         f'<polygon class="reference" points="{_points(reference / top, orientation_deg)}"/>'
         f'<polygon class="test" points="{_points(test / top, 0.0)}"/></svg>'

@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Template
 
 from capture.console import progress
+from capture.page.skeleton import document_html, facts_html, image_html, sections_html
 from classify.durable_file import durable_file
 
 from . import plots
@@ -91,21 +92,18 @@ def page(exhibits: Sequence[tuple[Exhibit, bytes]], facts: Mapping[str, str], ab
         Template(Path(__file__).with_name(f"{name}.html").read_text(encoding="utf-8"))
         for name in ("page", about.introduction)
     )
-    return frame.substitute(
+    body = frame.substitute(
         introduction=introduction.substitute(quick=_QUICK if about.quick else ""),
-        facts="".join(
-            f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
-            for name, value in facts.items()
-        ),
+        facts=facts_html(facts.items()),
         contents="".join(
             f'<li><a href="#{exhibit.key}">{escape(exhibit.text.title)}</a></li>'
             for exhibit, _ in exhibits
         ),
-        sections="".join(
-            f"<h2>{escape(name)}</h2>{''.join(members)}" for name, members in sections.items()
-        ),
+        sections=sections_html({name: "".join(members) for name, members in sections.items()}),
         version=escape(version("ps4rig")),
     )
+    style = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+    return document_html("ps4rig reproduce", body, style)
 
 
 def _drawn(exhibit: Exhibit) -> bytes:
@@ -133,9 +131,9 @@ def _exhibit(exhibit: Exhibit, png: bytes) -> str:
     title, body = escape(text.title), _table(exhibit)
     if exhibit.draw is not None:
         data = base64.b64encode(png).decode("ascii")
-        image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
+        image = image_html(f"data:image/png;base64,{data}", text.title)
         numbers = f"<details><summary>numbers</summary>{body}</details>" if body else ""
-        body = f"<figure>{image}</figure>{numbers}"
+        body = f"{image}{numbers}"
     return f'<section id="{exhibit.key}"><h3>{title}</h3>{notes}{body}{files}</section>'
 
 

@@ -1,0 +1,1 @@
+"""The skeleton of self-contained HTML pages: maps, calibration, session, studies."""
