@@ -72,6 +72,8 @@ class PartResult:
         Measured level of each light against the taught one, in the order of the lights.
     timings_ms
         Duration of each step by name, and ``exposed_to_announced`` where it is known.
+    notes
+        What else is to be known of the part, such as a clock that was set back.
     """
 
     station: str
@@ -105,3 +107,4 @@ class PartResult:
     defects: tuple[DefectRecord, ...] = ()
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
