@@ -1,0 +1,191 @@
+"""`StationConfig`: the file ``station.toml`` of a station."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+
+from capture.session.plan import Name, Text
+from rig.config.section import Degrees, Section
+from rig.config.toml_file import read_toml_as
+
+CONFIG = "station.toml"
+SIM = "sim"
+Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
+Surface = Annotated[str, Field(min_length=1, max_length=4096)]
+DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
+
+# Databases that results are written to, as SQLAlchemy names them.
+_URL = re.compile(r"(sqlite|postgresql)(\+[a-z0-9]+)?://.*", re.DOTALL)
+
+
+def _results(text: str) -> str:
+    if "://" in text and not _URL.fullmatch(text):
+        raise ValueError(
+            f"results = {text.partition('://')[0]!r}://...: give a file such as "
+            "'results.sqlite', or postgresql+psycopg://USER:PASSWORD@HOST/DATABASE"
+        )
+    return text
+
+
+class Retention(Section):
+    """Which set files of parts stay on disk; rows of results always stay.
+
+    Attributes
+    ----------
+    pass_every
+        Of the parts that passed, one in so many keeps its file; all others keep theirs, too, if 1.
+    pass_days
+        Days until the files of the other parts that passed are removed.
+    """
+
+    pass_every: int = Field(default=20, ge=1, le=1_000_000)
+    pass_days: float = Field(default=7.0, ge=0.0, le=36_500.0)
+
+
+class SimulatedParts(Section):
+    """The parts that a simulated rig sees, drawn at random from a seed and the part's number.
+
+    Attributes
+    ----------
+    seed
+        Seed of the feed: the same parts come in the same order.
+    surfaces
+        Surfaces of the parts, as in ``[simulation.placement]`` of ``rig.toml``.
+    others, share_other
+        Surfaces that should not come, and their share of the parts.
+    orientations_deg
+        Orientations, one of which a part has; any if empty.
+    share_defective, defects
+        Share of the other parts that has one defect, and the kinds that come.
+    """
+
+    seed: int = Field(default=1, ge=0, lt=2**31)
+    surfaces: tuple[Surface, ...] = Field(default=("rock",), min_length=1, strict=False)
+    others: tuple[Surface, ...] = Field(default=("sand",), strict=False)
+    share_other: Share = 0.02
+    orientations_deg: tuple[Degrees, ...] = Field(default=(), max_length=3600, strict=False)
+    share_defective: Share = 0.05
+    defects: tuple[DefectKind, ...] = Field(
+        default=("scratch", "dent", "bump", "stain"), strict=False
+    )
+
+    @model_validator(mode="after")
+    def _shares_have_something_to_draw(self) -> Self:
+        for key, share, kinds in (
+            ("share_other", self.share_other, self.others),
+            ("share_defective", self.share_defective, self.defects),
+        ):
+            if share > 0.0 and not kinds:
+                other = "others" if key == "share_other" else "defects"
+                raise ValueError(f"{key} = {share:g}, but {other} is empty; give one, or share 0")
+        return self
+
+
+class StationConfig(Section):
+    """The configuration of a station.
+
+    Attributes
+    ----------
+    name
+        Name of the station, unique in the database of results.
+    rig
+        ``sim``, or a ``rig.toml``, relative to the station's folder.
+    recipe
+        Name of the recipe: ``recipes/NAME.toml``.
+    results
+        SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
+    operator
+        Who answers for the results, unless ``station run --operator`` says another.
+    trigger
+        Where triggers come from, unless ``station run --trigger`` says another.
+    timer_s
+        Period of the timer; 0 triggers as soon as the station is ready.
+    buffers
+        Parts that may wait for their verdict; a further trigger is refused.
+    disk_floor_mb
+        Free space below which triggers are refused.
+    plate_check
+        Whether a white sheet is below the camera when the station starts, with which the rig is
+        compared with its calibration. A simulated rig lays it down by itself.
+    reconnect_s
+        Time between two attempts to open a rig that was lost.
+    retention, simulated_parts
+        The sections of these names.
+    """
+
+    name: Name
+    rig: str = Field(default=SIM, min_length=1, max_length=4096)
+    recipe: Name
+    results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = (
+        "results.sqlite"
+    )
+    operator: Text | None = None
+    trigger: Literal["timer", "enter"] = "enter"
+    timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
+    buffers: int = Field(default=2, ge=1, le=64)
+    disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
+    plate_check: bool = False
+    reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
+    retention: Retention = Retention()
+    simulated_parts: SimulatedParts = SimulatedParts()
+
+    def rig_in(self, folder: Path) -> str:
+        """Return the rig to open for a station in `folder`: ``sim`` or a path."""
+        return self.rig if self.rig == SIM else str(folder / self.rig)
+
+    def results_url(self, folder: Path) -> str:
+        """Return the URL of the database of results for a station in `folder`."""
+        if "://" in self.results:
+            return self.results
+        return f"sqlite:///{(folder / self.results).absolute()}"
+
+
+def read_config(path: Path) -> StationConfig:
+    """Read a ``station.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If it is missing or wrong; the message names file, key and value.
+    """
+    missing = f"no such station; make one with ps4rig station init {path.parent}"
+    return read_toml_as(path, StationConfig, missing)
+
+
+EXAMPLE = """\
+# Configuration of an inspection station. A line that begins with # is a comment.
+
+name = "NAME"                # unique among the stations that share a database
+rig = "sim"                  # the simulated rig, or a rig.toml relative to this folder
+recipe = "example"           # recipes/example.toml: which textures pass
+results = "results.sqlite"   # or postgresql+psycopg://USER:PASSWORD@HOST/DATABASE
+# operator = "Your name"
+trigger = "enter"            # the Enter key, or "timer"
+timer_s = 2.0                # period of the timer; 0 is as fast as possible
+buffers = 2                  # parts that may wait for their verdict
+disk_floor_mb = 500          # with less free space triggers are refused
+plate_check = false          # true: a white sheet is below the camera when the station starts
+reconnect_s = 5.0            # between attempts to open a rig that was lost
+
+# FAIL, UNKNOWN and ERROR keep their set files for ever.
+[retention]
+pass_every = 20              # one in so many parts that passed keeps its file, too
+pass_days = 7                # the others are removed after so many days
+
+# Parts below the camera of a simulated rig; a real rig ignores them.
+[simulated_parts]
+seed = 1
+surfaces = ["rock"]
+others = ["sand"]            # surfaces that should not come
+share_other = 0.02           # and how often they come
+orientations_deg = []        # one of these; any orientation if empty
+share_defective = 0.05
+defects = ["scratch", "dent", "bump", "stain"]
+"""
+
+
+def example_config(name: str) -> str:
+    """Return a commented configuration of a station called `name`."""
+    return EXAMPLE.replace("NAME", name, 1)

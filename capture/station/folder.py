@@ -1,0 +1,102 @@
+"""The folder of a station: configuration, recipes, parts and log, for one program at a time."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from capture.process.folder_lock import folder_lock
+from capture.process.utc_time import utc_text
+from capture.sets.ome_tiff import SUFFIX
+from classify.durable_file import durable_file, make_folder
+from classify.errors import InputError
+
+from .config import CONFIG, StationConfig, example_config, read_config
+
+RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
+_LOCK = "station.lock"
+# The log is renamed to station.log.1 beyond this; a line a part of 100 bytes fills it in 80,000.
+_MAX_LOG_BYTES = 8 << 20
+
+
+class StationFolder:
+    """A station on disk, to be read. Only `station_folder` makes one that may be written.
+
+    Attributes
+    ----------
+    path
+        The folder.
+    config
+        Its configuration.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config: StationConfig = read_config(path / CONFIG)
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the captured sets of all parts, with one folder for each day."""
+        return self.path / PARTS
+
+    def recipe_file(self, recipe: str | None = None) -> Path:
+        """Path of a recipe, by default the configured one: ``recipes/NAME.toml``."""
+        return self.path / RECIPES / f"{recipe or self.config.recipe}.toml"
+
+    def recipe_folder(self, recipe: str | None = None) -> Path:
+        """Folder of what teaching made for a recipe: ``recipes/NAME``."""
+        return self.path / RECIPES / (recipe or self.config.recipe)
+
+    def set_file_of(self, part_id: str, triggered_utc: str) -> str:
+        """Return where the set of a part belongs, relative to the folder: one folder a day."""
+        return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
+
+    def log(self, line: str) -> None:
+        """Append a line with the time to ``station.log``; a full one becomes ``station.log.1``.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        path = self.path / LOG
+        try:
+            if path.exists() and path.stat().st_size > _MAX_LOG_BYTES:
+                path.replace(path.with_name(f"{LOG}.1"))
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"{utc_text(timespec='milliseconds')} {line}\n")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def station_folder(path: Path) -> Iterator[StationFolder]:
+    """Open a station for writing, for this program alone.
+
+    Raises
+    ------
+    InputError
+        If it is no station, its configuration is wrong, or another program has it open.
+    """
+    StationFolder(path)  # a folder that is no station is not locked
+    with folder_lock(path, _LOCK):
+        yield StationFolder(path)
+
+
+def make_station(path: Path) -> None:
+    """Make the folder of a station with a commented configuration.
+
+    Raises
+    ------
+    InputError
+        If the folder is a station already, holds other files, or cannot be made.
+    """
+    if (path / CONFIG).exists():
+        raise InputError(f"{path}: is a station already; edit {path / CONFIG}")
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InputError(f"{path}: exists and is not empty; give another folder")
+    for folder in (path / RECIPES, path / PARTS):
+        make_folder(folder)
+    # Written last: a folder with a configuration is whole.
+    with durable_file(path / CONFIG) as temporary:
+        temporary.write_text(example_config(path.absolute().name), encoding="utf-8")
+        read_config(temporary)  # a folder whose name cannot name a station is refused
