@@ -64,6 +64,7 @@ def _exposure(value: object) -> object:
 Name = Annotated[str, AfterValidator(_file_name)]
 Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
 Text = Annotated[str, AfterValidator(_usable_text)]
+Label = Annotated[str, AfterValidator(_usable_label)]
 
 
 class Specimen(Section):
@@ -82,7 +83,7 @@ class Specimen(Section):
     """
 
     id: Name
-    label: Annotated[str, AfterValidator(_usable_label)] | None = None
+    label: Label | None = None
     note: Text | None = None
     surface: str | None = None
 
