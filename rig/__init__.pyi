@@ -1,4 +1,5 @@
 from .camera import Camera, CameraInfo, Frame, FrameFlag
+from .config.defect import Defect
 from .config.fault_plan import FaultPlan
 from .config.rig import RigConfig, load_config
 from .config.sequence_plan import SequencePlan
@@ -27,6 +28,7 @@ __all__ = [
     "CameraInfo",
     "ConfigError",
     "ControllerIdentity",
+    "Defect",
     "FaultPlan",
     "Frame",
     "FrameFlag",

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
+from .defect import Defect
 from .fault_plan import FaultPlan
 from .section import Degrees, Section
 
@@ -29,6 +30,8 @@ class Placement(Section):
     size_mm
         Diameter of a sphere, 20 by default, or side of a square of the checkerboard, 5 by default;
         needs `SimulationConfig.mm_per_px`, without which they are shares of the frame.
+    defects
+        Defects of the part, in the order in which they happened to it.
     """
 
     surface: str = "rock"
@@ -36,6 +39,7 @@ class Placement(Section):
     shift_px: tuple[Shift, Shift] = Field(default=(0.0, 0.0), strict=False)
     seed: int = Field(default=1, ge=0, lt=2**63)
     size_mm: float | None = Field(default=None, ge=1e-3, le=1e4)
+    defects: tuple[Defect, ...] = Field(default=(), strict=False, max_length=100)
 
 
 class SimulationConfig(Section):

@@ -153,7 +153,7 @@ class Sphere:
         magnification: float = 1.0,
     ) -> SurfacePatch:
         """The upper half of the ball, which stands on a pillar where the lower half would be."""
-        x, y = _on_target(size_px, rotate_deg, shift_px, margin_px, magnification)
+        x, y = part_coordinates(size_px, rotate_deg, shift_px, margin_px, magnification)
         squared = self.radius_px**2 - x * x - y * y
         ball = squared > 0.0
         # The height of the upper half; a pixel at the outline would have an infinite slope.
@@ -220,7 +220,7 @@ class Checkerboard:
         magnification: float = 1.0,
     ) -> SurfacePatch:
         """The board, whose edges are blurred by one pixel so that they are between pixels."""
-        axes = _on_target(size_px, rotate_deg, shift_px, margin_px, magnification)
+        axes = part_coordinates(size_px, rotate_deg, shift_px, margin_px, magnification)
         sign, inside = np.ones(()), np.ones((), np.bool_)
         for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
             # Squares from the middle of the board; corners are at whole numbers.
@@ -255,14 +255,14 @@ def _from_centre(side_px: int) -> tuple[FloatImage, FloatImage]:
     return x[None, :], -x[:, None]
 
 
-def _on_target(
+def part_coordinates(
     size_px: int,
     rotate_deg: float,
     shift_px: tuple[float, float],
     margin_px: int,
     magnification: float,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Coordinates on the target of each pixel: R(-rotate) x / magnification + shift."""
+    """Coordinates on the part of each pixel: R(-rotate) x / magnification + shift."""
     x, y = (
         each.astype(np.float64) / magnification for each in _from_centre(size_px + 2 * margin_px)
     )

@@ -18,6 +18,8 @@ from rig.scene.surfaces import Surface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 from rig.scene.targets import TARGETS, Sphere, target_named
 
+from .defective_surface import DefectiveSurface
+
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000
 # A bare LED chip follows Lambert's law.
@@ -85,7 +87,8 @@ class SceneRenderer:
             If the surface is neither a name nor a readable material folder, or a target does not
             fit into the frame.
         """
-        if placement.surface not in (*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS):
+        named = {placement.surface, *(each.surface for each in placement.defects)}
+        if not named <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
             return self._render(placement)
         camera, simulated = self._config.camera, self._config.simulation
         optics = (
@@ -104,7 +107,7 @@ class SceneRenderer:
         surface = self._surface_of(placement, size_px)
         distance_px = simulated.led_distance_px
         scene = render_frame(
-            surface,
+            self._with_defects(surface, placement, size_px),
             self._config.lights.lighting,
             size_px,
             placement.rotate_deg,
@@ -123,6 +126,13 @@ class SceneRenderer:
         if simulated.vignetting_percent:
             scene = Lens(vignetting=0.01 * simulated.vignetting_percent).images(scene)
         return scene
+
+    def _with_defects(self, surface: Surface, placement: Placement, size_px: int) -> Surface:
+        if not placement.defects:
+            return surface
+        names = {each.surface for each in placement.defects if each.surface is not None}
+        foreign = {name: _load(name, placement.seed, size_px) for name in names}
+        return DefectiveSurface(surface, placement.defects, foreign)
 
     def _surface_of(self, placement: Placement, size_px: int) -> Surface:
         name, camera = placement.surface, self._config.camera

@@ -1,0 +1,246 @@
+"""A surface with defects: scratches, dents, bumps, stains, missing and foreign texture.
+
+Shapes are formulas in the coordinates of the part, so height and gradients agree exactly, a defect
+rotates without interpolation, and its height casts shadows as the relief does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from rig.config.defect import RELIEF_KINDS, Defect
+from rig.scene.surfaces import Surface, SurfacePatch
+from rig.scene.targets import part_coordinates
+
+Image = npt.NDArray[np.float64]
+Number = TypeVar("Number", float, Image)
+
+# Half the distance between the two places where a groove is as high as the surface. Its spectrum
+# has 1 % of its peak at 0.4 cycles/px, the band limit of the surfaces: it does not alias.
+_GROOVE_PX = 1.5
+# Share of a scratch's length over which a stylus enters, and leaves.
+_ENTRY_SHARE = 0.25
+# Share of an outline's radius at which stains and patches begin to fade.
+_FADE_FROM = 0.6
+# Lobes and their amplitudes and phases: an outline without symmetry, between 0.7 and 1 of size / 2.
+_LOBES = ((2, 0.07, 0.0), (3, 0.05, 1.0), (5, 0.03, 2.5))
+
+
+class _Shape(NamedTuple):
+    """A function of the place and its derivatives along and across the angle of the defect."""
+
+    value: Image
+    along: Image
+    across: Image
+
+
+@dataclass(frozen=True, eq=False)
+class DefectiveSurface:
+    """A surface with defects; it is placed below the camera like the surface itself.
+
+    Parameters
+    ----------
+    surface
+        The surface without defects.
+    defects
+        Applied in this order.
+    foreign
+        Surfaces of foreign patches, by the name in `Defect.surface`.
+    """
+
+    surface: Surface
+    defects: tuple[Defect, ...]
+    foreign: Mapping[str, Surface]
+
+    @property
+    def relief_px(self) -> float:
+        """Bound on the height of the highest point above the lowest, in pixels."""
+        added = sum(each.depth_px for each in self.defects if each.kind in RELIEF_KINDS)
+        return self.surface.relief_px + added + sum(s.relief_px for s in self.foreign.values())
+
+    def patch(
+        self,
+        size_px: int,
+        rotate_deg: float = 0.0,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        margin_px: int = 0,
+        magnification: float = 1.0,
+    ) -> SurfacePatch:
+        """A square piece of the surface with its defects; see `PeriodicSurface.patch`."""
+        placed = (size_px, rotate_deg, shift_px, margin_px, magnification)
+        patch = self.surface.patch(*placed)
+        x, y = part_coordinates(*placed)
+        for defect in self.defects:
+            along, across = _from_defect(defect, x, y)
+            if defect.kind == "stain":
+                faded = 1.0 - defect.contrast * _blot(defect, along, across).value
+                patch = replace(patch, albedo=np.float32(faded) * patch.albedo)
+            elif defect.kind in RELIEF_KINDS:
+                shape = _scratch if defect.kind == "scratch" else _bump
+                height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
+                relief = shape(defect, along, across)
+                p, q = _rotated(relief.along, relief.across, rotate_deg + defect.angle_deg)
+                patch = replace(
+                    patch,
+                    height=patch.height + np.float32(height_px * magnification * relief.value),
+                    p=patch.p + np.float32(height_px * p),
+                    q=patch.q + np.float32(height_px * q),
+                )
+            else:
+                other = self._filling(defect, placed, along, across)
+                weight = _blot(defect, along, across)
+                patch = _blended(patch, other, weight, rotate_deg + defect.angle_deg, magnification)
+        return patch
+
+    def mask(
+        self, size_px: int, rotate_deg: float = 0.0, shift_px: tuple[float, float] = (0.0, 0.0)
+    ) -> npt.NDArray[np.bool_]:
+        """Pixels of a frame within the outline of a defect, (size_px, size_px)."""
+        x, y = part_coordinates(size_px, rotate_deg, shift_px, 0, 1.0)
+        inside = np.zeros(x.shape, np.bool_)
+        for defect in self.defects:
+            along, across = _from_defect(defect, x, y)
+            if defect.kind == "scratch":
+                # Beyond 2.5 the ridges are below a quarter of the depth and fall.
+                on_line = np.abs(along) < 0.5 * defect.size_px
+                inside |= on_line & (np.abs(across) < 2.5 * _GROOVE_PX)
+            elif defect.kind in RELIEF_KINDS:
+                inside |= np.hypot(along, across) < 0.5 * defect.size_px
+            else:
+                inside |= _blot(defect, along, across).value > 0.0
+        return inside
+
+    def _filling(
+        self,
+        defect: Defect,
+        placed: tuple[int, float, tuple[float, float], int, float],
+        along: Image,
+        across: Image,
+    ) -> SurfacePatch:
+        """What is in the place of the texture: its mean plane, with the foreign relief on it."""
+        size_px, rotate_deg, shift_px, margin_px, magnification = placed
+        level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
+        p, q = _rotated(p, q, -defect.angle_deg)  # along and across
+        if defect.surface is not None:
+            shift = _rotated(
+                shift_px[0] - defect.x_px, shift_px[1] - defect.y_px, -defect.angle_deg
+            )
+            other = self.foreign[defect.surface]
+            level_there, p_there, q_there, _ = _means_around(other, defect, (0.0, 0.0))
+            patch = other.patch(
+                size_px, rotate_deg + defect.angle_deg, shift, margin_px, magnification
+            )
+            level, p, q = level - level_there, p - p_there, q - q_there
+        else:
+            flat = np.zeros(along.shape, np.float32)
+            patch = SurfacePatch(flat, flat, flat, np.full_like(flat, albedo))
+        plane = magnification * (level + p * along + q * across)
+        p, q = _rotated(p, q, rotate_deg + defect.angle_deg)
+        return replace(
+            patch,
+            height=patch.height + np.float32(plane),
+            p=patch.p + np.float32(p),
+            q=patch.q + np.float32(q),
+        )
+
+
+def _means_around(
+    surface: Surface, defect: Defect, middle_px: tuple[float, float]
+) -> tuple[float, float, float, float]:
+    """Means of height, p, q and albedo where the defect is, whichever part of it a frame shows."""
+    side_px = math.ceil(defect.size_px)
+    patch = surface.patch(side_px, 0.0, middle_px)
+    weight = _bump(defect, *part_coordinates(side_px, 0.0, (0.0, 0.0), 0, 1.0)).value
+    weight /= weight.sum()
+    height, p, q, albedo = (
+        float((weight * each).sum()) for each in (patch.height, patch.p, patch.q, patch.albedo)
+    )
+    return height, p, q, albedo
+
+
+def _blended(
+    patch: SurfacePatch,
+    other: SurfacePatch,
+    weight: _Shape,
+    angle_deg: float,
+    magnification: float,
+) -> SurfacePatch:
+    """(1 - w) patch + w other; the gradients are those of the blended height."""
+    w = np.float32(weight.value)
+    step = (other.height - patch.height) / magnification
+    edge_p, edge_q = _rotated(weight.along, weight.across, angle_deg)
+    return replace(
+        patch,
+        height=patch.height + w * (other.height - patch.height),
+        p=patch.p + w * (other.p - patch.p) + step * np.float32(edge_p),
+        q=patch.q + w * (other.q - patch.q) + step * np.float32(edge_q),
+        albedo=patch.albedo + w * (other.albedo - patch.albedo),
+    )
+
+
+def _bump(defect: Defect, along: Image, across: Image) -> _Shape:
+    """Raised cosine of height 1: smooth, and flat in the middle and at its finite edge."""
+    radius_px = 0.5 * defect.size_px
+    phase = np.pi * np.minimum(np.hypot(along, across) / radius_px, 1.0)
+    # sin(phase) / phase, which is 1 in the middle, times the slope of the parabola there.
+    slope = -0.5 * (np.pi / radius_px) ** 2 * np.sinc(phase / np.pi)
+    return _Shape(0.5 + 0.5 * np.cos(phase), slope * along, slope * across)
+
+
+def _scratch(defect: Defect, along: Image, across: Image) -> _Shape:
+    """Depth of a groove: (1 - u^2) exp(-u^2 / 2) across it, u in half widths of the groove.
+
+    The ridges, 0.45 of its depth high, hold the material of the groove, as when a stylus ploughs a
+    ductile surface. The stylus enters and leaves over a quarter of the length each.
+    """
+    u = across / _GROOVE_PX
+    bell = np.exp(-0.5 * u * u)
+    profile, slope = (1.0 - u * u) * bell, (u * u - 3.0) * u * bell / _GROOVE_PX
+    entry_px = _ENTRY_SHARE * defect.size_px
+    phase = np.pi * np.clip((0.5 * defect.size_px - np.abs(along)) / entry_px, 0.0, 1.0)
+    depth = 0.5 - 0.5 * np.cos(phase)
+    deeper = -0.5 * np.pi / entry_px * np.sin(phase) * np.sign(along)
+    return _Shape(depth * profile, deeper * profile, depth * slope)
+
+
+def _blot(defect: Defect, along: Image, across: Image) -> _Shape:
+    """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
+    distance, angle = np.hypot(along, across), np.arctan2(across, along)
+    radius, turning = np.full_like(distance, 0.85), np.zeros_like(distance)
+    for lobes, amplitude, start in _LOBES:
+        radius += amplitude * np.cos(lobes * angle + start)
+        turning -= amplitude * lobes * np.sin(lobes * angle + start)
+    radius *= 0.5 * defect.size_px
+    turning *= 0.5 * defect.size_px  # derivative of the outline's radius by the angle
+    share = distance / radius
+    phase = np.pi * np.clip((share - _FADE_FROM) / (1.0 - _FADE_FROM), 0.0, 1.0)
+    fall = -0.5 * np.pi / (1.0 - _FADE_FROM) * np.sin(phase)
+    # The gradient of the share, outwards and anticlockwise.
+    outwards, around = fall / radius, -fall * turning / radius**2
+    cos, sin = np.cos(angle), np.sin(angle)
+    return _Shape(
+        0.5 + 0.5 * np.cos(phase), cos * outwards - sin * around, sin * outwards + cos * around
+    )
+
+
+def _from_defect(defect: Defect, x: Image, y: Image) -> tuple[Image, Image]:
+    """Coordinates from the middle of the defect, along its angle and across it."""
+    cos, sin = _cos_sin(defect.angle_deg)
+    right, up = x - defect.x_px, y - defect.y_px
+    return cos * right + sin * up, cos * up - sin * right
+
+
+def _rotated(x: Number, y: Number, angle_deg: float) -> tuple[Number, Number]:
+    cos, sin = _cos_sin(angle_deg)
+    return cos * x - sin * y, sin * x + cos * y
+
+
+def _cos_sin(angle_deg: float) -> tuple[float, float]:
+    angle = math.radians(angle_deg)
+    return math.cos(angle), math.sin(angle)
