@@ -17,6 +17,7 @@ from .commands import export, info, sets, solve, studies, textures, verify
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .commands.session import session_app
+from .commands.station import station_app
 from .console import complain
 from .process.interrupts import INTERRUPTED_STATUS
 from .process_settings import settle_process
@@ -42,6 +43,7 @@ app.command()(studies.bench)
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(rig_app, name="rig")
 app.add_typer(session_app, name="session")
+app.add_typer(station_app, name="station")
 
 
 @app.callback(invoke_without_command=True)

@@ -1,0 +1,10 @@
+"""``ps4rig station``: one file for each command, registered here."""
+
+from capture.commands.group import command_group
+
+from . import init
+
+__all__ = ["station_app"]
+
+station_app = command_group("Inspect parts with a rig, one after the other, and keep every result.")
+station_app.command()(init.init)

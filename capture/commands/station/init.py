@@ -1,0 +1,19 @@
+"""``ps4rig station init``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.console import out, reported
+
+
+@reported
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
+) -> None:
+    """Make the folder of a station with a commented configuration."""
+    from capture.station.folder import make_station
+
+    make_station(folder)
+    out.print(f"{folder}: edit station.toml, then run ps4rig station teach {folder}")
