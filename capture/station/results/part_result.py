@@ -1,8 +1,19 @@
 """`PartResult`: one row of the results, which is never changed."""
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, field
 
 from capture.station.verdict import Verdict
+
+from .utc import is_utc_text
+
+# Fields that are measured numbers, None where nothing was measured.
+MEASURES = (
+    "orientation_deg", "distance", "limit", "margin", "blur_px", "sdq", "shadow_fraction",
+    "defect_score",
+)  # fmt: skip
+_MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
 
 @dataclass(frozen=True)
@@ -45,8 +56,8 @@ class PartResult:
     trigger
         Source of the trigger: ``timer``, ``enter``, ``http`` or ``modbus``.
     triggered_utc, exposed_utc, decided_utc
-        Trigger, end of the last exposure and verdict, ISO 8601 with ms; `exposed_utc` is None where
-        no exposure was completed.
+        Trigger, end of the last exposure and verdict, as `utc_text` writes times; `exposed_utc` is
+        None where no exposure was completed.
     verdict
         The verdict.
     operator
@@ -74,6 +85,12 @@ class PartResult:
         Duration of each step by name, and ``exposed_to_announced`` where it is known.
     notes
         What else is to be known of the part, such as a clock that was set back.
+
+    Raises
+    ------
+    ValueError
+        For a value that no row can hold: NaN or infinity, an integer beyond 64 bits, a number below
+        1, or a time of another form.
     """
 
     station: str
@@ -108,3 +125,24 @@ class PartResult:
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, time in (
+            ("triggered_utc", self.triggered_utc),
+            ("exposed_utc", self.exposed_utc),
+            ("decided_utc", self.decided_utc),
+        ):
+            if time is not None and not is_utc_text(time):
+                raise ValueError(f"{name} {time!r}: not a time as utc_text writes it")
+        if not 1 <= self.number <= _MAX_INTEGER or abs(self.recipe_version or 0) > _MAX_INTEGER:
+            raise ValueError(f"number {self.number}, recipe version {self.recipe_version}")
+        for name, value in self._measured():
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"{name} of part {self.part_id} is {value}")
+
+    def _measured(self) -> Iterator[tuple[str, float | None]]:
+        yield from ((name, getattr(self, name)) for name in MEASURES)
+        for defect in self.defects:
+            yield from (("defects", value) for value in astuple(defect)[1:])
+        yield from (("led_levels", level) for level in self.led_levels)
+        yield from self.timings_ms.items()

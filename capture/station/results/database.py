@@ -1,0 +1,181 @@
+"""Connections to the database of results: SQLite in a file, or a PostgreSQL server."""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+
+from classify.errors import InputError, Ps4rigError
+
+# A database that someone else has locked for 10 s is the issue's own case; twice that is waited.
+PATIENCE_S = 20.0
+_CONNECT_TIMEOUT_S = 5
+# Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
+_LOCK_CLASS = 0x70733472
+
+
+class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, not a fault in a call
+    """The database does not answer, or cannot be written; the call may be repeated later.
+
+    Nothing of the call was written, or all of it; repeated, it is not done twice.
+    """
+
+    exit_status = 3
+
+
+def results_url(results: str, folder: Path) -> URL:
+    """Return the address of a database as ``station.toml`` names it.
+
+    Parameters
+    ----------
+    results
+        ``postgresql://user@host/database``, or the name of an SQLite file in the station's folder.
+    folder
+        The folder of the station.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if "://" not in results:
+        if not results.endswith(".sqlite"):
+            raise InputError(
+                f"results = {results!r}: give a file name that ends in .sqlite, or "
+                "postgresql://USER@HOST/DATABASE"
+            )
+        return URL.create("sqlite", database=str(folder / results))
+    try:
+        url = make_url(results)
+    except (ArgumentError, ValueError) as error:
+        raise InputError("results: not the URL of a database; see README") from error
+    if url.drivername not in ("postgresql", "postgresql+psycopg") or not url.database:
+        raise InputError(
+            f"results = {shown(url)!r}: only postgresql://USER@HOST/DATABASE is possible, or a "
+            "file name that ends in .sqlite"
+        )
+    return url.set(drivername="postgresql+psycopg")
+
+
+def shown(url: URL) -> str:
+    """Return an address for messages, without its password."""
+    return str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string()
+
+
+def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
+    """Return connections to an SQLite file whose commits are on disk when they return.
+
+    Parameters
+    ----------
+    patience_s
+        How long a statement waits for a lock of another program.
+    is_writer
+        Whether a transaction takes the lock for writing at its begin. A transaction that takes it
+        later fails at once if another program has written in between.
+    """
+    engine = create_engine(
+        url,
+        poolclass=QueuePool,
+        pool_size=1 if is_writer else 5,
+        max_overflow=0 if is_writer else 10,
+        pool_timeout=patience_s,
+        connect_args={"timeout": patience_s, "check_same_thread": False},
+    )
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: sqlite3.Connection, _record: Any) -> None:
+        # Python must not begin transactions by itself: changes of tables belong to them too.
+        connection.isolation_level = None
+        for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if is_writer else "BEGIN")
+
+    return engine
+
+
+def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | None) -> Engine:
+    """Return connections to a PostgreSQL server whose commits are on its disk when they return.
+
+    Parameters
+    ----------
+    patience_s
+        How long a statement may take, with all locks it waits for.
+    writing_station
+        The station for whose writer this is. There is one connection, and it holds a lock in the
+        server: a second program that writes for the same station is refused.
+
+    Raises
+    ------
+    InputError
+        If the driver is not installed.
+    """
+    settings = f"-c synchronous_commit=on -c statement_timeout={round(patience_s * 1000)}"
+    try:
+        engine = create_engine(
+            url,
+            poolclass=QueuePool,
+            pool_size=1 if writing_station else 5,
+            max_overflow=0 if writing_station else 10,
+            pool_timeout=patience_s,
+            connect_args={
+                "connect_timeout": _CONNECT_TIMEOUT_S,
+                "options": settings,
+                # A server that vanished without a word is noticed after 5 + 3 * 5 s.
+                "keepalives_idle": 5,
+                "keepalives_interval": 5,
+                "keepalives_count": 3,
+                "tcp_user_timeout": round(patience_s * 1000),
+                "application_name": f"ps4rig {writing_station or 'reader'}"[:63],
+            },
+        )
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{shown(url)}: needs the driver of PostgreSQL; pip install 'ps4rig[postgresql]'"
+        ) from error
+
+    @event.listens_for(engine, "connect")
+    def _prepare(connection: Any, _record: Any) -> None:
+        with connection.cursor() as cursor:
+            encoding = cursor.execute("SHOW server_encoding").fetchone()[0]
+            if encoding != "UTF8":
+                raise InputError(
+                    f"{shown(url)}: the database has the encoding {encoding}, which cannot hold "
+                    "every text; make one with UTF8"
+                )
+            if writing_station is not None:
+                lock = "SELECT pg_try_advisory_lock(%s, hashtext(%s))"
+                [is_free] = cursor.execute(lock, (_LOCK_CLASS, writing_station)).fetchone()
+                if not is_free:
+                    raise ResultsUnavailable(
+                        f"{shown(url)}: another program writes for station {writing_station}; end "
+                        "it, or give this station another name"
+                    )
+        connection.commit()
+
+    return engine
+
+
+@contextmanager
+def unavailable_if_failing(url: URL) -> Iterator[None]:
+    """Turn errors of the database into `ResultsUnavailable`, with the address and the cause."""
+    try:
+        yield
+    except (DBAPIError, PoolTimeoutError) as error:
+        raise ResultsUnavailable(f"{shown(url)}: {cause_of(error)}") from error
+
+
+def cause_of(error: Exception) -> str:
+    """Return what the database said, in one line."""
+    cause = error.orig if isinstance(error, DBAPIError) else error
+    said = " ".join(str(cause).split())
+    if isinstance(error, OperationalError) and "locked" in said:
+        return f"{said}; another program holds it"
+    return said or type(cause).__name__

@@ -1,0 +1,194 @@
+"""The tables of the results, for SQLite and PostgreSQL; rows are only ever appended.
+
+A change of a table needs a new `VERSION` and its step in `migrations`.
+"""
+
+from collections.abc import Iterator
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Column,
+    Connection,
+    Double,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Integer,
+    MetaData,
+    PrimaryKeyConstraint,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+
+VERSION = 1
+
+metadata = MetaData()
+
+# Which program brought the database to which version, and when.
+schema_versions = Table(
+    "schema_versions",
+    metadata,
+    Column("version", Integer, primary_key=True, autoincrement=False),
+    Column("since_utc", Text, nullable=False),
+    Column("software_version", Text, nullable=False),
+)
+
+stations = Table(
+    "stations",
+    metadata,
+    Column("station", Text, primary_key=True),
+    Column("since_utc", Text, nullable=False),
+)
+
+# One row for each trigger that was taken, before the first exposure. `request` is a random key:
+# after a lost connection it tells whether the row was written.
+begun_parts = Table(
+    "begun_parts",
+    metadata,
+    Column("station", Text, ForeignKey("stations.station"), nullable=False),
+    Column("part_id", Text, nullable=False),
+    Column("number", BigInteger, nullable=False),
+    Column("request", Text, nullable=False, unique=True),
+    Column("trigger", Text, nullable=False),
+    Column("triggered_utc", Text, nullable=False),
+    Column("simulated", Boolean, nullable=False),
+    PrimaryKeyConstraint("station", "part_id"),
+    UniqueConstraint("station", "number"),
+    UniqueConstraint("station", "part_id", "number"),
+)
+
+# The fields of `PartResult`, in its words.
+results = Table(
+    "results",
+    metadata,
+    Column("station", Text, nullable=False),
+    Column("part_id", Text, nullable=False),
+    Column("number", BigInteger, nullable=False),
+    Column("trigger", Text, nullable=False),
+    Column("triggered_utc", Text, nullable=False),
+    Column("exposed_utc", Text),
+    Column("decided_utc", Text, nullable=False),
+    Column("decision", Text, nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("causes", JSON, nullable=False),
+    Column("operator", Text),
+    Column("simulated", Boolean, nullable=False),
+    Column("software_version", Text, nullable=False),
+    Column("recipe", Text),
+    Column("recipe_version", BigInteger),
+    Column("recipe_sha256", Text),
+    Column("library_sha256", Text),
+    Column("calibration_sha256", Text),
+    Column("set_file", Text),
+    Column("set_sha256", Text),
+    Column("label", Text),
+    Column("nearest", Text),
+    Column("orientation_deg", Double),
+    Column("distance", Double),
+    Column("limit", Double),
+    Column("margin", Double),
+    Column("blur_px", Double),
+    Column("sdq", Double),
+    Column("shadow_fraction", Double),
+    Column("defect_score", Double),
+    Column("defects", JSON, nullable=False),
+    Column("led_levels", JSON, nullable=False),
+    Column("timings_ms", JSON, nullable=False),
+    Column("notes", JSON, nullable=False),
+    PrimaryKeyConstraint("station", "part_id"),
+    UniqueConstraint("station", "number"),
+    ForeignKeyConstraint(
+        ("station", "part_id", "number"),
+        ("begun_parts.station", "begun_parts.part_id", "begun_parts.number"),
+    ),
+)
+
+# A person's verdict on a part that has a result; the one with the highest position holds.
+overrides = Table(
+    "overrides",
+    metadata,
+    Column("station", Text, nullable=False),
+    Column("part_id", Text, nullable=False),
+    Column("position", BigInteger, nullable=False),
+    Column("request", Text, nullable=False, unique=True),
+    Column("utc", Text, nullable=False),
+    Column("decision", Text, nullable=False),
+    Column("by", Text, nullable=False),
+    Column("reason", Text, nullable=False),
+    PrimaryKeyConstraint("station", "part_id", "position"),
+    ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
+)
+
+# Triggers that could not be served.
+refused_triggers = Table(
+    "refused_triggers",
+    metadata,
+    Column("station", Text, ForeignKey("stations.station"), nullable=False),
+    Column("position", BigInteger, nullable=False),
+    Column("request", Text, nullable=False, unique=True),
+    Column("utc", Text, nullable=False),
+    Column("trigger", Text, nullable=False),
+    Column("part_id", Text),
+    Column("reason", Text, nullable=False),
+    Column("simulated", Boolean, nullable=False),
+    PrimaryKeyConstraint("station", "position"),
+)
+
+
+def make_tables(connection: Connection) -> None:
+    """Make all tables of this version in an empty database, and what keeps rows as they are."""
+    metadata.create_all(connection, checkfirst=False)
+    if connection.dialect.name == "postgresql":
+        connection.exec_driver_sql(_POSTGRESQL_REFUSAL)
+    for table in metadata.sorted_tables:
+        for statement in append_only(connection.dialect.name, table.name, _keys(table)):
+            connection.exec_driver_sql(statement)
+
+
+def append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
+    """Statements after which the database refuses to change or to delete rows of a table.
+
+    Parameters
+    ----------
+    keys
+        Names of the columns of each unique key: SQLite's ``INSERT OR REPLACE`` deletes the old row
+        without calling the trigger of a deletion.
+    """
+    if dialect == "postgresql":
+        yield (
+            f"CREATE TRIGGER {table}_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON {table} "
+            "FOR EACH STATEMENT EXECUTE FUNCTION ps4rig_append_only()"
+        )
+        return
+    refusal = f"SELECT RAISE(ABORT, '{table}: rows are never changed or deleted')"
+    for event in ("UPDATE", "DELETE"):
+        yield (
+            f"CREATE TRIGGER {table}_no_{event.lower()} BEFORE {event} ON {table} "
+            f"BEGIN {refusal}; END"
+        )
+    same = " OR ".join(
+        "(" + " AND ".join(f"{column} = NEW.{column}" for column in key) + ")" for key in keys
+    )
+    yield (
+        f"CREATE TRIGGER {table}_no_replace BEFORE INSERT ON {table} "
+        f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {same}) "
+        f"BEGIN SELECT RAISE(ABORT, '{table}: there is such a row already'); END"
+    )
+
+
+_POSTGRESQL_REFUSAL = """
+CREATE FUNCTION ps4rig_append_only() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    RAISE EXCEPTION '%: rows are never changed or deleted', TG_TABLE_NAME;
+END $$
+"""
+
+
+def _keys(table: Table) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        tuple(column.name for column in constraint.columns)
+        for constraint in table.constraints
+        if isinstance(constraint, PrimaryKeyConstraint | UniqueConstraint)
+    )

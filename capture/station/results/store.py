@@ -1,0 +1,346 @@
+"""`ResultStore`: parts that a station has begun, their results, and what people said of them."""
+
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    Row,
+    Select,
+    Table,
+    and_,
+    func,
+    insert,
+    select,
+)
+from sqlalchemy.exc import DBAPIError, IntegrityError
+
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+from .database import (
+    PATIENCE_S,
+    ResultsUnavailable,
+    postgresql_engine,
+    shown,
+    sqlite_engine,
+    unavailable_if_failing,
+)
+from .migrations import migrate
+from .part_id import made_part_id, require_given_part_id
+from .part_result import PartResult
+from .rows import row_of, storable
+from .schema import begun_parts, overrides, refused_triggers, results, stations
+from .utc import is_utc_text
+
+_RETRY_S = 0.2  # between two attempts to reach a PostgreSQL server that restarts
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class BegunPart:
+    """A part whose trigger was taken; every one gets a result, and only one.
+
+    Attributes
+    ----------
+    part_id, number, trigger, triggered_utc, simulated
+        As in `PartResult`.
+    """
+
+    part_id: str
+    number: int
+    trigger: str
+    triggered_utc: str
+    simulated: bool
+
+
+class ResultStore:
+    """The results of one station; `open_store` makes it.
+
+    All methods may be called from any thread. Each writes in one transaction, which is on disk when
+    the method returns, and is not done twice if the caller repeats it after `ResultsUnavailable`
+    with the same values; `begin`, `refuse` and `override` repeat it themselves.
+    """
+
+    def __init__(self, url: URL, station: str, writer: Engine, reader: Engine, patience_s: float):
+        self.station = station
+        self.reader = reader
+        self.url = url
+        self._writer = writer
+        self._patience_s = patience_s
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._writer.dispose()
+        self.reader.dispose()
+
+    def begin(
+        self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None
+    ) -> BegunPart:
+        """Record that a trigger was taken, before the first exposure; give the part its number.
+
+        Parameters
+        ----------
+        trigger, triggered_utc, simulated
+            As in `PartResult`.
+        part_id
+            Identity that came with the trigger; None lets the station make one.
+
+        Raises
+        ------
+        InputError
+            If `part_id` cannot be an identity, or belongs to a part of this station already.
+        ResultsUnavailable
+            If the database does not answer. The part is not begun, or `unfinished` lists it.
+        """
+        if part_id is not None:
+            require_given_part_id(part_id)
+        _require_utc(triggered_utc)
+        request = uuid.uuid4().hex
+
+        def work(connection: Connection) -> BegunPart:
+            written = connection.execute(_BEGUN.where(begun_parts.c.request == request)).first()
+            if written is not None:
+                return _begun_part(written)
+            self._lock_station(connection, triggered_utc)
+            if part_id is not None and self._find(connection, begun_parts, part_id) is not None:
+                raise InputError(f"part {part_id}: this station has had a part with this id")
+            number = self._last(connection, begun_parts.c.number) + 1
+            begun = BegunPart(
+                part_id or made_part_id(number), number, storable(trigger), triggered_utc, simulated
+            )
+            row = {"station": self.station, "request": request, **vars(begun)}
+            connection.execute(insert(begun_parts).values(row))
+            return begun
+
+        return self._write(work)
+
+    def add(self, result: PartResult) -> None:
+        """Record the result of a begun part; the same result again changes nothing.
+
+        Raises
+        ------
+        InputError
+            If the part was not begun, or has another result.
+        ResultsUnavailable
+            If the database does not answer; repeat the call later.
+        """
+        row = row_of(result)
+        if result.station != self.station:
+            raise InputError(f"result of station {result.station} in that of {self.station}")
+
+        def work(connection: Connection) -> None:
+            written = self._find(connection, results, result.part_id)
+            if written is None:
+                connection.execute(insert(results).values(row))
+            elif dict(written._mapping) != row:
+                raise InputError(f"part {result.part_id}: has another result already")
+
+        try:
+            self._write(work)
+        except IntegrityError as error:
+            raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
+
+    def refuse(
+        self, *, trigger: str, utc: str, reason: str, simulated: bool, part_id: str | None = None
+    ) -> None:
+        """Record a trigger that could not be served.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        _require_utc(utc)
+        row = {
+            "station": self.station,
+            "request": uuid.uuid4().hex,
+            "utc": utc,
+            "trigger": storable(trigger),
+            "part_id": None if part_id is None else storable(part_id),
+            "reason": storable(reason),
+            "simulated": simulated,
+        }
+
+        def work(connection: Connection) -> None:
+            if not _has_request(connection, refused_triggers, row["request"]):
+                self._lock_station(connection, utc)
+                position = self._last(connection, refused_triggers.c.position) + 1
+                connection.execute(insert(refused_triggers).values(row | {"position": position}))
+
+        self._write(work)
+
+    def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
+        """Record that a person gives a part another verdict; the result stays as it is.
+
+        Raises
+        ------
+        InputError
+            If the part has no result, the verdict is neither PASS nor FAIL, or name or reason is
+            empty.
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        _require_utc(utc)
+        if decision not in (Decision.PASS, Decision.FAIL):
+            raise InputError(f"verdict {decision}: a person decides PASS or FAIL")
+        if not by.strip() or not reason.strip():
+            raise InputError(f"part {part_id}: an override needs a name and a reason")
+        row = {
+            "station": self.station,
+            "part_id": part_id,
+            "request": uuid.uuid4().hex,
+            "utc": utc,
+            "decision": decision.value,
+            "by": storable(by.strip()),
+            "reason": storable(reason.strip()),
+        }
+
+        def work(connection: Connection) -> None:
+            if _has_request(connection, overrides, row["request"]):
+                return
+            self._lock_station(connection, utc)
+            if self._find(connection, results, part_id) is None:
+                raise InputError(f"part {part_id}: station {self.station} has no result of it")
+            position = self._last(connection, overrides.c.position, part_id=part_id) + 1
+            connection.execute(insert(overrides).values(row | {"position": position}))
+
+        self._write(work)
+
+    def unfinished(self) -> list[BegunPart]:
+        """Parts without a result, by number: after a kill or a loss of power.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        same = and_(
+            results.c.station == begun_parts.c.station, results.c.part_id == begun_parts.c.part_id
+        )
+        statement: Select[Any] = (
+            _BEGUN.outerjoin(results, same)
+            .where(begun_parts.c.station == self.station, results.c.part_id.is_(None))
+            .order_by(begun_parts.c.number)
+        )
+        with unavailable_if_failing(self.url), self.reader.connect() as connection:
+            return [_begun_part(row) for row in connection.execute(statement)]
+
+    def _write(self, work: Callable[[Connection], T]) -> T:
+        """Do `work` in a transaction; repeat it while a PostgreSQL server cannot be reached.
+
+        `work` looks first whether an attempt before it was committed.
+        """
+        last_attempt_s = time.monotonic() + self._patience_s
+        while True:
+            try:
+                with self._writer.begin() as connection:
+                    return work(connection)
+            except IntegrityError:
+                raise
+            except (DBAPIError, ResultsUnavailable) as error:
+                # SQLite has waited for its locks itself.
+                is_last = time.monotonic() >= last_attempt_s
+                if is_last or self.url.get_backend_name() == "sqlite":
+                    with unavailable_if_failing(self.url):
+                        raise error
+            time.sleep(_RETRY_S)
+
+    def _lock_station(self, connection: Connection, utc: str) -> None:
+        """Give numbers to one writer of this station at a time, until the end of the transaction.
+
+        A transaction that writes to SQLite has the whole file locked from its begin.
+        """
+        row = select(stations).where(stations.c.station == self.station)
+        if connection.execute(row.with_for_update()).first() is None:
+            connection.execute(insert(stations).values(station=self.station, since_utc=utc))
+
+    def _find(self, connection: Connection, table: Table, part_id: str) -> Row[Any] | None:
+        return connection.execute(
+            select(table).where(table.c.station == self.station, table.c.part_id == part_id)
+        ).first()
+
+    def _last(self, connection: Connection, column: Any, **values: str) -> int:
+        """Return the highest value of a column that counts rows of this station; 0 without rows."""
+        table = column.table
+        given = [table.c[name] == value for name, value in values.items()]
+        statement = select(func.max(column)).where(table.c.station == self.station, *given)
+        return connection.scalar(statement) or 0
+
+
+_BEGUN: Select[Any] = select(
+    *(begun_parts.c[name] for name in BegunPart.__dataclass_fields__)
+).select_from(begun_parts)
+
+
+def _begun_part(row: Row[Any]) -> BegunPart:
+    return BegunPart(**row._mapping)
+
+
+def _has_request(connection: Connection, table: Table, request: Any) -> bool:
+    statement = select(table.c.request).where(table.c.request == request)
+    return connection.execute(statement).first() is not None
+
+
+def _require_utc(utc: str) -> None:
+    if not is_utc_text(utc):
+        raise ValueError(f"{utc!r}: not a time as utc_text writes it")
+
+
+def open_store(
+    url: URL, station: str, *, create: bool = False, alone: bool = True,
+    patience_s: float = PATIENCE_S,
+) -> ResultStore:  # fmt: skip
+    """Open the results of a station, and bring tables of an earlier version forward.
+
+    Parameters
+    ----------
+    url
+        As `results_url` gives it.
+    station
+        Name of the station.
+    create
+        Whether to make the file and the tables if they are missing.
+    alone
+        Whether this program is the only one that begins parts of this station: a second one is
+        refused. False for commands beside a running station. An SQLite file belongs to a station's
+        folder, and the lock of the folder does this.
+    patience_s
+        How long to wait for a lock of another program or a server that restarts.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds something else, or tables of a later version.
+    ResultsUnavailable
+        If the database does not answer, or another program writes for this station.
+    """
+    if url.get_backend_name() == "sqlite":
+        path = Path(str(url.database))
+        if not create and not path.is_file():
+            raise InputError(f"{path}: no such file; ps4rig station init makes it")
+        writer = sqlite_engine(url, patience_s=patience_s, is_writer=True)
+        reader = sqlite_engine(url, patience_s=patience_s, is_writer=False)
+    else:
+        name = station if alone else None
+        writer = postgresql_engine(url, patience_s=patience_s, writing_station=name)
+        reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
+    store = ResultStore(url, station, writer, reader, patience_s)
+    try:
+        store._write(lambda connection: migrate(connection, shown(url), create=create))
+    except BaseException:
+        store.close()
+        raise
+    return store
