@@ -1,4 +1,7 @@
 from .calibration.calibration import Calibration
+from .defects.defect_map import DefectMap, DefectRegion, regions_of
+from .defects.defect_model import DefectModel
+from .defects.learning import learn_defects
 from .errors import InputError, LibraryError, Ps4rigError
 from .images.noise import SensorNoise
 from .library.evaluation import Evaluation, Trial, evaluate
@@ -20,6 +23,9 @@ __all__ = [
     "METHODS",
     "Calibration",
     "Curvature",
+    "DefectMap",
+    "DefectModel",
+    "DefectRegion",
     "Evaluation",
     "InputError",
     "LibraryError",
@@ -35,8 +41,10 @@ __all__ = [
     "Trial",
     "evaluate",
     "integrate_gradients",
+    "learn_defects",
     "local_relief",
     "photometric_stereo",
+    "regions_of",
     "relight",
     "surface_curvature",
     "surface_roughness",

@@ -15,6 +15,10 @@ class LibraryError(InputError):
     """A texture library that cannot be read, or does not fit the surface."""
 
 
+class DefectModelError(InputError):
+    """A defect model that cannot be read."""
+
+
 class CalibrationRejected(Ps4rigError):  # noqa: N818 - a verdict on a measurement, no program error
     """A measurement too bad to be kept as a part of a calibration; the message names its cause."""
 

@@ -1,0 +1,111 @@
+"""`DefectMap` of a part, and the regions in which it exceeds the limit."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from classify.surface.estimate import FloatMap
+
+CELL_PX: Final = 8
+"""Pixels on a side of one cell of a defect map."""
+
+Kind = Literal["relief", "albedo", "texture"]
+KINDS: Final[tuple[Kind, ...]] = ("relief", "albedo", "texture")
+
+
+@dataclass(frozen=True, eq=False)
+class DefectMap:
+    """Scores of the cells of a part, (h, w) float32; 1.0 is the limit.
+
+    Cells with too few valid pixels are NaN in all maps. The last row and column may cover less than
+    `CELL_PX` pixels of the frame.
+
+    Attributes
+    ----------
+    relief, albedo
+        Score of single spots and lines in the relief and in the logarithm of the albedo.
+    texture
+        Score of the local statistics of both: another texture, or none.
+    shape
+        Rows and columns of the frame, px.
+    """
+
+    relief: FloatMap
+    albedo: FloatMap
+    texture: FloatMap
+    shape: tuple[int, int]
+    cell_px: int = CELL_PX
+
+    @property
+    def score(self) -> FloatMap:
+        """The largest of the scores of the three kinds."""
+        score: FloatMap = np.maximum(np.maximum(self.relief, self.albedo), self.texture)
+        return score
+
+    @property
+    def worst(self) -> float:
+        """The largest score of the part; NaN if no cell is valid."""
+        return float(np.fmax.reduce(self.score, axis=None))
+
+    @property
+    def invalid_share(self) -> float:
+        """Share of cells without a score, 0 to 1."""
+        return float(np.isnan(self.score).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class DefectRegion:
+    """A connected region of cells above the limit.
+
+    Attributes
+    ----------
+    kind
+        The kind of the highest score in the region.
+    box
+        x, y, width, height in pixels of the frame: column and row of the upper left corner.
+    area_px
+        Pixels of its cells.
+    score
+        The highest score in the region.
+    outline
+        (n, 2) int32 x and y of the corners of its outer boundary, pixels of the frame.
+    """
+
+    kind: Kind
+    box: tuple[int, int, int, int]
+    area_px: int
+    score: float
+    outline: npt.NDArray[np.int32]
+
+
+def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
+    """Outline the connected cells above 1.0, the highest score first."""
+    score = defect_map.score
+    above = (score > 1.0).astype(np.uint8)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+    kinds = np.stack([getattr(defect_map, kind) for kind in KINDS])
+    rows, columns = defect_map.shape
+    cell = defect_map.cell_px
+    regions = []
+    for label in range(1, count):
+        inside = labels == label
+        peak = int(np.argmax(np.where(inside, score, -np.inf)))
+        kind = KINDS[int(np.argmax(kinds.reshape(len(KINDS), -1)[:, peak]))]
+        left, top, width, height, cells = (int(each) for each in boxes[label])
+        # Cells as blocks of pixels: the outline follows their borders.
+        block = inside[top : top + height, left : left + width].astype(np.uint8)
+        block = np.kron(block, np.ones((cell, cell), np.uint8))
+        outlines, _ = cv2.findContours(block, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        outline = outlines[0][:, 0] + np.array([left * cell, top * cell])
+        outline = np.minimum(outline, [columns - 1, rows - 1]).astype(np.int32)
+        box = (
+            left * cell, top * cell,
+            min(width * cell, columns - left * cell), min(height * cell, rows - top * cell),
+        )  # fmt: skip
+        regions.append(
+            DefectRegion(kind, box, cells * cell * cell, float(score.flat[peak]), outline)
+        )
+    return tuple(sorted(regions, key=lambda region: -region.score))

@@ -1,0 +1,101 @@
+"""Slopes and log albedo of a part at half resolution, without outliers and gaps."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import scipy.fft
+
+from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.texture.fields import texture_fields
+
+from .defect_map import CELL_PX
+
+HALF_CELL = CELL_PX // 2
+# Coarsest pixel of the responses, in pixels at half resolution; the fields are padded to multiples.
+COARSEST = 16
+# Pixels at half resolution over which the fields fade to zero towards the frame and large gaps:
+# a transform repeats the frame, and a step at its border would look like a scratch.
+_FADE = 9
+# Gaussian that fills gaps, and the share of valid pixels below it that makes a gap too large.
+_FILL_PX = 2.0
+_LEAST_FILLED = np.float32(0.25)
+_LEAST_VALID = np.float32(0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class PartFields:
+    """Slopes and log albedo less their means, (rows, columns) float32 at half resolution.
+
+    The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
+
+    Attributes
+    ----------
+    weight
+        0 to 1, how far a pixel has faded.
+    valid
+        (h, w) bool, cells of which at least half of the pixels are valid.
+    shape
+        Rows and columns of the frame, px.
+    """
+
+    p: FloatMap
+    q: FloatMap
+    albedo: FloatMap
+    weight: FloatMap
+    valid: np.ndarray
+    shape: tuple[int, int]
+
+
+def part_fields(surface: SurfaceEstimate) -> PartFields:
+    """Compute the fields; InputError as `texture_fields`."""
+    fields = texture_fields(surface)
+    rows, columns = (_padded(-(-side // 2)) for side in surface.shape)
+    share = _halved(surface.valid.astype(np.float32), rows, columns)
+    planes = [_halved(plane, rows, columns) for plane in (fields.p, fields.q, fields.albedo)]
+    kept = share
+    if not surface.valid.all():
+        whole = (share >= 1.0).astype(np.float32)
+        kept = cv2.GaussianBlur(whole, (0, 0), _FILL_PX)
+        planes = [_filled(plane, whole, kept) for plane in planes]
+    kept = (kept > _LEAST_FILLED).astype(np.float32)
+    square = np.ones((_FADE, _FADE), np.uint8)
+    kept = cv2.erode(kept, square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    weight = cv2.blur(kept, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
+    total = max(float(weight.sum()), 1.0)
+    np.log(np.maximum(planes[2], np.float32(1e-3)), out=planes[2])
+    for plane in planes:
+        plane -= np.float32(np.vdot(plane, weight) / total)
+        plane *= weight
+    h, w = (-(-side // CELL_PX) for side in surface.shape)
+    cells = cv2.resize(
+        share, (columns // HALF_CELL, rows // HALF_CELL), interpolation=cv2.INTER_AREA
+    )[:h, :w]
+    p, q, albedo = planes
+    return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID, surface.shape)
+
+
+def _padded(side: int) -> int:
+    """A fast length of a transform that is a multiple of `COARSEST`."""
+    return COARSEST * int(scipy.fft.next_fast_len(-(-side // COARSEST), real=True))
+
+
+def _halved(plane: FloatMap, rows: int, columns: int) -> FloatMap:
+    """Means of 2 x 2 pixels, with zeros beyond the frame."""
+    height, width = plane.shape
+    if (height, width) != (2 * rows, 2 * columns):
+        plane = cv2.copyMakeBorder(
+            plane, 0, 2 * rows - height, 0, 2 * columns - width, cv2.BORDER_CONSTANT, value=0
+        )
+    halved: FloatMap = cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA)
+    return halved
+
+
+def _filled(plane: FloatMap, whole: FloatMap, around: FloatMap) -> FloatMap:
+    """The plane with pixels that are not whole replaced by the mean of whole ones around them.
+
+    A pixel of which a quarter is not valid is already mixed with the mean of the frame.
+    """
+    blurred = cv2.GaussianBlur(plane * whole, (0, 0), _FILL_PX)
+    filled: FloatMap = np.where(whole > 0, plane, blurred / np.maximum(around, np.float32(1e-3)))
+    return filled

@@ -1,0 +1,94 @@
+"""The ``.ps4def`` file: the arrays of a defect model as an `array_archive`."""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field
+
+from classify.array_archive import ArchiveKind, open_archive, write_archive
+from classify.durable_file import require_folder
+from classify.errors import DefectModelError
+
+SUFFIX = ".ps4def"
+VERSION: Final = 1
+_KIND = ArchiveKind(
+    noun="defect model",
+    header="defects.json",
+    versions=(VERSION,),
+    if_missing="make one with ps4rig station teach",
+    remedy="teach it again",
+    error=DefectModelError,
+    # A model takes 150 kB, and 8 bytes for each of at most 1000 good parts.
+    max_bytes=2**22,
+    max_header_bytes=2**16,
+)
+_DTYPES = ("<f4", "<f8")
+
+Array = npt.NDArray[Any]
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    format: Literal["ps4def"] = "ps4def"
+    version: Literal[1] = VERSION
+    false_alarm_rate: float = Field(gt=0.0, lt=0.5)
+    sha256: str
+
+
+def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
+    """Write a model to `path`, whole or not at all.
+
+    Raises
+    ------
+    DefectModelError
+        If the name does not end in ``.ps4def``.
+    InputError
+        If the file cannot be written.
+    """
+    if path.suffix != SUFFIX:
+        raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
+    require_folder(path)
+    header = _Header(false_alarm_rate=false_alarm_rate, sha256=digest(false_alarm_rate, arrays))
+    write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
+
+
+def read(
+    path: Path, shapes: Mapping[str, tuple[int | None, ...]]
+) -> tuple[float, dict[str, Array]]:
+    """Read the false alarm rate and the arrays of a model.
+
+    `shapes` names the arrays; None stands for any length.
+
+    Raises
+    ------
+    DefectModelError
+        If the file is missing, damaged, changed, no defect model, or of another version; the
+        message names it.
+    """
+    with open_archive(path, _KIND) as archive:
+        header = archive.header(_Header)
+        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes}
+        for name, shape in shapes.items():
+            found = arrays[name].shape
+            fits = len(found) == len(shape) and all(
+                side in (None, length) for side, length in zip(shape, found, strict=True)
+            )
+            if not fits or not np.isfinite(arrays[name]).all():
+                raise archive.damaged(f"{name} is {found} or contains NaN")
+        if digest(header.false_alarm_rate, arrays) != header.sha256:
+            raise archive.error("its arrays do not match their SHA-256: the file was changed")
+    return header.false_alarm_rate, arrays
+
+
+def digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over the rate and the arrays with their names, types and shapes."""
+    hashed = hashlib.sha256(f"{VERSION} {false_alarm_rate!r}".encode())
+    for name in sorted(arrays):
+        plain = np.ascontiguousarray(arrays[name])
+        hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
+        hashed.update(plain.tobytes())
+    return hashed.hexdigest()

@@ -1,0 +1,188 @@
+"""Whitening: relief and albedo divided by the spectrum of their texture.
+
+A filter that divides by the root of the power spectrum turns a stationary texture into white noise
+of variance 1. What is no part of the texture then stands out as far as it can (the matched filter
+of North 1943, without the shape of the defect).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import scipy.fft
+
+from classify.surface.estimate import FloatMap
+
+from .fields import PartFields
+
+# Side of a segment of the spectra, in pixels at half resolution: lines of periodic textures are
+# resolved, and a frame of 512 px has nine segments.
+SEGMENT = 128
+# Segments that faded this far carry no information.
+_LEAST_WEIGHT = 0.5
+# Power added to every frequency, as a share of the mean power: errors of focus, scale and
+# orientation move about this share of the power of one frequency to others.
+_FLOOR = 1e-3
+# Isotropic low-pass in cycles per pixel at half resolution, so that all orientations are alike.
+_PASS, _STOP = 0.40, 0.48
+
+Power = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Power of relief and albedo, (SEGMENT, SEGMENT) float64 each, zero frequency in the middle.
+
+    In the frame of the texture: orientation 0, x to the right, y up along falling rows. The relief
+    is the slope along the wave vector, which no curl enters.
+    """
+
+    relief: Power
+    albedo: Power
+
+    @classmethod
+    def of(cls, fields: PartFields, orientation_deg: float) -> Self | None:
+        """Mean power of the segments of a part; None if all of them have faded."""
+        window = _window()
+        cosine, sine = _wave_directions((SEGMENT, SEGMENT))
+        relief = np.zeros((SEGMENT, SEGMENT // 2 + 1))
+        albedo = np.zeros_like(relief)
+        count = 0
+        for top, left in _segment_corners(fields.p.shape):
+            piece = np.s_[top : top + SEGMENT, left : left + SEGMENT]
+            if fields.weight[piece].mean() < _LEAST_WEIGHT:
+                continue
+            p, q, a = (
+                scipy.fft.rfft2((plane[piece] - plane[piece].mean()) * window)
+                for plane in (fields.p, fields.q, fields.albedo)
+            )
+            relief += np.abs(cosine * p + sine * q) ** 2
+            albedo += np.abs(a) ** 2
+            count += 1
+        if count == 0:
+            return None
+        return cls(*(_rotated(_whole(each / count), orientation_deg) for each in (relief, albedo)))
+
+    def gains(self) -> FloatMap:
+        """(2, SEGMENT + 1, SEGMENT + 1) float32 whitening gains of relief and albedo."""
+        gains = []
+        for power in (self.relief, self.albedo):
+            power = _with_lowest(power)
+            gain = 1.0 / np.sqrt(power + _FLOOR * power.mean() + 1e-12)
+            gains.append(np.pad(gain, ((0, 1), (0, 1)), mode="wrap"))
+        return np.array(gains, np.float32)
+
+
+def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
+    """The mean of the spectra of several parts."""
+    return Spectrum(
+        np.mean([each.relief for each in spectra], axis=0),
+        np.mean([each.albedo for each in spectra], axis=0),
+    )
+
+
+def whitened(
+    fields: PartFields, gains: FloatMap, orientation_deg: float
+) -> tuple[FloatMap, FloatMap]:
+    """Whitened relief and albedo of a part, as large as its fields; raised and bright are positive.
+
+    `gains` are in the frame of the texture; the part is rotated by `orientation_deg` from it.
+    """
+    shape = fields.p.shape
+    u, v, low_pass = _frequencies(shape)
+    cosine, sine = _wave_directions(shape)
+    angle = np.radians(orientation_deg)
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    # v is up, and rows of the gains run down.
+    x = (c * u + s * v + np.float32(0.5)) * SEGMENT
+    y = (np.float32(0.5) + s * u - c * v) * SEGMENT
+    relief_gain, albedo_gain = (
+        low_pass * cv2.remap(gain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for gain in gains
+    )
+    p, q, a = (scipy.fft.rfft2(plane) for plane in (fields.p, fields.q, fields.albedo))
+    p *= cosine * relief_gain
+    q *= sine * relief_gain
+    p += q
+    p *= np.complex64(-1j)
+    a *= albedo_gain
+    relief: FloatMap = scipy.fft.irfft2(p, s=shape)
+    albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
+    return relief, albedo
+
+
+@lru_cache(maxsize=1)
+def _window() -> FloatMap:
+    """Hann window of unit mean square over the segment's pixels in all."""
+    line = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(SEGMENT) + 0.5) / SEGMENT)
+    window = np.outer(line, line)
+    return np.asarray(window / np.sqrt(np.sum(window**2)), np.float32)
+
+
+def _segment_corners(shape: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Corners of segments that overlap by about a half and cover the frame."""
+    lines = []
+    for side in shape:
+        count = 1 + -(-2 * (side - SEGMENT) // SEGMENT)
+        lines.append(np.linspace(0, side - SEGMENT, max(count, 1)).round().astype(int).tolist())
+    return [(top, left) for top in lines[0] for left in lines[1]]
+
+
+@lru_cache(maxsize=4)
+def _frequencies(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """U to the right, v up, and the low-pass of a half spectrum; cycles per pixel."""
+    rows, columns = shape
+    u = np.broadcast_to(np.fft.rfftfreq(columns), (rows, columns // 2 + 1))
+    v = np.broadcast_to(-np.fft.fftfreq(rows)[:, None], u.shape)
+    radius = np.hypot(u, v)
+    low_pass = 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
+    # Waves longer than a segment are drift of lights and form, of which the spectra know nothing.
+    low_pass *= -np.expm1(-((radius * SEGMENT) ** 2))
+    return u.astype(np.float32), v.astype(np.float32), low_pass.astype(np.float32)
+
+
+@lru_cache(maxsize=4)
+def _wave_directions(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
+    """Cosine and sine of the direction of every wave vector of a half spectrum."""
+    u, v, _ = _frequencies(shape)
+    radius = np.maximum(np.hypot(u, v), np.float32(1e-9))
+    return u / radius, v / radius
+
+
+def _whole(half: Power) -> Power:
+    """The whole spectrum of a real field, zero frequency in the middle, from its half."""
+    rows, columns = half.shape[0], 2 * (half.shape[1] - 1)
+    whole = np.empty((rows, columns))
+    whole[:, : columns // 2 + 1] = half
+    # X(-u, -v) is the conjugate of X(u, v).
+    opposite = np.roll(half[::-1, 1 : columns // 2], 1, axis=0)[:, ::-1]
+    whole[:, columns // 2 + 1 :] = opposite
+    return scipy.fft.fftshift(whole)
+
+
+def _rotated(power: Power, orientation_deg: float) -> Power:
+    """The spectrum in the frame of a texture that is rotated by `orientation_deg` in the image."""
+    angle = np.radians(orientation_deg)
+    c, s = np.cos(angle), np.sin(angle)
+    u = (np.arange(SEGMENT) - SEGMENT // 2)[None, :] / SEGMENT
+    v = -u.T
+    x = (c * u - s * v + 0.5) * SEGMENT
+    y = (0.5 - s * u - c * v) * SEGMENT
+    padded = np.pad(power, ((0, 1), (0, 1)), mode="wrap").astype(np.float32)
+    rotated = cv2.remap(
+        padded, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
+    return rotated.astype(np.float64)
+
+
+def _with_lowest(power: Power) -> Power:
+    """The spectrum with its lowest frequencies, which the window mixes with 0, from those around."""
+    index = np.arange(SEGMENT) - SEGMENT // 2
+    radius = np.hypot(index[None, :], index[:, None])
+    lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
+    return np.where(lowest, power[ring].max(), power)
