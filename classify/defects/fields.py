@@ -56,23 +56,35 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     kept = share
     if not surface.valid.all():
         whole = (share >= 1.0).astype(np.float32)
-        kept = cv2.GaussianBlur(whole, (0, 0), _FILL_PX)
+        kept = gaussian_mean(whole, _FILL_PX)
         planes = [_filled(plane, whole, kept) for plane in planes]
-    kept = (kept > _LEAST_FILLED).astype(np.float32)
-    square = np.ones((_FADE, _FADE), np.uint8)
-    kept = cv2.erode(kept, square, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    weight = cv2.blur(kept, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
+    eroded = cv2.erode(
+        (kept > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
+        borderType=cv2.BORDER_CONSTANT, borderValue=0,
+    )  # fmt: skip
+    faded = cv2.blur(eroded, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
+    weight = np.asarray(faded, np.float32)
     total = max(float(weight.sum()), 1.0)
     np.log(np.maximum(planes[2], np.float32(1e-3)), out=planes[2])
     for plane in planes:
         plane -= np.float32(np.vdot(plane, weight) / total)
         plane *= weight
     h, w = (-(-side // CELL_PX) for side in surface.shape)
-    cells = cv2.resize(
-        share, (columns // HALF_CELL, rows // HALF_CELL), interpolation=cv2.INTER_AREA
-    )[:h, :w]
+    cells = resized(share, rows // HALF_CELL, columns // HALF_CELL)[:h, :w]
     p, q, albedo = planes
     return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID, surface.shape)
+
+
+def resized(plane: FloatMap, rows: int, columns: int) -> FloatMap:
+    """Means of the pixels of a finer plane, or a coarser one interpolated."""
+    finer = plane.shape[0] > rows
+    method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(plane, (columns, rows), interpolation=method), np.float32)
+
+
+def gaussian_mean(plane: FloatMap, sigma: float) -> FloatMap:
+    """Gaussian mean around every pixel."""
+    return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32)
 
 
 def _padded(side: int) -> int:
@@ -84,11 +96,8 @@ def _halved(plane: FloatMap, rows: int, columns: int) -> FloatMap:
     """Means of 2 x 2 pixels, with zeros beyond the frame."""
     height, width = plane.shape
     if (height, width) != (2 * rows, 2 * columns):
-        plane = cv2.copyMakeBorder(
-            plane, 0, 2 * rows - height, 0, 2 * columns - width, cv2.BORDER_CONSTANT, value=0
-        )
-    halved: FloatMap = cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA)
-    return halved
+        plane = np.pad(plane, ((0, 2 * rows - height), (0, 2 * columns - width)))
+    return resized(plane, rows, columns)
 
 
 def _filled(plane: FloatMap, whole: FloatMap, around: FloatMap) -> FloatMap:
@@ -96,6 +105,6 @@ def _filled(plane: FloatMap, whole: FloatMap, around: FloatMap) -> FloatMap:
 
     A pixel of which a quarter is not valid is already mixed with the mean of the frame.
     """
-    blurred = cv2.GaussianBlur(plane * whole, (0, 0), _FILL_PX)
+    blurred = gaussian_mean(plane * whole, _FILL_PX)
     filled: FloatMap = np.where(whole > 0, plane, blurred / np.maximum(around, np.float32(1e-3)))
     return filled

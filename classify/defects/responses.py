@@ -7,7 +7,7 @@ import numpy as np
 
 from classify.surface.estimate import FloatMap
 
-from .fields import COARSEST, HALF_CELL
+from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
 
 SPOT_LEVELS = 5
 """Octaves of spots; a pixel of the coarsest covers `COARSEST` pixels at half resolution."""
@@ -36,7 +36,7 @@ def pyramid(field: FloatMap) -> list[FloatMap]:
     """The field low-passed and sampled at `SPOT_LEVELS` octaves."""
     levels = [field]
     for _ in range(SPOT_LEVELS - 1):
-        levels.append(cv2.pyrDown(levels[-1]))
+        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
     return levels
 
 
@@ -51,10 +51,10 @@ def spot_and_line_responses(levels: list[FloatMap], kernels: list[FloatMap]) -> 
         if HALF_CELL >> number > 1:
             yield _cell_maximum(response, HALF_CELL >> number)
         else:
-            yield cv2.resize(response, (columns, rows), interpolation=cv2.INTER_LINEAR)
+            yield resized(response, rows, columns)
     for number, level in enumerate(levels[:LINE_LEVELS]):
         for kernel in kernels:
-            response = cv2.filter2D(level, cv2.CV_32F, kernel)
+            response = np.asarray(cv2.filter2D(level, cv2.CV_32F, kernel))
             yield _cell_maximum(np.abs(response, out=response), HALF_CELL >> number)
 
 
@@ -83,28 +83,19 @@ def local_statistics(
     angle = np.radians(2.0 * orientation_deg)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
     values = []
-    around = _over_cells(weight * weight, rows, columns)
+    around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
+    around += np.float32(1e-3)
     for field in (relief, albedo):
         for level in field[:TEXTURE_LEVELS]:
             x = cv2.Sobel(level, cv2.CV_32F, 1, 0, scale=0.25)
             y = cv2.Sobel(level, cv2.CV_32F, 0, 1, scale=-0.25)
             xx, yy, xy = (
-                _over_cells(each, rows, columns) / (around + np.float32(1e-3))
+                gaussian_mean(resized(each, rows, columns), _STATISTICS_CELLS) / around
                 for each in (x * x, y * y, x * y)
             )
             total, even, odd = xx + yy + 2 * _ENERGY_FLOOR, xx - yy, 2 * xy
             values += [np.log(total), (c * even + s * odd) / total, (c * odd - s * even) / total]
     return np.stack(values, axis=-1)
-
-
-def _over_cells(plane: FloatMap, rows: int, columns: int) -> FloatMap:
-    """Gaussian mean over cells of a plane of any octave."""
-    if plane.shape[0] > rows:
-        plane = cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA)
-    elif plane.shape[0] < rows:
-        plane = cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_LINEAR)
-    blurred: FloatMap = cv2.GaussianBlur(plane, (0, 0), _STATISTICS_CELLS)
-    return blurred
 
 
 def _line_kernel(direction_deg: float) -> FloatMap:

@@ -150,7 +150,7 @@ def _wave_directions(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
     """Cosine and sine of the direction of every wave vector of a half spectrum."""
     u, v, _ = _frequencies(shape)
     radius = np.maximum(np.hypot(u, v), np.float32(1e-9))
-    return u / radius, v / radius
+    return np.asarray(u / radius, np.float32), np.asarray(v / radius, np.float32)
 
 
 def _whole(half: Power) -> Power:
@@ -161,7 +161,7 @@ def _whole(half: Power) -> Power:
     # X(-u, -v) is the conjugate of X(u, v).
     opposite = np.roll(half[::-1, 1 : columns // 2], 1, axis=0)[:, ::-1]
     whole[:, columns // 2 + 1 :] = opposite
-    return scipy.fft.fftshift(whole)
+    return np.asarray(scipy.fft.fftshift(whole))
 
 
 def _rotated(power: Power, orientation_deg: float) -> Power:
@@ -181,7 +181,7 @@ def _rotated(power: Power, orientation_deg: float) -> Power:
 
 
 def _with_lowest(power: Power) -> Power:
-    """The spectrum with its lowest frequencies, which the window mixes with 0, from those around."""
+    """The spectrum, with the lowest frequencies, which the window mixes with 0, from a ring."""
     index = np.arange(SEGMENT) - SEGMENT // 2
     radius = np.hypot(index[None, :], index[:, None])
     lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
