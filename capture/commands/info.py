@@ -38,12 +38,14 @@ def info(
     json: options.Json = False,
 ) -> None:
     """Show where captured sets come from, or correct what was said of them."""
+    from capture.session.corrections import correct_in_sessions
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
 
     paths = find_sets(sets)
     if corrections:
-        _correct(paths, dict(_correction(text) for text in corrections))
+        values = dict(_correction(text) for text in corrections)
+        correct_in_sessions(paths, lambda: _correct(paths, values))
     rows = []
     for path in paths:
         captured = CapturedSet.load(path)

@@ -14,6 +14,7 @@ class State(StrEnum):
     """What the runner is doing."""
 
     OPENING = "opening the rig"
+    READING = "reading the captured sets again"
     COMPARING = "comparing the rig with its calibration"
     PLACING = "waiting for the specimen"
     CAPTURING = "capturing"
@@ -53,6 +54,14 @@ class SetAdopted:
 
 
 @dataclass(frozen=True)
+class SetDamaged:
+    """The file of a captured set was damaged: it was set aside, and the set is missing again."""
+
+    planned: PlannedSet
+    reason: str
+
+
+@dataclass(frozen=True)
 class RigCompared:
     """The rig was compared with its calibration, or not: then the one check is unknown."""
 
@@ -69,7 +78,9 @@ class SessionFinished:
     missing: int
 
 
-Event = StateChanged | SetCaptured | SetFailed | SetAdopted | RigCompared | SessionFinished
+Event = (
+    StateChanged | SetCaptured | SetFailed | SetAdopted | SetDamaged | RigCompared | SessionFinished
+)
 Publish = Callable[[Event], None]
 
 

@@ -1,6 +1,7 @@
 """The folder of a session: plan, journal, sets and their table, for one program at a time."""
 
 import difflib
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.process.folder_lock import LOCK_FILE_SUFFIX, folder_lock
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
+from capture.sets.description import as_captured, corrections_of
+from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
@@ -23,8 +26,12 @@ from .sets_table import sets_table
 
 PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
-_SETS, _REPLACED, _LOCK = "sets", "replaced", "session.lock"
+SETS, _REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
+# Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
+_ENTRY_BYTES = 2_000
+# The log, and blocks of the file system that are not filled.
+_SPARE_BYTES = 64_000
 
 
 class SessionFolder:
@@ -43,9 +50,12 @@ class SessionFolder:
         self.plan: SessionPlan = read_plan(path / PLAN)
         self.journal: Journal = read_journal(path / JOURNAL)
 
-    def missing(self) -> list[PlannedSet]:
-        """Planned sets that were neither captured nor left out, and those whose file is gone."""
-        return [planned for planned in self.plan.sets() if not self._is_done(planned)]
+    def missing(self, plan: SessionPlan | None = None) -> list[PlannedSet]:
+        """Planned sets that were neither captured nor left out, and those whose file is gone.
+
+        `plan` is used instead of that of the session.
+        """
+        return [each for each in (plan or self.plan).sets() if not self._is_done(each)]
 
     def _is_done(self, planned: PlannedSet) -> bool:
         entry = self.journal.entry_of(planned)
@@ -60,6 +70,20 @@ class SessionFolder:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
+    def reserve(self) -> None:
+        """Take the disk space that journal, table and log need at the end of a run.
+
+        The end of a run can then be entered even if other programs have filled the disk.
+        """
+        path = self.path / _RESERVE
+        with durable_file(path) as temporary:
+            # Random bytes take their space on a file system that compresses, too.
+            temporary.write_bytes(os.urandom(_ENTRY_BYTES * len(self.plan) + _SPARE_BYTES))
+
+    def release(self) -> None:
+        """Give the space of `reserve` back."""
+        (self.path / _RESERVE).unlink(missing_ok=True)
+
     def update(self, journal: Journal) -> None:
         """Write the journal, and then the table that follows from it."""
         journal.write(self.path / JOURNAL)
@@ -73,7 +97,7 @@ class SessionFolder:
 
     def file_of(self, planned: PlannedSet) -> Path:
         """Path of the file of a planned set."""
-        return self.path / _SETS / planned.file_name
+        return self.path / SETS / planned.file_name
 
     def keep(self, planned: PlannedSet, captured: CapturedSet, entry: SetEntry) -> SetEntry:
         """Write a set and its entry. An earlier file of the same set moves to ``replaced``."""
@@ -81,17 +105,53 @@ class SessionFolder:
         self.set_aside(planned)
         make_folder(path.parent)
         captured.save(path)
-        kept = entry.model_copy(update={"file": f"{_SETS}/{path.name}"})
+        kept = entry.model_copy(update={"file": f"{SETS}/{path.name}"})
         self.update(self.journal.with_entry(kept))
         return kept
 
     def set_aside(self, planned: PlannedSet) -> None:
         """Move the file of a planned set to ``replaced``, if there is one."""
-        path = self.file_of(planned)
+        self._move_aside(self.file_of(planned))
+
+    def _move_aside(self, path: Path) -> None:
         if path.exists():
             make_folder(self.path / _REPLACED)
             stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
             path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+
+    def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str]]:
+        """Read and hash the file of each captured set: its metadata, or why it is damaged.
+
+        A file that a killed run wrote but could not enter is left to `orphans`.
+        """
+        for planned in self.plan.sets():
+            entry = self.journal.entry_of(planned)
+            if entry is None or entry.file is None or not (self.path / entry.file).is_file():
+                continue
+            path = self.path / entry.file
+            try:
+                metadata = CapturedSet.load(path).metadata
+            except InputError as error:
+                yield planned, str(error).removeprefix(f"{path}: ")
+                continue
+            if metadata.pixels_sha256 == entry.pixels_sha256:
+                yield planned, metadata
+            elif not self._is_unentered(planned, metadata):
+                yield planned, "its pixels are not those that the journal names"
+
+    def enter_corrections(self, planned: PlannedSet, metadata: SetMetadata) -> None:
+        """Enter what ``ps4rig info --set`` changed in a captured set, if that is new."""
+        entry, corrected = self.journal.entry_of(planned), corrections_of(metadata)
+        if entry is not None and entry.corrected != corrected:
+            changed = entry.model_copy(update={"corrected": corrected})
+            self.update(self.journal.with_entry(changed))
+
+    def give_up(self, planned: PlannedSet) -> None:
+        """Move the file of a captured set to ``replaced``, and make the set missing again."""
+        entry = self.journal.entry_of(planned)
+        if entry is not None and entry.file is not None:
+            self._move_aside(self.path / entry.file)
+        self.update(self.journal.without_entry_of(planned))
 
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
         """Whole files of planned sets that a killed run could not enter into the journal.
@@ -101,20 +161,21 @@ class SessionFolder:
         """
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
-            if path.is_file() and (entry is None or entry.file == f"{_SETS}/{path.name}"):
+            if path.is_file() and (entry is None or entry.file == f"{SETS}/{path.name}"):
                 try:
                     header, _ = read_header(path)
-                    if self.journal.entry_with(header.pixels_sha256) is not None:
-                        continue
-                    captured = CapturedSet.load(path)
+                    if self._is_unentered(planned, header):
+                        yield planned, CapturedSet.load(path)
                 except InputError:
                     continue
-                about = captured.metadata
-                if (about.specimen, about.orientation_deg) == (
-                    planned.specimen,
-                    planned.orientation_deg,
-                ):
-                    yield planned, captured
+
+    def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
+        """Whether a file is of a planned set, with pixels that are not in the journal."""
+        captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
+        return (
+            captured_as == [planned.specimen, planned.orientation_deg]
+            and self.journal.entry_with(metadata.pixels_sha256) is None
+        )
 
     def first_set_of(self, specimen: str) -> Path | None:
         """Path of the first captured set of a specimen, None if there is none."""
@@ -127,7 +188,7 @@ class SessionFolder:
 
     def bytes_of_sets(self) -> int:
         """Size of all captured sets."""
-        return sum(path.stat().st_size for path in (self.path / _SETS).glob("*.ome.tif"))
+        return sum(path.stat().st_size for path in (self.path / SETS).glob("*.ome.tif"))
 
 
 def read_session(path: Path) -> SessionFolder:
@@ -170,7 +231,7 @@ def make_session(plan_path: Path) -> Path:
         raise InputError(
             f"{folder}: exists and is not a session; choose another name in {plan_path}"
         )
-    make_folder(folder / _SETS)
+    make_folder(folder / SETS)
     make_folder(folder / CALIBRATION)
     if not (folder / PLAN).is_file():
         with durable_file(folder / PLAN) as temporary:
@@ -202,7 +263,7 @@ def use_plan(plan_path: Path, folder: SessionFolder) -> None:
     plan = read_plan(plan_path)
     files = {entry.file: entry for entry in folder.journal.entries if entry.file}
     for planned in plan.sets():
-        taken = files.get(f"{_SETS}/{planned.file_name}")
+        taken = files.get(f"{SETS}/{planned.file_name}")
         if taken is not None and folder.journal.entry_of(planned) is not taken:
             raise InputError(
                 f"{plan_path}: {planned} would be {taken.file}, which is {taken.specimen} at "
@@ -220,4 +281,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, TABLE, LOG, REPORT, _SETS, CALIBRATION, _REPLACED, *_LOCKS}
+    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, _REPLACED, _RESERVE, *_LOCKS}

@@ -56,6 +56,8 @@ class SetEntry(_Record):
         None for a set that was left out.
     skipped
         Why it was left out; None for a captured set.
+    corrected
+        What ``ps4rig info --set`` changed later: the present values by the names of their fields.
     """
 
     specimen: str
@@ -66,11 +68,18 @@ class SetEntry(_Record):
     captured_utc: str | None = None
     measures: SetMeasures | None = None
     skipped: str | None = None
+    corrected: dict[str, FiniteFloat | str | None] = Field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, float, int]:
         """Which planned set it is."""
         return self.specimen, self.orientation_deg, self.repeat
+
+    @property
+    def entered_deg(self) -> float | None:
+        """Orientation of the set as planned, or as corrected later; None if that removed it."""
+        value = self.corrected.get("orientation_deg", self.orientation_deg)
+        return value if isinstance(value, float) else None
 
 
 class RunRecord(_Record):
@@ -96,6 +105,11 @@ class Journal(_Record):
         """Return a journal with `entry` in place of an earlier one of the same planned set."""
         others = tuple(each for each in self.entries if each.key != entry.key)
         return type(self)(runs=self.runs, entries=(*others, entry))
+
+    def without_entry_of(self, planned: PlannedSet) -> Self:
+        """Return a journal in which a planned set is missing."""
+        others = tuple(each for each in self.entries if each is not self.entry_of(planned))
+        return type(self)(runs=self.runs, entries=others)
 
     def with_run(self, run: RunRecord) -> Self:
         """Return a journal with one more run."""

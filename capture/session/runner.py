@@ -18,8 +18,8 @@ from capture.calibration.lookup import (
 from capture.errors import SetRejected
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
-from capture.sets.description import described
-from classify.errors import InputError, Ps4rigError
+from capture.sets.description import corrections_of, described
+from classify.errors import Ps4rigError
 from rig import HardwareError, Placement, Rig, RigConfig, open_rig
 
 from .events import (
@@ -32,15 +32,17 @@ from .events import (
     SessionFinished,
     SetAdopted,
     SetCaptured,
+    SetDamaged,
     SetFailed,
     State,
     StateChanged,
 )
 from .exposure import find_exposure_ms
-from .folder import PLAN, SessionFolder
+from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, measures_of_first
 from .plan import SEARCH, PlannedSet
+from .rig_checks import check_rig
 from .rig_comparison import compare_rig
 from .turntable import turn_specimen
 
@@ -97,12 +99,14 @@ def run_session(
         simulated=config.is_simulated,
         software_version=version("ps4rig"),
     )
-    _check_plan(folder, config)
+    check_rig(folder, config)
     # Before the journal: a calibration that cannot be read begins no run.
     new_runner = _Runner(folder, config, ask, publish)
+    folder.reserve()
     folder.update(folder.journal.with_run(run))
     with new_runner as runner:
         try:
+            runner.read_again()
             runner.adopt()
             runner.compare_rig()
             runner.capture_all()
@@ -120,30 +124,10 @@ def run_session(
     return finished
 
 
-def _check_plan(folder: SessionFolder, config: RigConfig) -> None:
-    plan = folder.plan
-    without = [each.id for each in plan.specimen if each.surface is None]
-    with_surface = [each.id for each in plan.specimen if each.surface is not None]
-    if config.is_simulated and without:
-        raise InputError(
-            f"specimen {without[0]}: the simulated rig needs its surface; add surface = 'rock'"
-        )
-    if not config.is_simulated and with_surface:
-        raise InputError(
-            f"specimen {with_surface[0]}: surface is for the simulated rig only; remove the key"
-        )
-    if plan.exposure_ms not in (None, SEARCH):
-        config.with_changes(camera={"exposure_ms": plan.exposure_ms})
-    if plan.calibration_required and config.calibration is None:
-        raise InputError(
-            f"{folder.path / PLAN}: calibration_required, but the rig names no calibration; make "
-            "one with ps4rig calibrate, and set calibration = 'FILE.ps4cal' in rig.toml"
-        )
-
-
 def _end(
     folder: SessionFolder, end: Finish, publish: Publish, runner: "_Runner"
 ) -> SessionFinished:
+    folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
     missing = len(folder.missing())
     finished = SessionFinished(end.finish, end.reason, runner.captured, missing)
@@ -175,6 +159,16 @@ class _Runner:
 
     def __exit__(self, *_: object) -> None:
         self._close_rig()
+
+    def read_again(self) -> None:
+        """Set damaged files aside, and enter what was corrected in the others."""
+        self._publish(StateChanged(State.READING, None))
+        for planned, found in self._folder.read_again():
+            if isinstance(found, str):
+                self._folder.give_up(planned)
+                self._publish(SetDamaged(planned, found))
+            else:
+                self._folder.enter_corrections(planned, found)
 
     def adopt(self) -> None:
         """Enter the files that an earlier run wrote but could not enter into the journal."""
@@ -328,6 +322,7 @@ class _Runner:
             pixels_sha256=captured.metadata.pixels_sha256,
             captured_utc=captured.metadata.created_utc,
             measures=measures,
+            corrected=corrections_of(captured.metadata),
         )
 
     def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:

@@ -10,6 +10,7 @@ from .plan import SessionPlan
 COLUMNS = (
     "specimen", "label", "orientation_deg", "repeat", "state", "file", "captured_utc",
     "estimated_deg", "saturated", "shadowed", "blur_px", "led_levels", "warnings", "pixels_sha256",
+    "corrections",
 )  # fmt: skip
 
 
@@ -39,12 +40,18 @@ def _entries(plan: SessionPlan, journal: Journal) -> Iterator[SetEntry]:
 
 def _row(entry: SetEntry, label: str) -> list[object]:
     state = "captured" if entry.file else "left out" if entry.skipped else "missing"
+    said, entered_deg = entry.corrected, entry.entered_deg
     row: list[object] = [
-        entry.specimen, label, f"{entry.orientation_deg:g}", entry.repeat, state, entry.file,
+        said.get("specimen", entry.specimen), said.get("label", label),
+        None if entered_deg is None else f"{entered_deg:g}", entry.repeat, state, entry.file,
         entry.captured_utc,
     ]  # fmt: skip
+    corrections = "; ".join(
+        f"{field}={'' if value is None else value}" for field, value in said.items()
+    )
     if entry.measures is None:
-        return [*row, None, None, None, None, None, entry.skipped, entry.pixels_sha256]
+        unknown = [None] * 5
+        return [*row, *unknown, entry.skipped, entry.pixels_sha256, corrections]
     measures = entry.measures
     return [
         *row,
@@ -55,6 +62,7 @@ def _row(entry: SetEntry, label: str) -> list[object]:
         " ".join(f"{level:.4f}" for level in measures.led_levels),
         "; ".join(measures.warnings),
         entry.pixels_sha256,
+        corrections,
     ]
 
 

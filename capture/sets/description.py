@@ -81,6 +81,18 @@ def corrected(
     )
 
 
+def corrections_of(metadata: SetMetadata) -> dict[str, str | float | None]:
+    """Return the present values of the fields that were corrected, by name."""
+    return {each.field: getattr(metadata, each.field) for each in metadata.corrections}
+
+
+def as_captured(metadata: SetMetadata, field: str) -> str | float | None:
+    """Return the value of a field before all corrections."""
+    before = (each.before for each in metadata.corrections if each.field == field)
+    value: str | float | None = next(before, getattr(metadata, field))
+    return value
+
+
 def _value(name: str, text: str) -> str | float | None:
     if name not in FIELDS:
         raise InputError(f"{name}: cannot be corrected; the fields are {', '.join(FIELDS)}")

@@ -44,17 +44,27 @@ def run(
 
     Stop with q or Ctrl-C at any time; ps4rig session resume goes on.
     """
-    from capture.session.folder import JOURNAL, make_session, plan_changes, session_folder, use_plan
+    from capture.session.folder import (
+        JOURNAL,
+        make_session,
+        plan_changes,
+        read_session,
+        session_folder,
+        use_plan,
+    )
     from capture.session.plan import read_plan
     from rig.config.rig import config_of
 
     from .terminal import confirmed
 
     config, wanted = config_of(rig), read_plan(plan)
-    if dry_run:
-        _show_plan(plan, wanted, config, json=json)
-        return
     path = plan.absolute().parent / wanted.name
+    if dry_run:
+        missing = len(wanted)
+        if (path / JOURNAL).is_file():
+            missing = len(read_session(path).missing(wanted))
+        _show_plan(plan, wanted, missing, config, json=json)
+        return
     if not (path / JOURNAL).is_file():
         _check_disk(path.parent, _needed_bytes(len(wanted), config))
     make_session(plan)
@@ -122,12 +132,16 @@ def _has_terminal() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def _show_plan(path: Path, plan: SessionPlan, config: RigConfig, *, json: bool) -> None:
-    needed, time_s = _needed_bytes(len(plan), config), _time_s(plan, config)
+def _show_plan(
+    path: Path, plan: SessionPlan, missing: int, config: RigConfig, *, json: bool
+) -> None:
+    """Show a plan, with the time and the disk space of the sets that are missing."""
+    needed, time_s = _needed_bytes(missing, config), _time_s(missing, plan.average, config)
     free = shutil.disk_usage(path.absolute().parent).free
     if json:
-        counts = {"sets": len(plan), "bytes": needed, "capture_s": round(time_s, 1)}
-        print_json({"plan": plan.model_dump(mode="json"), **counts, "free_bytes": free})
+        counts = {"sets": len(plan), "missing": missing}
+        costs = {"bytes": needed, "capture_s": round(time_s, 1), "free_bytes": free}
+        print_json({"plan": plan.model_dump(mode="json"), **counts, **costs})
     else:
         for specimen in plan.specimen:
             surface = f", surface {specimen.surface}" if specimen.surface else ""
@@ -135,8 +149,11 @@ def _show_plan(path: Path, plan: SessionPlan, config: RigConfig, *, json: bool) 
         orientations = ", ".join(f"{each:g}" for each in plan.orientations_deg)
         repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
         out.print(f"each at {orientations} degrees{repeats}", soft_wrap=True)
+        sets = f"{len(plan)} sets"
+        if missing < len(plan):
+            sets += f" planned, {missing} missing"
         out.print(
-            f"{len(plan)} sets, {time_s:.0f} s of capture and the time to place the part, "
+            f"{sets}, {time_s:.0f} s of capture and the time to place the part, "
             f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
             soft_wrap=True,
         )
@@ -148,10 +165,10 @@ def _needed_bytes(sets: int, config: RigConfig) -> int:
     return sets * (2 * images * camera.width_px * camera.height_px + _OVERHEAD_BYTES)
 
 
-def _time_s(plan: SessionPlan, config: RigConfig) -> float:
+def _time_s(sets: int, average: int, config: RigConfig) -> float:
     """Time of the frames: two ambient images, and two frame periods an image."""
     images = len(config.lights.tilts_deg) + 2
-    return len(plan) * images * (1 + plan.average) / config.camera.frame_rate_hz
+    return sets * images * (1 + average) / config.camera.frame_rate_hz
 
 
 def _check_disk(folder: Path, needed: int) -> None:

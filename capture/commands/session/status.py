@@ -1,12 +1,17 @@
 """``ps4rig session status``."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, reported
+from capture.console import new_table, out, print_json, print_table, progress, reported
+
+if TYPE_CHECKING:
+    from capture.session.plan import PlannedSet
 
 
 @reported
@@ -14,13 +19,16 @@ def status(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,
 ) -> None:
-    """Show what a session has captured, and what is missing."""
+    """Show what a session has captured, and what is missing; each set is read and hashed."""
     from capture.session.folder import read_session
 
     session = read_session(folder)
-    missing = session.missing()
-    planned = [session.journal.entry_of(each) for each in session.plan.sets()]
-    entries = [entry for entry in planned if entry is not None]
+    gone = set(session.missing())
+    read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
+    damaged = {planned: found for planned, found in read if isinstance(found, str)}
+    missing = [each for each in session.plan.sets() if each in gone or each in damaged]
+    found = {each: session.journal.entry_of(each) for each in session.plan.sets()}
+    entries = [entry for entry in found.values() if entry is not None]
     skipped = [entry for entry in entries if entry.skipped is not None]
     warned = [entry for entry in entries if entry.measures and entry.measures.warnings]
     if json:
@@ -28,10 +36,9 @@ def status(
             {
                 "session": str(folder),
                 "planned": len(session.plan),
-                "missing": [
-                    {"specimen": each.specimen, "orientation_deg": each.orientation_deg,
-                     "repeat": each.repeat}
-                    for each in missing
+                "missing": [_as_json(each) for each in missing],
+                "damaged": [
+                    {**_as_json(each), "reason": reason} for each, reason in damaged.items()
                 ],
                 "skipped": [entry.model_dump(mode="json") for entry in skipped],
                 "warned": [entry.model_dump(mode="json") for entry in warned],
@@ -51,9 +58,9 @@ def status(
             f"{each.orientation_deg:g}" for each in missing if each.specimen == specimen.id
         )
         captured = sum(
-            (session.path / entry.file).is_file()
-            for entry in entries
-            if entry.file is not None and entry.specimen == specimen.id
+            entry is not None and entry.file is not None and planned not in missing
+            for planned, entry in found.items()
+            if planned.specimen == specimen.id
         )
         table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
     print_table(table)
@@ -64,6 +71,16 @@ def status(
             + (f" ({run.reason})" if run.reason else ""),
             soft_wrap=True,
         )
+    for planned, reason in damaged.items():
+        out.print(f"{planned}: its file is damaged: {reason}", soft_wrap=True)
     for entry in warned:
         assert entry.measures is not None
         out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}", soft_wrap=True)
+
+
+def _as_json(planned: PlannedSet) -> dict[str, Any]:
+    return {
+        "specimen": planned.specimen,
+        "orientation_deg": planned.orientation_deg,
+        "repeat": planned.repeat,
+    }

@@ -22,6 +22,7 @@ from capture.session.events import (
     SessionFinished,
     SetAdopted,
     SetCaptured,
+    SetDamaged,
     SetFailed,
 )
 
@@ -84,6 +85,11 @@ class SessionTerminal:
             case SetAdopted(entry):
                 self._say(f"{entry.file}: found from an earlier run, entered into the journal")
                 self._bar.advance(self._task)
+            case SetDamaged(planned, reason):
+                self._say(
+                    f"{planned}: its file is damaged: {reason}; it is in the folder replaced, and "
+                    "the set is captured again"
+                )
             case SetFailed(planned, reason):
                 self._folder.log(f"{planned}: {reason}")
                 complain(f"{planned}: {reason}")

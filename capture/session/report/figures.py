@@ -53,7 +53,7 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
     figure, axes = _figure(7.0, 2.6)
     for number, specimen in enumerate(dict.fromkeys(entry.specimen for entry in entries)):
         points = [
-            (entry.orientation_deg, off_deg)
+            (entry.entered_deg, off_deg)
             for entry in entries
             if entry.specimen == specimen and (off_deg := orientation_error_deg(entry)) is not None
         ]
@@ -71,9 +71,10 @@ def orientations_figure(entries: Sequence[SetEntry]) -> str:
 
 def orientation_error_deg(entry: SetEntry) -> float | None:
     """Estimated less entered orientation, [-90, 90); None where none was estimated."""
-    if entry.measures is None or entry.measures.estimated_deg is None:
+    entered_deg = entry.entered_deg
+    if entry.measures is None or entry.measures.estimated_deg is None or entered_deg is None:
         return None
-    return (entry.measures.estimated_deg - entry.orientation_deg + 90.0) % 180.0 - 90.0
+    return (entry.measures.estimated_deg - entered_deg + 90.0) % 180.0 - 90.0
 
 
 def matrix_figure(separation: Separation) -> str:

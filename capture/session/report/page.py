@@ -103,7 +103,7 @@ def _sets(found: SessionAnalysis) -> str:
     rows = []
     for entry in found.entries:
         measures = entry.measures
-        cells = [f"<td>{escape(str(entry.file))}</td>", _value(entry.orientation_deg)]
+        cells = [f"<td>{escape(str(entry.file))}</td>", _value(entry.entered_deg)]
         if measures is not None:
             blur_px = measures.blur_px
             cells += [

@@ -1,5 +1,6 @@
 """The commands session new, run, status and resume."""
 
+import csv
 import json
 import os
 import subprocess
@@ -95,6 +96,79 @@ def test_what_is_missing_is_named_and_captured_by_resume(ps4rig: Command, plan: 
     assert answer["missing"] == [{"specimen": "sand-1", "orientation_deg": 30.0, "repeat": 1}]
     assert ps4rig("session", "resume", "fabrics", "--yes").exit_code == 0
     assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
+
+
+def test_a_damaged_set_is_named_and_captured_by_resume(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path = plan.parent / "fabrics" / "sets" / "sand-1-0-1.ome.tif"
+    path.write_bytes(path.read_bytes()[:-1000])
+    answer = json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)
+    which = {"specimen": "sand-1", "orientation_deg": 0.0, "repeat": 1}
+    assert answer["missing"] == [which]
+    (damaged,) = answer["damaged"]
+    assert damaged.pop("reason")
+    assert damaged == which
+    said = ps4rig("session", "status", "fabrics").stdout
+    assert "sand-1 at 0 degrees: its file is damaged: " in said
+    assert "3 captured, 0 left out, 1 missing" in said
+    result = ps4rig("session", "resume", "fabrics", "--yes")
+    assert result.exit_code == 0
+    assert "sand-1 at 0 degrees: its file is damaged: " in result.stdout
+    assert json.loads(ps4rig("session", "status", "fabrics", "--json").stdout)["missing"] == []
+
+
+def test_a_correction_of_a_set_is_in_the_table_of_its_session(
+    ps4rig: Command, refused: Refused, plan: Path
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    folder = plan.parent / "fabrics"
+    path = folder / "sets" / "rock-1-30-1.ome.tif"
+    options = ("--set", "orientation_deg=60", "--set", "note=", "--set", "label=slate")
+
+    def row() -> dict[str, str]:
+        rows = csv.DictReader((folder / "sets.csv").open(encoding="utf-8", newline=""))
+        return next(row for row in rows if row["file"] == f"sets/{path.name}")
+
+    with session_folder(folder):
+        assert "in use by" in refused("info", path, *options)
+    assert row()["label"] == "rock"
+    assert ps4rig("info", path, *options).exit_code == 0
+    corrected = row()
+    assert (corrected["label"], corrected["orientation_deg"]) == ("slate", "60")
+    assert corrected["corrections"] == "orientation_deg=60.0; label=slate"
+    assert abs(float(corrected["estimated_deg"]) - 30.0) < 2.0
+    assert ps4rig("verify", folder).exit_code == 0
+    # The journal can be made again, and names the set as it was planned.
+    (folder / "journal.json").unlink()
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    assert row() == corrected | {"warnings": row()["warnings"]}
+    assert not (folder / "replaced").exists()
+
+
+def test_a_correction_that_the_table_missed_is_entered_by_the_next_run(
+    ps4rig: Command, plan: Path, tmp_path: Path
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    path = plan.parent / "fabrics" / "sets" / "rock-1-30-1.ome.tif"
+    elsewhere = tmp_path / path.name
+    path.rename(elsewhere)
+    assert ps4rig("info", elsewhere, "--set", "label=slate").exit_code == 0
+    elsewhere.rename(path)
+    table = plan.parent / "fabrics" / "sets.csv"
+    assert "slate" not in table.read_text()
+    assert ps4rig("session", "resume", "fabrics", "--yes").exit_code == 0
+    assert "rock-1,slate,30,1,captured" in table.read_text()
+
+
+def test_a_dry_run_of_a_session_counts_what_is_missing(ps4rig: Command, plan: Path) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    plan.write_text(plan.read_text().replace("[0, 30]", "[0, 30, 60]"))
+    (plan.parent / "fabrics" / "sets" / "sand-1-30-1.ome.tif").unlink()
+    said = ps4rig("session", "run", plan, "--dry-run").stdout
+    assert "6 sets planned, 3 missing, 1 s of capture" in said
+    answer = json.loads(ps4rig("session", "run", plan, "--dry-run", "--json").stdout)
+    assert (answer["sets"], answer["missing"]) == (6, 3)
+    assert 3 * 2 * 5 * 96**2 <= answer["bytes"] < 3 * 2 * 5 * 96**2 + 100_000
 
 
 def test_a_changed_plan_needs_a_confirmation(ps4rig: Command, plan: Path) -> None:

@@ -24,6 +24,7 @@ from capture.session.events import (
     SessionFinished,
     SetAdopted,
     SetCaptured,
+    SetDamaged,
     without_questions,
 )
 from capture.session.folder import SessionFolder, make_session, session_folder
@@ -235,6 +236,60 @@ def test_a_damaged_or_foreign_file_is_captured_anew_and_kept_aside(
     for name in FILES:
         CapturedSet.load(session / "sets" / f"{name}.ome.tif")
     assert len(list((session / "replaced").iterdir())) == 2
+
+
+def damage(path: Path, how: str) -> None:
+    """Flip one byte of the pixels, cut the file, or put another set in its place."""
+    whole = bytearray(path.read_bytes())
+    if how == "flipped":
+        whole[len(whole) // 2] ^= 1
+    elif how == "cut":
+        del whole[5000:]
+    else:
+        whole = bytearray((path.parent / f"{FILES[3]}.ome.tif").read_bytes())
+    path.write_bytes(whole)
+
+
+@pytest.mark.parametrize("how", ["flipped", "cut", "exchanged"])
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_captured_set_that_was_damaged_later_is_captured_again(
+    run: Run, folder: Folder, session: Path, how: str, number: int
+) -> None:
+    run()
+    path = session / "sets" / f"{FILES[number]}.ome.tif"
+    damage(path, how)
+    bytes_before = path.read_bytes()
+    script = run()
+    (damaged,) = (event for event in script.events if isinstance(event, SetDamaged))
+    assert damaged.planned.file_name == path.name
+    assert damaged.reason
+    (captured,) = (event for event in script.events if isinstance(event, SetCaptured))
+    assert captured.entry.file == f"sets/{path.name}"
+    (aside,) = (session / "replaced").iterdir()
+    assert aside.read_bytes() == bytes_before
+    assert names(folder()) == FILES
+    aside.unlink()
+    assert {each.state for path in files_below(session) for each in verify_file(path)} == {"good"}
+
+
+def test_a_run_that_stops_at_once_leaves_a_damaged_set_missing(
+    run: Run, folder: Folder, session: Path
+) -> None:
+    run()
+    damage(session / "sets" / f"{FILES[1]}.ome.tif", "cut")
+    run(Answer.STOP)
+    assert [planned.file_name for planned in folder().missing()] == [f"{FILES[1]}.ome.tif"]
+    assert "rock-1,rock,40,1,missing,," in (session / "sets.csv").read_text()
+
+
+def test_a_rig_with_another_number_of_lights_is_refused(
+    run: Run, folder: Folder, config: RigConfig
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    eight = {"tilts_deg": tuple(45.0 * light for light in range(8))}
+    with pytest.raises(InputError, match=r"stones: its sets have 4 lights, the rig big has 8"):
+        run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
+    assert len(folder().journal.runs) == 1
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, times: int) -> None:
