@@ -16,7 +16,7 @@ from .journal import SetMeasures
 # digit is 10 degrees or more.
 _MAX_PLACEMENT_DEG = 8.0
 # Below this the orientation of a texture is not determined; see test_measures.py.
-_LEAST_SHARPNESS = 0.3
+LEAST_SHARPNESS = 0.3
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0
 # The sum of the light images of a matt surface does not depend on its orientation.
@@ -34,7 +34,7 @@ class SpecimenReference:
 
     def __init__(self, loaded: LoadedSet) -> None:
         self._orientation_deg = loaded.captured.metadata.orientation_deg or 0.0
-        self._signal = float(np.sum(_levels(loaded.captured)))
+        self._signal = float(np.sum(light_signals(loaded.captured)))
         self._library: TextureLibrary | None = None
         try:
             surface = _solved(loaded)
@@ -61,7 +61,7 @@ class SpecimenReference:
         if match is None:
             return measures.model_copy(update={"warnings": tuple(warnings)})
         estimated_deg = match.orientation_deg
-        if match.sharpness is None or match.sharpness < _LEAST_SHARPNESS:
+        if match.sharpness is None or match.sharpness < LEAST_SHARPNESS:
             estimated_deg = None
         entered_deg = captured.metadata.orientation_deg
         if estimated_deg is not None and entered_deg is not None:
@@ -92,12 +92,14 @@ def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures
     warnings = []
     if saturated > MAX_SATURATED_SHARE:
         warnings.append(f"{saturated:.1%} of the pixels are saturated")
-    measures = SetMeasures(led_levels=_levels(captured), saturated=saturated, shadowed=shadowed)
+    measures = SetMeasures(
+        led_levels=light_signals(captured), saturated=saturated, shadowed=shadowed
+    )
     return measures, warnings
 
 
-def _levels(captured: CapturedSet) -> tuple[float, ...]:
-    """Mean signal of each light as a share of full scale."""
+def light_signals(captured: CapturedSet) -> tuple[float, ...]:
+    """Mean signal of each light, without ambient light, as a share of full scale."""
     lit = captured.images.mean(axis=(1, 2), dtype=np.float64)
     if captured.ambient is not None:
         lit = lit - captured.ambient.mean(dtype=np.float64)

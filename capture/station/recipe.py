@@ -51,18 +51,24 @@ class Limits(Section):
         Least and largest Sdq, the root mean square slope of ISO 25178-2.
     shadow_fraction
         Largest share of pixels that a light does not reach.
+    unmeasured_fraction
+        Largest share of pixels without a slope: too dark, saturated, or lit by too few lights.
     blur_px
         Largest blur against the taught parts, the sigma of a Gaussian.
     defect
         Largest score of the defect map; 1 is the threshold that was taught.
+    unjudged_px
+        Largest connected area, in px, without a score in the defect map.
     """
 
     distance: Positive | None = None
     margin: Share | None = None
     sdq: tuple[Annotated[float, Field(ge=0.0)], Positive] | None = Field(default=None, strict=False)
     shadow_fraction: Share | None = None
+    unmeasured_fraction: Share | None = None
     blur_px: Positive | None = None
     defect: Positive | None = None
+    unjudged_px: Annotated[int, Field(ge=0)] | None = None
 
     @model_validator(mode="after")
     def _sdq_rises(self) -> Self:
@@ -72,13 +78,17 @@ class Limits(Section):
 
 
 class GeneralLimits(Limits):
-    """Limits of all textures. Blur and defects are limited unless a recipe says otherwise.
+    """Limits of all textures. Those that are not optional hold where a recipe does not name them.
 
-    A blur of 1 px costs the statistics of the finest scale (``classify/texture/blur.py``).
+    A blur of 1 px costs the statistics of the finest scale (``classify/texture/blur.py``). A part
+    is not judged where its slope is unknown; teaching limits that to what the good parts show. A
+    group of 2 x 2 cells of the defect map without a score is 256 px: a hole, no chance.
     """
 
+    unmeasured_fraction: Share = 0.05
     blur_px: Positive = 1.0
     defect: Positive = 1.0
+    unjudged_px: Annotated[int, Field(ge=0)] = 255
 
 
 class Region(Section):

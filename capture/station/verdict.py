@@ -28,7 +28,7 @@ class Cause(StrEnum):
     UNFORESEEN = "unforeseen"  # anything else
 
     NO_TEXTURE = "no-texture"  # beyond the limit of every class
-    UNDECIDED = "undecided"  # two classes are about as near
+    UNDECIDED = "undecided"  # two classes are about as near, or the orientation is not clear
     BLUR = "blur"  # out of focus
 
     BAD_TEXTURE = "bad-texture"  # a class that the recipe rejects

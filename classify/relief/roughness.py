@@ -37,6 +37,15 @@ class Roughness:
     valid_pixels: int
 
 
+def root_mean_square_slope(surface: SurfaceEstimate) -> float:
+    """Sdq of ISO 25178-2 over the valid pixels, without the height; NaN if none is valid."""
+    count = int(np.count_nonzero(surface.valid))
+    if count == 0:
+        return float("nan")
+    p, q = surface.p[surface.valid], surface.q[surface.valid]
+    return float(np.sqrt((np.vdot(p, p) + np.vdot(q, q)) / count))
+
+
 def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) -> Roughness:
     """Hybrid parameters Sdq and Sdr straight from the gradients, Sa and Sq from relative height.
 

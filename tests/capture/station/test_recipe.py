@@ -80,8 +80,9 @@ def test_the_limits_of_a_texture_replace_those_of_all() -> None:
         limits=GeneralLimits(distance=2.0, margin=0.2),
         limits_of={"tin": Limits(distance=3.0)},
     )
-    assert recipe.limits_for("steel") == Limits(distance=2.0, margin=0.2, blur_px=1.0, defect=1.0)
-    assert recipe.limits_for("tin") == Limits(distance=3.0, margin=0.2, blur_px=1.0, defect=1.0)
+    assert recipe.limits_for("tin").distance == 3.0
+    assert recipe.limits_for("tin") == Limits(**{**dict(recipe.limits), "distance": 3.0})
+    assert recipe.limits_for("steel") == Limits(**dict(recipe.limits))
 
 
 @pytest.mark.parametrize(

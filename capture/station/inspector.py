@@ -1,0 +1,330 @@
+"""`Inspector`: from the captured set of a part to its verdict, without files."""
+
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.calibration.lookup import FoundCalibration, read_calibration
+from capture.calibration.parts import PartName
+from capture.calibration.setting import Setting
+from capture.sets.captured_set import CapturedSet
+from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.defects.defect_map import KINDS, DefectMap, regions_of
+from classify.defects.defect_model import DefectModel
+
+from .errors import RecipeError
+from .judge import Finding, Measures, invalid, verdict_of
+from .measured_surface import MeasuredSurface, fits
+from .recipe import Recipe
+from .recipe_file import read_recipe
+from .recipe_folder import RecipeFolder, file_sha256
+from .results.part_result import DefectRecord
+from .taught import Taught, read_taught
+from .verdict import Cause, Verdict
+
+# Parts of a calibration that depend on pixel values and exposure, and on the lights.
+_WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
+_OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+# Defects that a result lists; a part of another texture may have hundreds.
+_MOST_DEFECTS = 50
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """Hashes of all that a verdict depends on beside the part."""
+
+    recipe_sha256: str
+    library_sha256: str
+    defects_sha256: tuple[str, ...]
+    calibration_sha256: str | None
+    software_version: str
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What an `Inspector` says of one part.
+
+    Attributes
+    ----------
+    verdict
+        The verdict.
+    measures
+        What it follows from.
+    defect_map
+        Scores of the region; None for a part that is not of a texture that passes.
+    defects
+        Places above the recipe's limit in it, the largest score first, in px of the whole image.
+    led_levels
+        Mean signal of each light against that of the taught parts of its texture, or of all taught
+        parts if it matches none that passes; empty where the set was not measured.
+    timings_ms
+        Duration of each step by name.
+    """
+
+    verdict: Verdict
+    measures: Measures = field(default_factory=Measures)
+    defect_map: DefectMap | None = None
+    defects: tuple[DefectRecord, ...] = ()
+    led_levels: tuple[float, ...] = ()
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    def result_fields(self) -> dict[str, Any]:
+        """Return the fields of a `PartResult` that follow from the inspection, by name."""
+        fields: dict[str, Any] = {}
+        for source, names in (
+            (self, ("verdict", "defects", "led_levels", "timings_ms")),
+            (self.measures, ("sdq", "shadow_fraction", "defect_score")),
+            (self.measures.match, _OF_MATCH),
+        ):
+            if source is not None:
+                fields |= {name: getattr(source, name) for name in names}
+        return fields
+
+
+class Inspector:
+    """Judges parts by one recipe. Everything is loaded once, and hashed.
+
+    Parameters
+    ----------
+    recipe, taught, library, defect_models
+        The recipe, and what teaching made for it; one defect model for each texture that passes.
+    calibration
+        Calibration of the rig with its file; None for a rig without one.
+
+    Attributes
+    ----------
+    recipe
+        The recipe.
+    fingerprint
+        What its verdicts depend on.
+    """
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        taught: Taught,
+        library: TextureLibrary,
+        defect_models: Mapping[str, DefectModel],
+        calibration: FoundCalibration | None = None,
+    ) -> None:
+        self.recipe = recipe
+        self._taught = taught
+        self._library = library
+        self._defect_models = defect_models
+        self._calibration = calibration
+        self._signals = {
+            texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
+        }
+        self.fingerprint = Fingerprint(
+            recipe.sha256,
+            taught.library_sha256,
+            tuple(model.sha256 for model in defect_models.values()),
+            None if calibration is None else calibration.file.hash,
+            version("ps4rig"),
+        )
+
+    @classmethod
+    def load(cls, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load a recipe with all that teaching made for it, and the calibration of the rig.
+
+        Raises
+        ------
+        InputError
+            If something is missing or damaged.
+        RecipeError
+            If the recipe was not taught, or something was changed since.
+        """
+        recipe = read_recipe(files.file)
+        if recipe.taught is None:
+            raise RecipeError(f"{files.file}: was never taught; run ps4rig station teach")
+        taught = read_taught(files.taught)
+        _check_unchanged(recipe, files.taught, taught.sha256, recipe.taught)
+        _check_unchanged(recipe, files.library, file_sha256(files.library), taught.library_sha256)
+        missing = next((name for name in recipe.passes if name not in taught.textures), None)
+        if missing is not None or not recipe.passes:
+            named = "is empty" if missing is None else f"names {missing!r}, which was not taught"
+            raise RecipeError(
+                f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}"
+            )
+        models = {name: _defect_model(files, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(files.library)
+        found = None
+        if calibration is not None:
+            found = FoundCalibration(calibration, read_calibration(calibration), ())
+        return cls(recipe, taught, library, models, found)
+
+    def inspect(self, captured: CapturedSet) -> Inspection:
+        """Judge one part.
+
+        A set that cannot be judged is an ERROR with its cause. Any other problem is raised, and the
+        caller makes it an ERROR.
+        """
+        faults = list(self._faults(captured))
+        if faults:
+            return Inspection(verdict_of(self.recipe, Measures(), faults))
+        timings_ms: dict[str, float] = {}
+        with _timed(timings_ms, "solve"):
+            measured = MeasuredSurface.of(
+                captured, self.recipe.region, self._calibration, self._library.method
+            )
+            measures = Measures(
+                unmeasured_fraction=measured.unmeasured_fraction,
+                saturated_fraction=measured.share(measured.saturated),
+                led_levels=self._relative_levels(captured, measured.light_signals),
+                sdq=measured.sdq,
+                shadow_fraction=measured.share(measured.shadowed),
+            )
+        if not any(invalid(self.recipe, measures)):
+            with _timed(timings_ms, "match"):
+                match = _matched(self._library, measured.surface)
+                measures = replace(measures, match=match)
+        label = "" if measures.match is None else measures.match.label or ""
+        defect_map: DefectMap | None = None
+        defects: tuple[DefectRecord, ...] = ()
+        if measures.match is not None and label in self._defect_models:
+            with _timed(timings_ms, "defects"):
+                orientation_deg = measures.match.orientation_deg
+                defect_map = self._defect_models[label].map_of(measured.surface, orientation_deg)
+                gap_px = _largest_gap_px(defect_map, measured.inside)
+                measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
+                defects = self._defects(defect_map, self.recipe.limits_for(label).defect)
+        taught = self._signals.get(label, np.mean([*self._signals.values()], axis=0))
+        levels = np.array(measured.light_signals) / taught
+        verdict = verdict_of(self.recipe, measures)
+        return Inspection(
+            verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
+        )
+
+    def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
+        """Outline the defects above a limit; their scores are in units of it."""
+        unit = 1.0 if limit is None else limit
+        scaled = {kind: getattr(defect_map, kind) / unit for kind in KINDS}
+        left, top = (
+            (0, 0) if self.recipe.region is None else (self.recipe.region.x, self.recipe.region.y)
+        )
+        records = []
+        for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
+            x, y, width, height = region.box
+            records.append(
+                DefectRecord(
+                    region.kind, top + y, left + x, height, width, region.area_px, region.score
+                )
+            )
+        return tuple(records)
+
+    def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        """Why the set cannot be judged, whatever is on it."""
+        setting, taught = Setting.of_set(captured), self._taught
+        for difference in dict.fromkeys(
+            text for part in _WHOLE_SETTING for text in taught.setting.differences(setting, part)
+        ):
+            yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
+        if not fits(self.recipe.region, captured):
+            yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")
+        yield from self._calibration_faults(captured)
+
+    def _calibration_faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        named, rule = captured.metadata.calibration_ids, self.recipe.calibration
+        if self._calibration is None:
+            if named:
+                yield Finding(
+                    Cause.CALIBRATION, "the set names a calibration, the station has none"
+                )
+            if rule.required or self._taught.has_calibration:
+                yield Finding(Cause.CALIBRATION, "the recipe needs a calibration; give the rig one")
+            return
+        file = self._calibration.file
+        if file.hash not in named:
+            yield Finding(Cause.CALIBRATION, "the set does not name the calibration of the station")
+        if not self._taught.has_calibration:
+            yield Finding(Cause.CALIBRATION, "the recipe was taught without a calibration")
+        try:
+            at = datetime.fromisoformat(captured.metadata.created_utc)
+        except ValueError:
+            yield Finding(Cause.CALIBRATION, "the set has no date")
+            return
+        at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+        for name, record in file.records.items():
+            age_days = record.age_days(at)
+            # A day allows for clocks of two computers.
+            if age_days is None or not -1 <= age_days <= rule.max_age_days:
+                text = f"{name.replace('_', ' ')} was measured {age_days} days before the part"
+                yield Finding(Cause.CALIBRATION, f"{text}, at most {rule.max_age_days}")
+
+    def _relative_levels(
+        self, captured: CapturedSet, signals: tuple[float, ...]
+    ) -> tuple[tuple[str, float], ...]:
+        """Level of each LED against the brightest, as a share of the taught ratio.
+
+        The albedo of the part cancels: an LED is not called weak because a part is dark.
+        """
+        taught = np.mean([each / each.mean() for each in self._signals.values()], axis=0)
+        ratios = np.array(signals) / taught
+        brightest = ratios.max()
+        levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
+        tilts_deg = captured.lighting.tilts_deg
+        return tuple(
+            (f"LED {tilt_deg:.0f}", level)
+            for tilt_deg, level in zip(tilts_deg.tolist(), levels.tolist(), strict=True)
+        )
+
+
+def _check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
+    if found != taught:
+        raise RecipeError(
+            f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"
+        )
+
+
+def _defect_model(files: RecipeFolder, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
+    about = taught.textures[texture]
+    if about.defects_file is None or about.defects_sha256 is None:
+        raise RecipeError(
+            f"{files.file}: pass names {texture!r}, which was taught as a bad texture; run ps4rig "
+            "station teach"
+        )
+    path = files.folder / about.defects_file
+    model = DefectModel.load(path)
+    _check_unchanged(recipe, path, model.sha256, about.defects_sha256)
+    return model
+
+
+def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
+    """Largest connected area of cells without a score, of which a half or more is inside, in px."""
+    rows, columns = defect_map.score.shape
+    cell = defect_map.cell_px
+    share = cv2.resize(
+        np.pad(
+            inside.astype(np.float32),
+            [(0, rows * cell - inside.shape[0]), (0, columns * cell - inside.shape[1])],
+        ),
+        (columns, rows),
+        interpolation=cv2.INTER_AREA,
+    )
+    gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
+    _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
+    return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
+
+
+def _matched(library: TextureLibrary, surface: SurfaceEstimate) -> Match:
+    with warnings.catch_warnings():
+        # A calibration may have a flat field where that of teaching had none.
+        warnings.simplefilter("ignore")
+        return library.classify(surface)
+
+
+@contextmanager
+def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
+    started_s = time.perf_counter()
+    yield
+    timings_ms[step] = 1000.0 * (time.perf_counter() - started_s)

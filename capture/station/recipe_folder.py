@@ -1,0 +1,71 @@
+"""`RecipeFolder`: where the files of a recipe are, in ``recipes`` of a station."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from classify.errors import InputError
+from classify.regular_file import open_regular_file
+
+# A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
+_MAX_BYTES = 1 << 34
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class RecipeFolder:
+    """``recipes/NAME.toml`` and what teaching made for it in ``recipes/NAME``.
+
+    Attributes
+    ----------
+    file
+        The recipe.
+    folder
+        The folder beside it.
+    """
+
+    file: Path
+    folder: Path
+
+    @property
+    def library(self) -> Path:
+        """The texture library."""
+        return self.folder / "textures.ps4lib"
+
+    @property
+    def taught(self) -> Path:
+        """What teaching measured."""
+        return self.folder / "taught.json"
+
+    @property
+    def sets(self) -> Path:
+        """Folder of the taught sets."""
+        return self.folder / "sets"
+
+    @property
+    def challenge(self) -> Path:
+        """Folder of the challenge set."""
+        return self.folder / "challenge"
+
+    @property
+    def report(self) -> Path:
+        """What teaching found, for people."""
+        return self.folder / "teaching.html"
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    digest = hashlib.sha256()
+    try:
+        with open_regular_file(path, _MAX_BYTES) as file:
+            while block := file.read(_BLOCK_BYTES):
+                digest.update(block)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return digest.hexdigest()
