@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install what suites of tests need: tests/install.sh [venv] [browser] [micropython] [kernel]
+# Install what suites of tests need: tests/install.sh [venv] [browser] [micropython] [kernel] [postgresql]
 #
 # Without arguments, all of it. What is there already is left alone. For Debian on amd64: packages are
 # installed with apt-get, by sudo where the caller is not root. MicroPython, the kernel and the kernel
@@ -93,10 +93,19 @@ kernel() {
     cd - >/dev/null
 }
 
-[ $# -gt 0 ] || set -- venv browser micropython kernel
+# A server that a test starts in a folder of its own. Debian's package would start one for the machine.
+postgresql() {
+    compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null && return
+    as_root mkdir -p /etc/postgresql-common
+    [ -e /etc/postgresql-common/createcluster.conf ] ||
+        echo 'create_main_cluster = false' | as_root tee /etc/postgresql-common/createcluster.conf >/dev/null
+    install postgresql
+}
+
+[ $# -gt 0 ] || set -- venv browser micropython kernel postgresql
 for suite in "$@"; do
     case $suite in
-        venv | browser | micropython | kernel) "$suite" ;;
-        *) echo "no suite $suite: venv, browser, micropython or kernel" >&2; exit 2 ;;
+        venv | browser | micropython | kernel | postgresql) "$suite" ;;
+        *) echo "no suite $suite: venv, browser, micropython, kernel or postgresql" >&2; exit 2 ;;
     esac
 done

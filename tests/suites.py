@@ -6,13 +6,22 @@ from pathlib import Path
 
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4rig"
 KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
+_POSTGRESQL = Path("/usr/lib/postgresql")
 MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")
+
+
+def postgresql_program(name: str) -> Path:
+    """A program of the newest PostgreSQL; Debian keeps them out of the search path."""
+    versions = _POSTGRESQL.glob(f"*/bin/{name}")
+    return max(versions, key=lambda path: int(path.parts[4]), default=_POSTGRESQL / name)
+
 
 # Programs and folders, by the marker of the suite.
 NEEDS: dict[str, tuple[str | Path, ...]] = {
     "browser": ("chromium",),
     "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
     "micropython": ("node", MICROPYTHON),
+    "postgresql": (postgresql_program("initdb"), postgresql_program("psql")),
 }
 
 

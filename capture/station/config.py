@@ -16,15 +16,14 @@ Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
 Surface = Annotated[str, Field(min_length=1, max_length=4096)]
 DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 
-# Databases that results are written to, as SQLAlchemy names them.
-_URL = re.compile(r"(sqlite|postgresql)(\+[a-z0-9]+)?://.*", re.DOTALL)
+_URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)
 
 
 def _results(text: str) -> str:
     if "://" in text and not _URL.fullmatch(text):
         raise ValueError(
             f"results = {text.partition('://')[0]!r}://...: give a file such as "
-            "'results.sqlite', or postgresql+psycopg://USER:PASSWORD@HOST/DATABASE"
+            "'results.sqlite', or postgresql://USER:PASSWORD@HOST/DATABASE"
         )
     return text
 
@@ -135,11 +134,9 @@ class StationConfig(Section):
         """Return the rig to open for a station in `folder`: ``sim`` or a path."""
         return self.rig if self.rig == SIM else str(folder / self.rig)
 
-    def results_url(self, folder: Path) -> str:
-        """Return the URL of the database of results for a station in `folder`."""
-        if "://" in self.results:
-            return self.results
-        return f"sqlite:///{(folder / self.results).absolute()}"
+    def results_in(self, folder: Path) -> str:
+        """Return the database of results for a station in `folder`: a URL, or a path."""
+        return self.results if "://" in self.results else str(folder / self.results)
 
 
 def read_config(path: Path) -> StationConfig:
@@ -160,7 +157,7 @@ EXAMPLE = """\
 name = "NAME"                # unique among the stations that share a database
 rig = "sim"                  # the simulated rig, or a rig.toml relative to this folder
 recipe = "example"           # recipes/example.toml: which textures pass
-results = "results.sqlite"   # or postgresql+psycopg://USER:PASSWORD@HOST/DATABASE
+results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
 # operator = "Your name"
 trigger = "enter"            # the Enter key, or "timer"
 timer_s = 2.0                # period of the timer; 0 is as fast as possible

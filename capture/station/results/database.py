@@ -3,11 +3,16 @@
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, QueuePool, create_engine, event, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
+from sqlalchemy.exc import (
+    ArgumentError,
+    DBAPIError,
+    IntegrityError,
+    InterfaceError,
+    OperationalError,
+)
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from classify.errors import InputError, Ps4rigError
@@ -15,6 +20,7 @@ from classify.errors import InputError, Ps4rigError
 # A database that someone else has locked for 10 s is the issue's own case; twice that is waited.
 PATIENCE_S = 20.0
 _CONNECT_TIMEOUT_S = 5
+_PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
 _LOCK_CLASS = 0x70733472
 
@@ -23,20 +29,28 @@ class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, no
     """The database does not answer, or cannot be written; the call may be repeated later.
 
     Nothing of the call was written, or all of it; repeated, it is not done twice.
+
+    Attributes
+    ----------
+    may_pass
+        Whether a repeated call within seconds may succeed: a PostgreSQL server restarts, or its
+        old connections still hold locks. SQLite has waited for its locks itself.
     """
 
     exit_status = 3
 
+    def __init__(self, message: str, *, may_pass: bool = False) -> None:
+        super().__init__(message)
+        self.may_pass = may_pass
 
-def results_url(results: str, folder: Path) -> URL:
-    """Return the address of a database as ``station.toml`` names it.
+
+def database_url(results: str) -> URL:
+    """Return the address of a database of results.
 
     Parameters
     ----------
     results
-        ``postgresql://user@host/database``, or the name of an SQLite file in the station's folder.
-    folder
-        The folder of the station.
+        ``postgresql://USER@HOST/DATABASE``, or the path of an SQLite file.
 
     Raises
     ------
@@ -44,21 +58,14 @@ def results_url(results: str, folder: Path) -> URL:
         If it is neither.
     """
     if "://" not in results:
-        if not results.endswith(".sqlite"):
-            raise InputError(
-                f"results = {results!r}: give a file name that ends in .sqlite, or "
-                "postgresql://USER@HOST/DATABASE"
-            )
-        return URL.create("sqlite", database=str(folder / results))
+        return URL.create("sqlite", database=results)
     try:
         url = make_url(results)
     except (ArgumentError, ValueError) as error:
-        raise InputError("results: not the URL of a database; see README") from error
+        kind = results.partition("://")[0]
+        raise InputError(f"results = {kind}://...: {_PLACES}") from error
     if url.drivername not in ("postgresql", "postgresql+psycopg") or not url.database:
-        raise InputError(
-            f"results = {shown(url)!r}: only postgresql://USER@HOST/DATABASE is possible, or a "
-            "file name that ends in .sqlite"
-        )
+        raise InputError(f"results = {shown(url)}: {_PLACES}")
     return url.set(drivername="postgresql+psycopg")
 
 
@@ -156,7 +163,8 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
                 if not is_free:
                     raise ResultsUnavailable(
                         f"{shown(url)}: another program writes for station {writing_station}; end "
-                        "it, or give this station another name"
+                        "it, or give this station another name",
+                        may_pass=True,
                     )
         connection.commit()
 
@@ -165,17 +173,18 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
 
 @contextmanager
 def unavailable_if_failing(url: URL) -> Iterator[None]:
-    """Turn errors of the database into `ResultsUnavailable`, with the address and the cause."""
+    """Turn errors of the database into `ResultsUnavailable`, with the address and the cause.
+
+    What contradicts the tables, such as a second result of a part, stays an `IntegrityError`.
+    """
     try:
         yield
+    except IntegrityError:
+        raise
     except (DBAPIError, PoolTimeoutError) as error:
-        raise ResultsUnavailable(f"{shown(url)}: {cause_of(error)}") from error
-
-
-def cause_of(error: Exception) -> str:
-    """Return what the database said, in one line."""
-    cause = error.orig if isinstance(error, DBAPIError) else error
-    said = " ".join(str(cause).split())
-    if isinstance(error, OperationalError) and "locked" in said:
-        return f"{said}; another program holds it"
-    return said or type(cause).__name__
+        said = " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
+        is_lost = isinstance(error, OperationalError | InterfaceError)
+        raise ResultsUnavailable(
+            f"{shown(url)}: {said or type(error).__name__}",
+            may_pass=is_lost and url.get_backend_name() == "postgresql",
+        ) from error

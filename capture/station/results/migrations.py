@@ -1,19 +1,34 @@
 """Bring a database of results to the present version of its tables, forward only."""
 
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from importlib.metadata import version
 
 from sqlalchemy import Connection, func, insert, inspect, select
 
+from capture.process.utc_time import utc_text
 from classify.errors import InputError
 
-from .schema import VERSION, make_tables, schema_versions
-from .utc import utc_text
+from .schema import VERSION, append_only, make_tables, schema_versions
+
+
+def _add_removed_sets(connection: Connection) -> None:
+    connection.exec_driver_sql(
+        """
+        CREATE TABLE removed_sets (
+            station TEXT NOT NULL, part_id TEXT NOT NULL, utc TEXT NOT NULL, set_file TEXT NOT NULL,
+            PRIMARY KEY (station, part_id),
+            FOREIGN KEY (station, part_id) REFERENCES results (station, part_id)
+        )
+        """
+    )
+    keys = (("station", "part_id"),)
+    for statement in append_only(connection.dialect.name, "removed_sets", keys):
+        connection.exec_driver_sql(statement)
+
 
 # By the version that a step leads to. A step is written once and never changed: it must not use
 # the tables of `schema`, which are those of the last version.
-_STEPS: Mapping[int, Callable[[Connection], None]] = {}
+_STEPS: Mapping[int, Callable[[Connection], None]] = {2: _add_removed_sets}
 
 
 def migrate(connection: Connection, name: str, *, create: bool) -> None:
@@ -46,14 +61,14 @@ def migrate(connection: Connection, name: str, *, create: bool) -> None:
         )
     if found == 0:
         if not create:
-            raise InputError(f"{name}: holds no results of a station; ps4rig station init makes it")
+            raise InputError(f"{name}: holds no results; ps4rig station run makes the tables")
         make_tables(connection)
     for step in range(found + 1, VERSION + 1) if found else ():
         _STEPS[step](connection)
     connection.execute(
         insert(schema_versions).values(
             version=VERSION,
-            since_utc=utc_text(datetime.now(UTC)),
+            since_utc=utc_text(timespec="milliseconds"),
             software_version=version("ps4rig"),
         )
     )

@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass, field
 
 from capture.station.verdict import Verdict
 
-from .utc import is_utc_text
+from .utc import require_utc
 
 # Fields that are measured numbers, None where nothing was measured.
 MEASURES = (
@@ -56,8 +56,8 @@ class PartResult:
     trigger
         Source of the trigger: ``timer``, ``enter``, ``http`` or ``modbus``.
     triggered_utc, exposed_utc, decided_utc
-        Trigger, end of the last exposure and verdict, as `utc_text` writes times; `exposed_utc` is
-        None where no exposure was completed.
+        Trigger, end of the last exposure and verdict, as in ``2026-11-22T17:08:13.042Z``;
+        `exposed_utc` is None where no exposure was completed.
     verdict
         The verdict.
     operator
@@ -127,13 +127,9 @@ class PartResult:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, time in (
-            ("triggered_utc", self.triggered_utc),
-            ("exposed_utc", self.exposed_utc),
-            ("decided_utc", self.decided_utc),
-        ):
-            if time is not None and not is_utc_text(time):
-                raise ValueError(f"{name} {time!r}: not a time as utc_text writes it")
+        for time in (self.triggered_utc, self.exposed_utc, self.decided_utc):
+            if time is not None:
+                require_utc(time)
         if not 1 <= self.number <= _MAX_INTEGER or abs(self.recipe_version or 0) > _MAX_INTEGER:
             raise ValueError(f"number {self.number}, recipe version {self.recipe_version}")
         for name, value in self._measured():

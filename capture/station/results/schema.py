@@ -10,19 +10,22 @@ from sqlalchemy import (
     BigInteger,
     Boolean,
     Column,
+    ColumnElement,
     Connection,
     Double,
     ForeignKey,
     ForeignKeyConstraint,
+    FromClause,
     Integer,
     MetaData,
     PrimaryKeyConstraint,
     Table,
     Text,
     UniqueConstraint,
+    and_,
 )
 
-VERSION = 1
+VERSION = 2
 
 metadata = MetaData()
 
@@ -136,6 +139,23 @@ refused_triggers = Table(
     PrimaryKeyConstraint("station", "position"),
 )
 
+# Set files that were removed, or are about to be, because the retention does not keep them.
+removed_sets = Table(
+    "removed_sets",
+    metadata,
+    Column("station", Text, nullable=False),
+    Column("part_id", Text, nullable=False),
+    Column("utc", Text, nullable=False),
+    Column("set_file", Text, nullable=False),
+    PrimaryKeyConstraint("station", "part_id"),
+    ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
+)
+
+
+def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
+    """Whether rows of two tables are of the same part."""
+    return and_(table.c.station == other.c.station, table.c.part_id == other.c.part_id)
+
 
 def make_tables(connection: Connection) -> None:
     """Make all tables of this version in an empty database, and what keeps rows as they are."""
@@ -181,7 +201,7 @@ def append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> 
 _POSTGRESQL_REFUSAL = """
 CREATE FUNCTION ps4rig_append_only() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
-    RAISE EXCEPTION '%: rows are never changed or deleted', TG_TABLE_NAME;
+    RAISE EXCEPTION USING MESSAGE = TG_TABLE_NAME || ': rows are never changed or deleted';
 END $$
 """
 

@@ -1,11 +1,10 @@
 """`ResultStore`: parts that a station has begun, their results, and what people said of them."""
 
-import time
 import uuid
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 from sqlalchemy import (
     URL,
@@ -14,33 +13,39 @@ from sqlalchemy import (
     Row,
     Select,
     Table,
-    and_,
     func,
     insert,
     select,
 )
-from sqlalchemy.exc import DBAPIError, IntegrityError
+from sqlalchemy.exc import IntegrityError
 
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
 from .database import (
     PATIENCE_S,
-    ResultsUnavailable,
+    database_url,
     postgresql_engine,
     shown,
     sqlite_engine,
     unavailable_if_failing,
 )
+from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
 from .migrations import migrate
 from .part_id import made_part_id, require_given_part_id
 from .part_result import PartResult
 from .rows import row_of, storable
-from .schema import begun_parts, overrides, refused_triggers, results, stations
-from .utc import is_utc_text
-
-_RETRY_S = 0.2  # between two attempts to reach a PostgreSQL server that restarts
-T = TypeVar("T")
+from .schema import (
+    begun_parts,
+    overrides,
+    refused_triggers,
+    removed_sets,
+    results,
+    same_part,
+    stations,
+)
+from .utc import require_utc
+from .writer import Writer
 
 
 @dataclass(frozen=True)
@@ -68,12 +73,11 @@ class ResultStore:
     with the same values; `begin`, `refuse` and `override` repeat it themselves.
     """
 
-    def __init__(self, url: URL, station: str, writer: Engine, reader: Engine, patience_s: float):
+    def __init__(self, url: URL, station: str, writer: Writer, reader: Engine) -> None:
         self.station = station
-        self.reader = reader
+        self._reader = reader
         self.url = url
         self._writer = writer
-        self._patience_s = patience_s
 
     def __enter__(self) -> Self:
         return self
@@ -83,8 +87,12 @@ class ResultStore:
 
     def close(self) -> None:
         """Close all connections."""
-        self._writer.dispose()
-        self.reader.dispose()
+        self._writer.engine.dispose()
+        self._reader.dispose()
+
+    def migrate(self, *, create: bool) -> None:
+        """Bring the tables to the present version; `open_store` does it."""
+        self._writer.write(lambda connection: migrate(connection, shown(self.url), create=create))
 
     def begin(
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None
@@ -107,7 +115,7 @@ class ResultStore:
         """
         if part_id is not None:
             require_given_part_id(part_id)
-        _require_utc(triggered_utc)
+        require_utc(triggered_utc)
         request = uuid.uuid4().hex
 
         def work(connection: Connection) -> BegunPart:
@@ -125,7 +133,7 @@ class ResultStore:
             connection.execute(insert(begun_parts).values(row))
             return begun
 
-        return self._write(work)
+        return self._writer.write(work)
 
     def add(self, result: PartResult) -> None:
         """Record the result of a begun part; the same result again changes nothing.
@@ -149,7 +157,7 @@ class ResultStore:
                 raise InputError(f"part {result.part_id}: has another result already")
 
         try:
-            self._write(work)
+            self._writer.write(work)
         except IntegrityError as error:
             raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
 
@@ -163,7 +171,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        _require_utc(utc)
+        require_utc(utc)
         row = {
             "station": self.station,
             "request": uuid.uuid4().hex,
@@ -180,7 +188,7 @@ class ResultStore:
                 position = self._last(connection, refused_triggers.c.position) + 1
                 connection.execute(insert(refused_triggers).values(row | {"position": position}))
 
-        self._write(work)
+        self._writer.write(work)
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
         """Record that a person gives a part another verdict; the result stays as it is.
@@ -193,7 +201,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        _require_utc(utc)
+        require_utc(utc)
         if decision not in (Decision.PASS, Decision.FAIL):
             raise InputError(f"verdict {decision}: a person decides PASS or FAIL")
         if not by.strip() or not reason.strip():
@@ -217,7 +225,33 @@ class ResultStore:
             position = self._last(connection, overrides.c.position, part_id=part_id) + 1
             connection.execute(insert(overrides).values(row | {"position": position}))
 
-        self._write(work)
+        self._writer.write(work)
+
+    def record_removals(self, set_files: Mapping[str, str], utc: str) -> None:
+        """Record that the set files of parts are going to be removed; those recorded stay so.
+
+        Parameters
+        ----------
+        set_files
+            Set file by part id, as in `PartResult`.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        require_utc(utc)
+        rows = [
+            {"station": self.station, "part_id": part_id, "utc": utc, "set_file": set_file}
+            for part_id, set_file in set_files.items()
+        ]
+
+        def work(connection: Connection) -> None:
+            new = [row for row in rows if not self._find(connection, removed_sets, row["part_id"])]
+            if new:
+                connection.execute(insert(removed_sets), new)
+
+        self._writer.write(work)
 
     def unfinished(self) -> list[BegunPart]:
         """Parts without a result, by number: after a kill or a loss of power.
@@ -227,36 +261,46 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        same = and_(
-            results.c.station == begun_parts.c.station, results.c.part_id == begun_parts.c.part_id
-        )
-        statement: Select[Any] = (
-            _BEGUN.outerjoin(results, same)
+        statement = (
+            _BEGUN.outerjoin(results, same_part(results, begun_parts))
             .where(begun_parts.c.station == self.station, results.c.part_id.is_(None))
             .order_by(begun_parts.c.number)
         )
-        with unavailable_if_failing(self.url), self.reader.connect() as connection:
+        with unavailable_if_failing(self.url), self._reader.connect() as connection:
             return [_begun_part(row) for row in connection.execute(statement)]
 
-    def _write(self, work: Callable[[Connection], T]) -> T:
-        """Do `work` in a transaction; repeat it while a PostgreSQL server cannot be reached.
+    def parts(
+        self, selection: Selection = EVERY_PART, *, newest: int | None = None
+    ) -> Iterator[HistoryEntry]:
+        """Yield the selected parts with what was said of them later, by number.
 
-        `work` looks first whether an attempt before it was committed.
+        They are read as they are asked for, however many there are.
+
+        Parameters
+        ----------
+        selection
+            Which parts.
+        newest
+            Only so many, the last ones.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
         """
-        last_attempt_s = time.monotonic() + self._patience_s
-        while True:
-            try:
-                with self._writer.begin() as connection:
-                    return work(connection)
-            except IntegrityError:
-                raise
-            except (DBAPIError, ResultsUnavailable) as error:
-                # SQLite has waited for its locks itself.
-                is_last = time.monotonic() >= last_attempt_s
-                if is_last or self.url.get_backend_name() == "sqlite":
-                    with unavailable_if_failing(self.url):
-                        raise error
-            time.sleep(_RETRY_S)
+        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+            yield from entries(connection, self.station, selection, newest)
+
+    def counters(self, selection: Selection = EVERY_PART) -> Counters:
+        """Count the selected parts, those of a simulated rig apart.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+            return counters(connection, self.station, selection)
 
     def _lock_station(self, connection: Connection, utc: str) -> None:
         """Give numbers to one writer of this station at a time, until the end of the transaction.
@@ -294,29 +338,24 @@ def _has_request(connection: Connection, table: Table, request: Any) -> bool:
     return connection.execute(statement).first() is not None
 
 
-def _require_utc(utc: str) -> None:
-    if not is_utc_text(utc):
-        raise ValueError(f"{utc!r}: not a time as utc_text writes it")
-
-
 def open_store(
-    url: URL, station: str, *, create: bool = False, alone: bool = True,
+    results: str, station: str, *, create: bool = False, alone: bool = True,
     patience_s: float = PATIENCE_S,
 ) -> ResultStore:  # fmt: skip
     """Open the results of a station, and bring tables of an earlier version forward.
 
     Parameters
     ----------
-    url
-        As `results_url` gives it.
+    results
+        Path of an SQLite file, or URL of a PostgreSQL database; `StationConfig.results_in`.
     station
         Name of the station.
     create
         Whether to make the file and the tables if they are missing.
     alone
         Whether this program is the only one that begins parts of this station: a second one is
-        refused. False for commands beside a running station. An SQLite file belongs to a station's
-        folder, and the lock of the folder does this.
+        refused. False for commands beside a running station. For an SQLite file, which belongs to a
+        station's folder, the lock of the folder does this.
     patience_s
         How long to wait for a lock of another program or a server that restarts.
 
@@ -327,19 +366,19 @@ def open_store(
     ResultsUnavailable
         If the database does not answer, or another program writes for this station.
     """
+    url = database_url(results)
     if url.get_backend_name() == "sqlite":
-        path = Path(str(url.database))
-        if not create and not path.is_file():
-            raise InputError(f"{path}: no such file; ps4rig station init makes it")
+        if not create and not Path(results).is_file():
+            raise InputError(f"{results}: no such file; the first ps4rig station run makes it")
         writer = sqlite_engine(url, patience_s=patience_s, is_writer=True)
         reader = sqlite_engine(url, patience_s=patience_s, is_writer=False)
     else:
         name = station if alone else None
         writer = postgresql_engine(url, patience_s=patience_s, writing_station=name)
         reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
-    store = ResultStore(url, station, writer, reader, patience_s)
+    store = ResultStore(url, station, Writer(url, writer, patience_s), reader)
     try:
-        store._write(lambda connection: migrate(connection, shown(url), create=create))
+        store.migrate(create=create)
     except BaseException:
         store.close()
         raise

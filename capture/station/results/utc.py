@@ -1,27 +1,23 @@
-"""Times of results: UTC as text of one fixed form, so that texts sort as times do."""
+"""Times of results: UTC with milliseconds as text, so that texts sort as times do."""
 
 import re
 from datetime import UTC, date, datetime, timedelta
 
+from capture.process.utc_time import utc_text
 from classify.errors import InputError
 
 _FORM = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 
 
-def utc_text(moment: datetime) -> str:
-    """Return a time as ``2026-11-22T17:08:13.042Z``; `moment` must know its time zone."""
-    if moment.tzinfo is None:
-        raise ValueError(f"{moment}: without a time zone")
-    return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def is_utc_text(text: str) -> bool:
-    """Whether a text has the form that `utc_text` writes."""
-    return _FORM.fullmatch(text) is not None
+def require_utc(text: str) -> str:
+    """Return a time of the form ``2026-11-22T17:08:13.042Z``; `ValueError` for another one."""
+    if not _FORM.fullmatch(text):
+        raise ValueError(f"{text!r}: not a time such as 2026-11-22T17:08:13.042Z")
+    return text
 
 
 def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
-    """Return the time that a person gave as a bound, in the form of `utc_text`.
+    """Return the time that a person gave as a bound, in the form of results.
 
     Parameters
     ----------
@@ -46,7 +42,7 @@ def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
         else:
             moment = datetime.fromisoformat(text)
             moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-        return utc_text(moment)
+        return utc_text(moment, timespec="milliseconds")
     except (ValueError, OverflowError) as error:
         raise InputError(
             f"{option} {text or repr(text)}: give a date or a time (UTC), such as 2026-11-22 or "

@@ -1,40 +1,51 @@
+import dataclasses
+import resource
+import sqlite3
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from sqlalchemy import create_engine, text
+from sqlalchemy.exc import DBAPIError
 
-from capture.station.results.database import results_url
-from capture.station.results.part_result import PartResult
-from capture.station.results.store import BegunPart, ResultStore, open_store
-from capture.station.verdict import Decision, Verdict
+from capture.station.results.database import (
+    ResultsUnavailable,
+    database_url,
+    postgresql_engine,
+    sqlite_engine,
+)
+from capture.station.results.store import ResultStore, open_store
+from capture.station.verdict import Decision
 from classify.errors import InputError
+from tests.postgresql_server import PostgresqlServer
 
-UTC = "2026-11-22T17:08:13.042Z"
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> ResultStore:
-    with open_store(results_url("results.sqlite", tmp_path), "line-1", create=True) as store:
-        yield store
-
-
-def begin(store: ResultStore, part_id: str | None = None) -> BegunPart:
-    return store.begin(trigger="timer", triggered_utc=UTC, simulated=False, part_id=part_id)
-
-
-def result_of(begun: BegunPart, station: str = "line-1") -> PartResult:
-    return PartResult(
-        station=station,
-        **vars(begun),
-        exposed_utc=UTC,
-        decided_utc=UTC,
-        verdict=Verdict(Decision.PASS, "like oak"),
-        operator=None,
-        software_version="0.1.0",
-    )
+from .conftest import OpenStore
+from .parts import UTC, begin, inspect, result_of
 
 
 def test_numbers_of_parts_have_no_gaps(store: ResultStore) -> None:
-    assert [begin(store).number for _ in range(5)] == [1, 2, 3, 4, 5]
+    numbers = [begin(store).number for _ in range(3)]
+    with pytest.raises(InputError):
+        begin(store, "a/b")
+    assert [*numbers, begin(store).number] == [1, 2, 3, 4]
+
+
+def test_threads_begin_parts_one_after_the_other(store: ResultStore) -> None:
+    with ThreadPoolExecutor(8) as threads:
+        begun = list(threads.map(lambda _: begin(store), range(40)))
+    assert sorted(part.number for part in begun) == list(range(1, 41))
+
+
+def test_each_station_of_a_database_counts_for_itself(open_line: OpenStore) -> None:
+    with open_line("line-1") as one, open_line("line-2") as two:
+        inspect(one, part_id="A")
+        inspect(two, part_id="A")
+        inspect(two)
+        begin(two)
+        assert [entry.result.number for entry in one.parts()] == [1]
+        assert [entry.result.part_id for entry in two.parts()] == ["A", "part-000002"]
+        assert (one.unfinished(), len(two.unfinished())) == ([], 1)
 
 
 def test_a_part_id_is_given_once(store: ResultStore) -> None:
@@ -43,8 +54,216 @@ def test_a_part_id_is_given_once(store: ResultStore) -> None:
         begin(store, "oak.7")
 
 
+@pytest.mark.parametrize("part_id", ["", ".hidden", "a b", "../x", "x" * 101, "part-000009", "é"])
+def test_an_id_that_cannot_name_a_part_is_refused(store: ResultStore, part_id: str) -> None:
+    with pytest.raises(InputError, match="part id"):
+        begin(store, part_id)
+    assert store.unfinished() == []
+
+
 def test_a_begun_part_is_unfinished_until_it_has_its_result(store: ResultStore) -> None:
     first, second = begin(store), begin(store)
     store.add(result_of(first))
-    store.add(result_of(first))
     assert store.unfinished() == [second]
+
+
+def test_the_same_result_again_changes_nothing(store: ResultStore) -> None:
+    result = result_of(begin(store), timings_ms={"b": 1.0, "a": 2.5}, distance=0.1)
+    store.add(result)
+    store.add(result)
+    assert [entry.result for entry in store.parts()] == [result]
+
+
+def test_another_result_of_a_part_is_refused(store: ResultStore) -> None:
+    begun = begin(store)
+    store.add(result_of(begun, Decision.FAIL))
+    with pytest.raises(InputError, match="another result"):
+        store.add(result_of(begun, Decision.PASS))
+    [entry] = store.parts()
+    assert entry.decision is Decision.FAIL
+
+
+def test_a_result_needs_a_begun_part_with_its_number(store: ResultStore) -> None:
+    begun = begin(store)
+    for wrong in ({"part_id": "never"}, {"number": 7}):
+        with pytest.raises(InputError, match="not begun"):
+            store.add(dataclasses.replace(result_of(begun), **wrong))
+    with pytest.raises(InputError, match="line-9"):
+        store.add(result_of(begun, station="line-9"))
+
+
+def test_an_override_is_a_row_of_its_own_and_the_last_one_holds(store: ResultStore) -> None:
+    part_id = inspect(store, Decision.FAIL).part_id
+    store.override(part_id, decision=Decision.PASS, by="Kim", reason="a hair", utc=UTC)
+    store.override(part_id, decision=Decision.FAIL, by="Jo", reason="no hair", utc=UTC)
+    [entry] = store.parts()
+    assert entry.result.verdict.decision is Decision.FAIL
+    assert entry.override is not None
+    assert (entry.decision, entry.override.by) == (Decision.FAIL, "Jo")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"decision": Decision.ERROR}, "PASS or FAIL"),
+        ({"by": " "}, "a name and a reason"),
+        ({"reason": ""}, "a name and a reason"),
+        ({"part_id": "part-000009"}, "no result"),
+    ],
+)
+def test_an_override_says_who_and_why_of_a_part_with_a_result(
+    store: ResultStore, wrong: dict[str, object], message: str
+) -> None:
+    part_id = inspect(store).part_id
+    given = {"part_id": part_id, "decision": Decision.FAIL, "by": "Kim", "reason": "dull"} | wrong
+    with pytest.raises(InputError, match=message):
+        store.override(**given, utc=UTC)
+
+
+def test_what_was_written_is_there_when_the_database_is_opened_again(open_line: OpenStore) -> None:
+    with open_line("line-1") as store:
+        result = inspect(store)
+    with open_line("line-1") as store:
+        assert [entry.result for entry in store.parts()] == [result]
+        assert begin(store).number == 2
+
+
+TABLES = (
+    "schema_versions", "stations", "begun_parts", "results", "overrides", "refused_triggers",
+    "removed_sets",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_the_database_refuses_to_change_or_delete_a_row(
+    store: ResultStore, database: str, table: str
+) -> None:
+    part_id = inspect(store).part_id
+    store.refuse(trigger="timer", utc=UTC, reason="busy", simulated=False)
+    store.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
+    store.record_removals({part_id: "parts/x"}, UTC)
+    url = database_url(database)
+    statements = [
+        f"DELETE FROM {table}",
+        f"UPDATE {table} SET {COLUMN.get(table, 'station')} = '0'",
+    ]
+    if url.get_backend_name() == "sqlite":
+        statements.append(f"INSERT OR REPLACE INTO {table} SELECT * FROM {table}")
+    else:
+        statements.append(f"TRUNCATE {table} CASCADE")
+    engine = create_engine(url)
+    for statement in statements:
+        with pytest.raises(DBAPIError, match=r"never changed|such a row"), engine.begin() as other:
+            other.execute(text(statement))
+    engine.dispose()
+
+
+COLUMN = {"schema_versions": "since_utc"}
+
+
+def test_a_locked_database_is_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "results.sqlite"
+    with open_store(str(path), "line-1", create=True) as store:
+        begun = begin(store)
+        other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        other.execute("BEGIN EXCLUSIVE")
+        threading.Timer(0.3, lambda: other.execute("COMMIT")).start()
+        store.add(result_of(begun))
+        assert store.counters().production.parts == 1
+        other.close()
+
+
+def test_a_database_locked_for_longer_is_unavailable_and_loses_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "results.sqlite"
+    with open_store(str(path), "line-1", create=True, patience_s=0.1) as store:
+        result = result_of(begin(store))
+        other = sqlite3.connect(path, isolation_level=None)
+        other.execute("BEGIN EXCLUSIVE")
+        for call in (lambda: store.add(result), lambda: begin(store)):
+            with pytest.raises(ResultsUnavailable, match=r"results\.sqlite: database is locked"):
+                call()
+        other.execute("COMMIT")
+        other.close()
+        store.add(result)
+        assert (begin(store).number, store.counters().production.parts) == (2, 1)
+
+
+def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "results.sqlite"
+    with open_store(str(path), "line-1", create=True) as store:
+        begun = begin(store)
+        # As on a full disk, no file may grow: neither the database nor its log.
+        size = max(each.stat().st_size for each in tmp_path.iterdir())
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            with pytest.raises(ResultsUnavailable, match=r"results\.sqlite: disk|full"):
+                store.add(result_of(begun))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert store.unfinished() == [begun]
+        store.add(result_of(begun))
+        assert store.unfinished() == []
+
+
+def test_commits_of_sqlite_are_on_disk_when_they_return(tmp_path: Path) -> None:
+    url = database_url(str(tmp_path / "results.sqlite"))
+    with sqlite_engine(url, patience_s=1.0, is_writer=True).connect() as connection:
+        settings = "journal_mode", "synchronous", "foreign_keys"
+        found = [connection.exec_driver_sql(f"PRAGMA {each}").scalar() for each in settings]
+    assert found == ["wal", 2, 1]  # 2: FULL
+
+
+@pytest.mark.postgresql
+def test_commits_of_postgresql_are_on_disk_when_they_return(server: PostgresqlServer) -> None:
+    url = database_url(server.url)
+    engine = postgresql_engine(url, patience_s=1.0, writing_station=None)
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SHOW synchronous_commit").scalar() == "on"
+    engine.dispose()
+
+
+@pytest.mark.postgresql
+def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> None:
+    url = server.make_database("two-programs")
+    with open_store(url, "line-1", create=True) as store:
+        with pytest.raises(ResultsUnavailable, match="another program writes for station line-1"):
+            open_store(url, "line-1", patience_s=0.0)
+        part_id = inspect(store).part_id
+        with open_store(url, "line-1", alone=False) as beside:
+            beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
+        assert store.counters().production.in_force == {Decision.FAIL: 1}
+
+
+@pytest.mark.postgresql
+def test_a_database_that_cannot_hold_every_text_is_refused(server: PostgresqlServer) -> None:
+    url = server.make_database("latin", encoding="LATIN1")
+    with pytest.raises(InputError, match="encoding LATIN1"):
+        open_store(url, "line-1", create=True)
+
+
+def test_files_that_hold_something_else_are_refused(tmp_path: Path) -> None:
+    text_file = tmp_path / "a.sqlite"
+    text_file.write_text("no database at all, but a text that is long enough to be one\n" * 20)
+    with pytest.raises(ResultsUnavailable, match="not a database"):
+        open_store(str(text_file), "line-1")
+    with pytest.raises(InputError, match="no such file"):
+        open_store(str(tmp_path / "b.sqlite"), "line-1")
+    empty = tmp_path / "c.sqlite"
+    empty.touch()
+    with pytest.raises(InputError, match="holds no results"):
+        open_store(str(empty), "line-1")
+
+
+@pytest.mark.parametrize(
+    "results", ["mysql://host/db", "postgresql://host", "sqlite:///x.sqlite", "://", "a://b:c/d"]
+)
+def test_another_kind_of_database_is_refused(results: str) -> None:
+    with pytest.raises(InputError, match="give postgresql://"):
+        open_store(results, "line-1")
+
+
+def test_a_password_is_in_no_message() -> None:
+    with pytest.raises(ResultsUnavailable) as caught:
+        open_store("postgresql://jo:secret@127.0.0.1:1/db", "line-1", patience_s=0.0)
+    assert "secret" not in str(caught.value)

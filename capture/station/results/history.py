@@ -1,0 +1,205 @@
+"""What a station has recorded, with what people said of it later: selected, counted, read."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import ColumnElement, Connection, func, select
+
+from capture.station.verdict import Decision
+
+from .part_result import PartResult
+from .rows import result_of
+from .schema import overrides, refused_triggers, removed_sets, results, same_part
+
+_ROWS_AT_A_TIME = 500
+
+
+@dataclass(frozen=True)
+class Override:
+    """A verdict that a person gave a part; it holds in place of the station's."""
+
+    decision: Decision
+    by: str
+    reason: str
+    utc: str
+
+
+@dataclass(frozen=True)
+class HistoryEntry:
+    """A part with what was said of it later.
+
+    Attributes
+    ----------
+    result
+        What the station recorded.
+    override
+        The last override, None without one.
+    set_removed_utc
+        When the set file was removed, None if it was not.
+    """
+
+    result: PartResult
+    override: Override | None
+    set_removed_utc: str | None
+
+    @property
+    def decision(self) -> Decision:
+        """The verdict that holds: that of the override, or else that of the station."""
+        return self.override.decision if self.override else self.result.verdict.decision
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which parts of a station; None selects all.
+
+    Attributes
+    ----------
+    since_utc, until_utc
+        Bounds of the time of the trigger, both included.
+    decision
+        The verdict that holds.
+    label
+        The texture that was found.
+    recipe
+        Name of the recipe.
+    simulated
+        Whether parts of a simulated rig are selected, True for these alone.
+    """
+
+    since_utc: str | None = None
+    until_utc: str | None = None
+    decision: Decision | None = None
+    label: str | None = None
+    recipe: str | None = None
+    simulated: bool | None = None
+
+
+EVERY_PART = Selection()
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Numbers of parts by verdict.
+
+    Attributes
+    ----------
+    by_station
+        As the station decided.
+    in_force
+        As it holds, with overrides in place of the station's verdicts.
+    refused_triggers
+        Triggers that were not served.
+    """
+
+    by_station: Mapping[Decision, int]
+    in_force: Mapping[Decision, int]
+    refused_triggers: int
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return sum(self.by_station.values())
+
+
+@dataclass(frozen=True)
+class Counters:
+    """Numbers of parts; what a simulated rig gave is no production."""
+
+    production: Tally
+    simulated: Tally
+
+
+# The last override of each part.
+_LAST = overrides.alias("last")
+_AGAIN = overrides.alias("again")
+_LAST_OVERRIDE = same_part(_LAST, results) & (
+    _LAST.c.position
+    == select(func.max(_AGAIN.c.position)).where(same_part(_AGAIN, results)).scalar_subquery()
+)
+_JOINED = results.outerjoin(_LAST, _LAST_OVERRIDE)
+_IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
+
+
+def entries(
+    connection: Connection, station: str, selection: Selection, newest: int | None
+) -> Iterator[HistoryEntry]:
+    """Yield parts by number, read as they are asked for; see `ResultStore.parts`."""
+    said = [_LAST.c[name].label(f"override_{name}") for name in ("decision", "by", "reason", "utc")]
+    joined = _JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
+    statement = (
+        select(results, *said, removed_sets.c.utc.label("set_removed_utc"))
+        .select_from(joined)
+        .where(*_conditions(station, selection))
+    )
+    if newest is not None:
+        last = statement.order_by(results.c.number.desc()).limit(newest).subquery()
+        statement = select(last).order_by(last.c.number)
+    else:
+        statement = statement.order_by(results.c.number)
+    rows = connection.execution_options(yield_per=_ROWS_AT_A_TIME).execute(statement)
+    for row in rows.mappings():
+        yield _entry(dict(row))
+
+
+def counters(connection: Connection, station: str, selection: Selection) -> Counters:
+    """Count parts and refused triggers; see `ResultStore.counters`."""
+    columns = (results.c.simulated, results.c.decision, _IN_FORCE.label("in_force"))
+    statement = (
+        select(*columns, func.count().label("parts"))
+        .select_from(_JOINED)
+        .where(*_conditions(station, selection))
+        .group_by(*columns)
+    )
+    by_station: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
+    in_force: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
+    for row in connection.execute(statement):
+        by_station[row.simulated][Decision(row.decision)] += row.parts
+        in_force[row.simulated][Decision(row.in_force)] += row.parts
+    refused = _refused(connection, station, selection)
+    production, simulated = (
+        Tally(by_station[each], in_force[each], refused.get(each, 0)) for each in (False, True)
+    )
+    return Counters(production, simulated)
+
+
+def _refused(connection: Connection, station: str, selection: Selection) -> dict[bool, int]:
+    """Count refused triggers within the times; what else is selected does not concern them."""
+    simulated = refused_triggers.c.simulated
+    statement = (
+        select(simulated, func.count())
+        .where(refused_triggers.c.station == station)
+        .where(*_within(refused_triggers.c.utc, selection))
+        .group_by(simulated)
+    )
+    return {row[0]: row[1] for row in connection.execute(statement)}
+
+
+def _conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bool]]:
+    yield results.c.station == station
+    yield from _within(results.c.triggered_utc, selection)
+    for column, value in (
+        (_IN_FORCE, selection.decision and selection.decision.value),
+        (results.c.label, selection.label),
+        (results.c.recipe, selection.recipe),
+        (results.c.simulated, selection.simulated),
+    ):
+        if value is not None:
+            yield column == value
+
+
+def _within(utc: ColumnElement[str], selection: Selection) -> Iterator[ColumnElement[bool]]:
+    if selection.since_utc is not None:
+        yield utc >= selection.since_utc
+    if selection.until_utc is not None:
+        yield utc <= selection.until_utc
+
+
+def _entry(row: dict[str, Any]) -> HistoryEntry:
+    removed_utc = row.pop("set_removed_utc")
+    decision, by, reason, utc = (
+        row.pop(f"override_{name}") for name in ("decision", "by", "reason", "utc")
+    )
+    override = None if decision is None else Override(Decision(decision), by, reason, utc)
+    return HistoryEntry(result_of(row), override, removed_utc)

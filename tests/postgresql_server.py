@@ -1,0 +1,115 @@
+"""A PostgreSQL server of a test's own: a temporary folder, a free port, this machine only."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from .suites import postgresql_program
+
+_USER = "postgres" if os.getuid() == 0 else None  # initdb and the server refuse to run as root
+
+
+class PostgresqlServer:
+    """A server that tests start, kill and ask; `postgresql_server` makes one.
+
+    Attributes
+    ----------
+    url
+        The URL of its database ``results``.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._data = folder / "data"
+        self._log = folder / "server.log"
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._port = probe.getsockname()[1]
+        self.url = self.url_of("results")
+        self._run("initdb", "--auth=trust", "--username=ps4rig", "--encoding=UTF8",
+                  "--locale=C", "--no-sync", str(self._data))  # fmt: skip
+
+    def url_of(self, database: str) -> str:
+        """The URL of a database of this server."""
+        return f"postgresql://ps4rig@127.0.0.1:{self._port}/{database}"
+
+    def start(self) -> None:
+        """Start the server, and wait until it answers."""
+        settings = f"-p {self._port} -c listen_addresses=127.0.0.1 -c unix_socket_directories=''"
+        self._run("pg_ctl", "start", "-w", "-t", "60", "-D", str(self._data), "-l",
+                  str(self._log), "-o", settings)  # fmt: skip
+
+    def kill(self) -> None:
+        """Kill all its processes at once, as a loss of power does."""
+        lock = self._data / "postmaster.pid"
+        main = int(lock.read_text().split("\n")[0])
+        children = Path(f"/proc/{main}/task/{main}/children").read_text().split()
+        # The main process first: it would start the others anew.
+        processes = [main, *map(int, children)]
+        for process in processes:
+            with suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
+        while any(_is_running(process) for process in processes):
+            time.sleep(0.01)
+        # In a container without an init, the dead process keeps its number: pg_ctl waits for it.
+        lock.unlink()
+
+    def make_database(
+        self, name: str, script: Path | None = None, *, encoding: str = "UTF8"
+    ) -> str:
+        """Make an empty database, or one from a script of pg_dump; return its URL."""
+        url = self.url_of(name)
+        command = f"""CREATE DATABASE "{name}" TEMPLATE template0 ENCODING '{encoding}'"""
+        self._run("psql", "-q", self.url_of("postgres"), "-c", command)
+        if script is not None:
+            self._run("psql", "-q", "-v", "ON_ERROR_STOP=1", url, stdin=script.read_text())
+        return url
+
+    def stop(self) -> None:
+        """End the server, if it runs."""
+        if (self._data / "postmaster.pid").exists():
+            self._run("pg_ctl", "stop", "-m", "immediate", "-D", str(self._data))
+
+    def _run(self, program: str, *arguments: str, stdin: str = "") -> None:
+        user = ["runuser", "-u", _USER, "--"] if _USER else []
+        # pg_ctl's server keeps a pipe for output open, and the call would wait for its end.
+        with (self._log.with_suffix(f".{program}")).open("w") as said:
+            done = subprocess.run(
+                [*user, str(postgresql_program(program)), *arguments],
+                input=stdin, text=True, stdout=said, stderr=said, timeout=120, cwd="/",
+            )  # fmt: skip
+        if done.returncode:
+            raise RuntimeError(f"{program}: {self._log.with_suffix(f'.{program}').read_text()}")
+
+
+@contextmanager
+def postgresql_server(folder: Path) -> Iterator[PostgresqlServer]:
+    """Run a server in `folder`, which must be empty, with an empty database ``results``."""
+    home = folder / "postgresql"
+    home.mkdir()
+    if _USER:
+        # pytest's folders are closed to other users.
+        for parent in (home, *home.parents):
+            if parent.stat().st_uid == os.getuid() and parent.stat().st_mode & 0o001 == 0:
+                parent.chmod(parent.stat().st_mode | 0o011)
+        shutil.chown(home, _USER)
+    server = PostgresqlServer(home)
+    server.start()
+    try:
+        server.make_database("results")
+        yield server
+    finally:
+        server.stop()
+
+
+def _is_running(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
