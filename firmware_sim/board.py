@@ -51,6 +51,13 @@ class Board(Protocol):
         missing from a list of that length.
         """
 
+    def part_edges(self) -> list[int]:
+        """Return when the part sensor saw a part, since the last call, oldest first; never wait.
+
+        Each is a time in `micros`, taken in an interrupt or in hardware. The board takes the bounce
+        of one part's contact for one part. At most `firmware.STROBE_BUFFER_EDGES` are kept.
+        """
+
     def trigger(self) -> int:
         """Begin a pulse on the camera's trigger line; return the `micros` of its beginning.
 
@@ -121,6 +128,7 @@ class SimulatedBoard:
         self._received = b""
         self._sent = b""
         self._strobe_edges: list[tuple[int, bool]] = []
+        self._part_edges: list[int] = []
         self._triggered: Callable[[], object] = lambda: None
 
     # Interface to the firmware
@@ -160,6 +168,13 @@ class SimulatedBoard:
             edges, self._strobe_edges = self._strobe_edges, []
             return edges
 
+    def part_edges(self) -> list[int]:
+        if not self._part_edges:
+            return []
+        with self._lock:
+            edges, self._part_edges = self._part_edges, []
+            return edges
+
     def trigger(self) -> int:
         triggered_us = self.micros()
         self._triggered()
@@ -184,6 +199,12 @@ class SimulatedBoard:
             if len(self._strobe_edges) < STROBE_BUFFER_EDGES:
                 self._strobe_edges.append((self._micros_at(at_s), exposing))
 
+    def see_part(self, at_s: float) -> None:
+        """Add an edge of the part sensor, which waits for the firmware."""
+        with self._lock:
+            if len(self._part_edges) < STROBE_BUFFER_EDGES:
+                self._part_edges.append(self._micros_at(at_s))
+
     def on_trigger(self, callback: Callable[[], object]) -> None:
         """Connect a camera: call `callback` at the beginning of each trigger pulse."""
         self._triggered = callback
@@ -196,6 +217,7 @@ class SimulatedBoard:
                 led.drive(0, self._booted_s)
             self._received = self._sent = b""
             self._strobe_edges = []
+            self._part_edges = []
 
     def output(self, led: int, at_s: float) -> float:
         """Relative optical output of an LED, 0 to 1, at a time not in the future."""

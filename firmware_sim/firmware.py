@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from .board import Board
 
-FIRMWARE_VERSION = "2.0.0"
+FIRMWARE_VERSION = "2.1.0"
 PROTOCOL_VERSION = 2
 
 MAX_LINE_BYTES = 64  # without its terminator
@@ -23,6 +23,7 @@ WATCHDOG_MAX_MS = 60000
 MAX_STEPS = 16
 MAX_STEP_US = 60000000
 DARK = -1  # no LED
+AT_ONCE = -1  # no wait for the part sensor
 
 MESSAGES: dict[int, str] = {}
 
@@ -127,6 +128,7 @@ class Sequence:
 
     The next step follows at the end of an exposure, or after a time with triggered exposures. An
     exposure counts if it began after its light had settled. All events are recorded for the host.
+    With a delay, the first step follows so long after the next edge of the part sensor.
     """
 
     def __init__(
@@ -134,6 +136,7 @@ class Sequence:
         board: "Board",
         lamps: Lamps,
         triggers: bool,
+        delay_us: int,
         settle_us: int,
         wait_us: int,
         *order: int,
@@ -147,18 +150,30 @@ class Sequence:
         self.steps: list[Step] = []
         self.code = NO_ERROR  # the error that ended it early
         self.running = True
-        self.started_us = self.ended_us = self._start_step()
-        self._edge_us = self.started_us
+        self._delay_us = delay_us
+        self._due_us = -1  # of the first step, once the sensor has seen a part
+        self.started_us = self.ended_us = self._edge_us = board.micros()
+        if delay_us == AT_ONCE:
+            self.started_us = self.ended_us = self._start_step()
+
+    def see_part(self, at_us: int) -> None:
+        """Handle an edge of the part sensor."""
+        if self._due_us < 0 and at_us >= self.started_us:
+            self._due_us = at_us + self._delay_us
 
     def advance(self) -> bool:
         """Handle new strobe edges and the time; return False if the strobe is missing."""
         for at_us, exposing in self._board.strobe_edges():
-            # Edges from before the start belong to no step.
-            if self.running and at_us >= self.started_us:
+            # Edges from before the first light belong to no step.
+            if self.running and self.steps and at_us >= self.steps[0].changed_us:
                 self._record(at_us, exposing)
         if not self.running:
             return True
         now_us = self._board.micros()
+        if not self.steps:
+            if 0 <= self._due_us <= now_us:
+                self._start_step()
+            return True
         if not self._triggers:
             return now_us - self._edge_us < self._wait_us
         step = self.steps[-1]
@@ -193,6 +208,8 @@ class Sequence:
             return self.end(NO_ERROR)
         led = self.order[len(self.steps)]
         self.steps.append(Step(led, self._lamps.light(led)))
+        if len(self.steps) == 1:
+            self._edge_us = self.steps[0].changed_us
         return self.steps[-1].changed_us
 
 
@@ -206,6 +223,8 @@ class Firmware:
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
+        self._parts = 0  # seen by the part sensor since the reset
+        self._part_us = -1  # when it saw the latest
         self.stopped = False  # set when the host wants to flash the board
         # header: (least and most number of parameters, handler)
         self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
@@ -221,6 +240,8 @@ class Firmware:
             "LED:LEV?": (1, 1, self._level),
             "LED:LIM?": (1, 1, self._limits),
             "LED:STAT?": (0, 0, self._state),
+            "PART:WAIT": (1, 1, self._wait_for_part),
+            "PART:STAT?": (0, 0, self._parts_seen),
             "SEQ:ARM": (3, 2 + MAX_STEPS, lambda *numbers: self._start(False, *numbers)),
             "SEQ:TRIG": (3, 2 + MAX_STEPS, lambda *numbers: self._start(True, *numbers)),
             "SEQ:STAT?": (0, 0, self._progress),
@@ -231,6 +252,10 @@ class Firmware:
 
     def poll(self) -> None:
         """Run one pass of the main loop: advance the sequence, execute lines, check the limits."""
+        for at_us in self._board.part_edges():
+            self._parts += 1
+            self._part_us = at_us
+            self.sequence.see_part(at_us)
         if not self.sequence.advance():
             self._darken(STROBE_MISSING)
         data = self._board.read()
@@ -338,7 +363,9 @@ class Firmware:
     def _reset(self) -> str:
         self._lamps.levels_percent = [100] * self._board.led_count
         self._errors = []
-        self.sequence = Sequence(self._board, self._lamps, False, 0, 0)  # no steps: puts LEDs out
+        # No steps: puts the LEDs out.
+        self.sequence = Sequence(self._board, self._lamps, False, AT_ONCE, 0, 0)
+        self._delay_us = AT_ONCE  # of the next sequence
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
 
@@ -395,8 +422,20 @@ class Firmware:
             if led != DARK:
                 self._require_led(led)
             self._require_free(led)
-        self.sequence = Sequence(self._board, self._lamps, triggers, settle_us, wait_us, *order)
+        delay_us, self._delay_us = self._delay_us, AT_ONCE
+        self.sequence = Sequence(
+            self._board, self._lamps, triggers, delay_us, settle_us, wait_us, *order
+        )
         return str(self.sequence.started_us)
+
+    def _wait_for_part(self, delay_us: int) -> str:
+        _require(0 <= delay_us <= MAX_STEP_US)
+        self._require_free(DARK)
+        self._delay_us = delay_us
+        return str(delay_us)
+
+    def _parts_seen(self) -> str:
+        return _fields([self._parts, self._part_us, self._board.micros()])
 
     def _progress(self) -> str:
         run = self.sequence

@@ -74,7 +74,7 @@ UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
 UNSAFE_CALLS = {"eval", "exec", "__import__", "import_module", "system", "popen"}
 UNSAFE_FLAGS = {"shell", "allow_pickle"}
 LONGEST_FILE = 400
-LONGER_FILES = {"firmware_sim/firmware.py": 460}  # one file, because it is copied to a board whole
+LONGER_FILES = {"firmware_sim/firmware.py": 500}  # one file, because it is copied to a board whole
 
 FILES = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
 # All but the public faces, which show what is on every storey.

@@ -1,4 +1,4 @@
-"""The Raspberry Pi Pico as a `firmware_sim.board.Board`: LEDs, strobe and trigger on its pins.
+"""The Raspberry Pi Pico as a `firmware_sim.board.Board`: LEDs, strobe, trigger, sensor on its pins.
 
 For MicroPython on RP2040 and RP2350. README.md describes the wiring; change both together.
 """
@@ -15,6 +15,7 @@ from machine import PWM, Pin, Timer, disable_irq, enable_irq, unique_id
 LED_PINS = (2, 3, 4, 5)
 STROBE_PIN = 6
 TRIGGER_PIN = 7
+PART_PIN = 9
 # Limits of each LED; README.md gives the reasons.
 MAX_ON_MS = (120000, 120000, 120000, 120000)
 MAX_DUTY_PERCENT = (50, 50, 50, 50)
@@ -22,6 +23,7 @@ MAX_DUTY_PERCENT = (50, 50, 50, 50)
 PWM_HZ = 100000  # many periods in an exposure; at 100 % the LED is on without modulation
 PULSE_MS = 1
 GLITCH_US = 20  # two edges closer than this are noise
+BOUNCE_US = 20000  # a part sensor's contact bounces for up to 10 ms
 READ_BYTES = 64
 OUTPUT_BYTES = 1024
 USB_PACKET_BYTES = 64
@@ -33,21 +35,21 @@ def darken() -> None:
         Pin(pin, Pin.OUT, value=0)
 
 
-class Strobe:
-    """The edges of the camera's strobe line, low while it exposes, with their times.
+class Edges:
+    """The edges of an input that is low when active, with their times.
 
     A hard interrupt records the edges; nothing may be allocated in it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pin: int) -> None:
         self._ticks = array("l", [0] * STROBE_BUFFER_EDGES)
         self._levels = bytearray(STROBE_BUFFER_EDGES)
         self._count = 0
-        self._pin = Pin(STROBE_PIN, Pin.IN, Pin.PULL_UP)
+        self._pin = Pin(pin, Pin.IN, Pin.PULL_UP)
         self._pin.irq(self._edge, Pin.IRQ_RISING | Pin.IRQ_FALLING, hard=True)
 
     def take(self) -> list[tuple[int, bool]]:
-        """The edges since the last call, as (ticks_us, exposing), oldest first."""
+        """The edges since the last call, as (ticks_us, active), oldest first."""
         count = self._count
         # The last edge may be one side of a glitch; the interrupt does not change the others.
         if count and ticks_diff(ticks_us(), self._ticks[count - 1]) < GLITCH_US:
@@ -74,7 +76,7 @@ class Strobe:
 
 
 class PicoBoard:
-    """LEDs, strobe, trigger, clock and USB serial line of one Pico; construction puts LEDs out."""
+    """Pins, clock and USB serial line of one Pico; construction puts the LEDs out."""
 
     led_count = len(LED_PINS)
 
@@ -85,7 +87,9 @@ class PicoBoard:
         self._leds = [PWM(Pin(pin), freq=PWM_HZ, duty_u16=0) for pin in LED_PINS]
         self._trigger = Pin(TRIGGER_PIN, Pin.OUT, value=0)
         self._pulse = Timer()
-        self._strobe = Strobe()
+        self._strobe = Edges(STROBE_PIN)
+        self._part = Edges(PART_PIN)
+        self._part_us = -BOUNCE_US  # the latest edge of the part sensor
         self._ticks = ticks_us()
         self._micros = 0
         self._arriving = poll()
@@ -125,17 +129,28 @@ class PicoBoard:
         return MAX_DUTY_PERCENT[index]
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        edges = self._strobe.take()
-        if not edges:
-            return edges
-        now_us = self.micros()
-        return [(now_us + ticks_diff(at, self._ticks), exposing) for at, exposing in edges]
+        return self._timed(self._strobe)
+
+    def part_edges(self) -> list[int]:
+        seen = []
+        for at_us, active in self._timed(self._part):
+            if active and at_us - self._part_us >= BOUNCE_US:
+                seen.append(at_us)
+            self._part_us = at_us
+        return seen
 
     def trigger(self) -> int:
         self._trigger.on()
         began_us = self.micros()
         self._pulse.init(mode=Timer.ONE_SHOT, period=PULSE_MS, callback=self._end_pulse)
         return began_us
+
+    def _timed(self, line: Edges) -> list[tuple[int, bool]]:
+        edges = line.take()
+        if not edges:
+            return edges
+        now_us = self.micros()
+        return [(now_us + ticks_diff(at, self._ticks), active) for at, active in edges]
 
     def _end_pulse(self, _: Timer) -> None:
         self._trigger.off()

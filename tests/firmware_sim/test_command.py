@@ -41,7 +41,7 @@ def test_the_command_serves_until_a_signal(tmp_path, options, end):
         line = process.stdout.readline()
         assert line.startswith("simulated LED controller SIM-7: ")
         address = re.search(r"socket://[\d.:]+|/\S+port", line).group()
-        assert identity(address) == b"OK PS4RIG,LED4,SIM-7,2.0.0,2\n"
+        assert identity(address) == b"OK PS4RIG,LED4,SIM-7,2.1.0,2\n"
         process.send_signal(end)
         out, err = process.communicate(timeout=120)
     assert (process.returncode, out, err) == (0, "", "")

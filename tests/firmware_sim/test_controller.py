@@ -1,6 +1,6 @@
 """The device as a whole: boot, reset on opening, delay of a line."""
 
-BANNER = b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"
+BANNER = b"READY PS4RIG,LED4,SIM-0001,2.1.0,2\n"
 
 
 def test_a_new_device_has_sent_its_banner(new_device):

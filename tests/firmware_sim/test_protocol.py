@@ -11,7 +11,7 @@ TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 
 
 def test_the_readme_has_its_transcripts():
-    assert len(TRANSCRIPTS) == 5
+    assert len(TRANSCRIPTS) == 6
 
 
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
@@ -23,10 +23,12 @@ def test_the_device_replies_as_in_the_readme(new_device, transcript):
             assert received == "", "the README leaves out a reply"
             received = device.exchange(line[2:].encode() + b"\n").decode()
         elif line.startswith("+ "):
-            passed_us, _, strobe = line[2:].partition(" us")
+            passed_us, _, edge = line[2:].partition(" us")
             device.clock.sleep_s(int(passed_us) / 1e6)
-            if strobe:
-                device.strobe({", strobe on": True, ", strobe off": False}[strobe])
+            if edge == ", part":
+                device.controller.see_part(device.clock.now_s())
+            elif edge:
+                device.strobe({", strobe on": True, ", strobe off": False}[edge])
         else:
             assert line == "< " + received.removesuffix("\n")
             received = ""
@@ -36,7 +38,7 @@ def test_the_device_replies_as_in_the_readme(new_device, transcript):
 @pytest.mark.parametrize(
     ("sent", "reply"),
     [
-        (b"*IDN?\n", b"OK PS4RIG,LED4,SIM-0001,2.0.0,2\n"),
+        (b"*IDN?\n", b"OK PS4RIG,LED4,SIM-0001,2.1.0,2\n"),
         (b"*RST\n", b"OK\n"),
         (b"SYST:ERR?\n", b'OK 0,"No error"\n'),
         (b"SYST:WDOG 100\n", b"OK 100\n"),
@@ -49,6 +51,8 @@ def test_the_device_replies_as_in_the_readme(new_device, transcript):
         (b"LED:LEV 3,100\n", b"OK 3,100\n"),
         (b"LED:LEV? 3\n", b"OK 3,100\n"),
         (b"LED:LIM? 3\n", b"OK 3,120000,50\n"),
+        (b"PART:WAIT 60000000\n", b"OK 60000000\n"),
+        (b"PART:STAT?\n", b"OK 0,-1,1000\n"),
         (b"SEQ:ARM 0,100000,-1\n", b"OK 1000\n"),
         (b"SEQ:TRIG 0,60000000" + b",-1" * 14 + b"\n", b"OK 1000\n"),
         (b"SEQ:STAT?\n", b"OK 0,0,0,0,0,0,1000\n"),

@@ -24,7 +24,7 @@ from firmware_sim import (
     serve_unix,
 )
 
-IDENTITY = b"PS4RIG,LED4,SIM-0001,2.0.0,2\n"
+IDENTITY = b"PS4RIG,LED4,SIM-0001,2.1.0,2\n"
 BANNER = b"READY " + IDENTITY
 OK_IDENTITY = b"OK " + IDENTITY
 

@@ -2,7 +2,7 @@
 
 A request is a line of words; the reply is what a device that has just booted sends, in hexadecimal
 digits. A word is bytes in hexadecimal digits, which take 1 ms a line; `@250`, a pause of 250
-microseconds; `+` or `-`, the start or the end of an exposure. As in `SimulatedController`, the
+microseconds; `+` or `-`, the start or the end of an exposure; `*`, a part. As in `SimulatedController`, the
 firmware is polled every millisecond, and every POLL_US in a sequence.
 """
 
@@ -22,6 +22,7 @@ class Board:
         self.now_us = 0
         self.arrived = self.sent = b""
         self.edges = []
+        self.parts = []
 
     def micros(self):
         return self.now_us
@@ -47,6 +48,10 @@ class Board:
     def strobe_edges(self):
         edges, self.edges = self.edges, []
         return edges
+
+    def part_edges(self):
+        parts, self.parts = self.parts, []
+        return parts
 
     def trigger(self):
         return self.now_us
@@ -79,6 +84,8 @@ class Device:
             self.wait(int(word[1:]))
         elif word in ("+", "-"):
             self.board.edges.append((self.board.now_us, word == "+"))
+        elif word == "*":
+            self.board.parts.append(self.board.now_us)
         else:
             data = bytes.fromhex(word)
             while data:
@@ -116,6 +123,7 @@ COMMANDS = (
     [b"*IDN?\n", b"LED:LEV 2,50\n", b"LED:SEL 2\n", b"#7 LED:SEL 2~E0\n", b"LED:STAT?\n"]
     + [b"HELLO\n", b"\xff\xff\n", b"x" * 300 + b"\n", b"LED:SEL 9\n", b"LED:OFF\n", b"\n"]
     + [b"SEQ:ARM 1000,50000,0,1,2,3,-1\n", b"SEQ:STAT?\n", b"LED:OFF\n", b"SEQ:STEP? 0\n"]
+    + [b"PART:WAIT 0\n", b"SEQ:TRIG 1000,50000,0\n", b"PART:STAT?\n", b"LED:OFF\n"]
 )
 
 

@@ -98,7 +98,7 @@ class Pico:
         self._reader.start()
 
     def send_event(self, event: str) -> None:
-        """Send an event to the board: `strobe 0`, `glitch`, `hang 3000`, `fail TEXT`."""
+        """Send an event to the board: `strobe 0`, `part 0`, `glitch`, `hang 3000`, `fail TEXT`."""
         os.write(self._events, event.encode() + b"\n")
 
     def recorded(self, what: str, since: int = 0) -> list[tuple[int, int]]:

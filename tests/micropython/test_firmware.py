@@ -20,7 +20,7 @@ ROOM = HERE.parents[1] / "firmware_sim"
 README = (ROOM / "README.md").read_text(encoding="utf-8")
 TRANSCRIPTS = re.findall(r"```transcript\n(.*?)```", README, re.DOTALL)
 DOCUMENTED = re.findall(r"^> (.*)", "\n".join(TRANSCRIPTS), re.MULTILINE)
-STROBE = {", strobe on": ["+"], ", strobe off": ["-"], "": []}
+EDGES = {", strobe on": ["+"], ", strobe off": ["-"], ", part": ["*"], "": []}
 NUMBERS = ["0", "1", "3", "4", "-1", "50", "100", "101", "1000", "50000", "60000001", "+1", "1.5"]
 PUNCTUATION = [" ", ",", "#7 ", "~", "\r", "?", "\xb2", "\0", "é"]
 
@@ -50,15 +50,15 @@ def test_readme_transcript(bench, transcript):
         if kind == ">":
             words.append((text + "\n").encode().hex())
         elif kind == "+":
-            passed_us, _, strobe = text.partition(" us")
-            words += ["@" + passed_us, *STROBE[strobe]]
+            passed_us, _, edge = text.partition(" us")
+            words += ["@" + passed_us, *EDGES[edge]]
         else:
             expected += text + "\n"
     assert bench.answers(" ".join(words)) == [expected.encode()]
 
 
 def random_requests(known: list[str], count: int, seed: int) -> list[str]:
-    """Valid, wrong and truncated commands, with pauses and strobe edges between them."""
+    """Valid, wrong and truncated commands, with pauses and edges between them."""
     chance = random.Random(seed)
 
     def line() -> bytes:
@@ -78,7 +78,7 @@ def random_requests(known: list[str], count: int, seed: int) -> list[str]:
         happening = chance.random()
         if happening < 0.15:
             return "@" + str(chance.randrange(300_000))
-        return chance.choice("+-") if happening < 0.3 else line().hex()
+        return chance.choice("+-*") if happening < 0.3 else line().hex()
 
     return [" ".join(word() for _ in range(chance.randrange(1, 12))) for _ in range(count)]
 

@@ -103,6 +103,23 @@ def test_a_sequence_follows_the_strobe(pico, line):
         assert ended_us - begun_us >= 50_000
 
 
+def test_a_sequence_waits_for_the_part_sensor(pico, line):
+    ask(line, "PART:WAIT 20000")
+    ask(line, "SEQ:TRIG 1000,20000,0,1")
+    time.sleep(0.1)
+    assert ask(line, "SEQ:STAT?")[:2] == [1, 0]
+    for _ in range(3):  # the contact bounces
+        pico.send_event("part 0")
+        pico.send_event("part 1")
+    pico.mark()
+    while (state := ask(line, "SEQ:STAT?"))[0]:
+        pass
+    assert state[:4] == [0, 2, 2, 0]
+    parts, at_us, _ = ask(line, "PART:STAT?")
+    assert parts == 1
+    assert state[4] + ask(line, "SEQ:STEP? 0")[1] - at_us >= 20_000
+
+
 def test_a_glitch_is_not_an_exposure(pico, line):
     ask(line, "SEQ:ARM 0,5000000,0,1")
     pico.send_event("glitch")

@@ -111,7 +111,14 @@ def enable_irq(state):
 
 
 def _strobe(level):
-    number = 6
+    _set(6, level)
+
+
+def _part(level):
+    _set(9, level)
+
+
+def _set(number, level):
     INPUTS[number] = int(level)
     pin = PINS.get(number)
     if pin:
@@ -138,4 +145,4 @@ def _mark(_):
 
 
 INPUTS = {}
-EVENTS = {"mark": _mark, "strobe": _strobe, "glitch": _glitch, "hang": _hang, "fail": _fail}
+EVENTS = {"mark": _mark, "strobe": _strobe, "part": _part, "glitch": _glitch, "hang": _hang, "fail": _fail}

@@ -327,7 +327,7 @@ def test_replies_that_come_byte_by_byte_are_joined(damaged_line: Line) -> None:
             "asked for LED 1, it lit LED 3",
         ),
         (
-            lambda *_: [b"READY PS4RIG,LED4,SIM-0001,2.0.0,2\n"],
+            lambda *_: [b"READY PS4RIG,LED4,SIM-0001,2.1.0,2\n"],
             "restarted before it answered 'LED:SEL 1'",
         ),
     ],
