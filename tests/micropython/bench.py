@@ -2,8 +2,8 @@
 
 A request is a line of words; the reply is what a device that has just booted sends, in hexadecimal
 digits. A word is bytes in hexadecimal digits, which take 1 ms a line; `@250`, a pause of 250
-microseconds; `+` or `-`, the start or the end of an exposure; `*`, a part. As in `SimulatedController`, the
-firmware is polled every millisecond, and every POLL_US in a sequence.
+microseconds; `+` or `-`, the start or the end of an exposure; `*`, a part at the sensor. As in
+`SimulatedController`, the firmware is polled every millisecond, and every POLL_US in a sequence.
 """
 
 import sys

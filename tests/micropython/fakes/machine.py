@@ -145,4 +145,11 @@ def _mark(_):
 
 
 INPUTS = {}
-EVENTS = {"mark": _mark, "strobe": _strobe, "part": _part, "glitch": _glitch, "hang": _hang, "fail": _fail}
+EVENTS = {
+    "mark": _mark,
+    "strobe": _strobe,
+    "part": _part,
+    "glitch": _glitch,
+    "hang": _hang,
+    "fail": _fail,
+}
