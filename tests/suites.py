@@ -8,6 +8,9 @@ _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4
 KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
 _POSTGRESQL = Path("/usr/lib/postgresql")
 MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")
+# The jar of Debian's package, and that of Bio-Formats, which is in Fiji.
+IMAGEJ = Path("/usr/share/java/ij.jar")
+BIOFORMATS = Path(os.environ.get("PS4RIG_BIOFORMATS") or _CACHE / "bioformats")
 
 
 def postgresql_program(name: str) -> Path:
@@ -19,6 +22,7 @@ def postgresql_program(name: str) -> Path:
 # Programs and folders, by the marker of the suite.
 NEEDS: dict[str, tuple[str | Path, ...]] = {
     "browser": ("chromium",),
+    "imagej": ("java", IMAGEJ, BIOFORMATS),
     "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
     "micropython": ("node", MICROPYTHON),
     "postgresql": (postgresql_program("initdb"), postgresql_program("psql")),

@@ -168,6 +168,7 @@ def _attempt(
         checks=checks,
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
+        mm_per_px=known.mm_per_px,
         software_version=version("ps4rig"),
         pixels_sha256=pixels_sha256(images.images, images.ambient),
     )

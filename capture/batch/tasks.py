@@ -315,7 +315,7 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         found = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    mm_per_px = None if known is None or known.scale is None else known.scale.mm_per_px
+    mm_per_px = None if known is None else known.mm_per_px
     written = write_maps(
         captured,
         surface,

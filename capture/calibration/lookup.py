@@ -85,7 +85,9 @@ def named_by(captured: CapturedSet, file: CalibrationFile) -> CapturedSet:
         As `check_setting`.
     """
     check_setting(file, Setting.of_set(captured), "these images")
-    metadata = captured.metadata.model_copy(update={"calibration_ids": (file.hash,)})
+    metadata = captured.metadata.model_copy(
+        update={"calibration_ids": (file.hash,), "mm_per_px": file.calibration.mm_per_px}
+    )
     return replace(captured, metadata=metadata)
 
 

@@ -117,6 +117,8 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
     )
     yield from _rig_lines(metadata)
     yield "calibration", ", ".join(metadata.calibration_ids) or "none"
+    if metadata.mm_per_px is not None:
+        yield "scale", f"{metadata.mm_per_px:.4g} mm/px"
     for warning in metadata.warnings:
         yield "warning", warning
     for cause in metadata.accepted:

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import tifffile
 
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting, SurfaceEstimate
 from classify.durable_folder import durable_folder
+from classify.shadow_rule import NO_DROPPED_LIGHT
 
 from . import pictures
+from .map_tiff import write_channels, write_values
 from .page import map_page
 from .roughness_table import roughness_note, roughness_parameters
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
@@ -23,6 +24,7 @@ from .views import map_views
 _PREVIEW_ROW = 4
 _PREVIEW_TILES = 16
 _PAGE = "index.html"
+_INSIDE = np.uint8(255)  # of a mask
 
 
 def write_maps(
@@ -37,9 +39,11 @@ def write_maps(
 ) -> list[Path]:
     """Write all maps of a surface, and an `index.html` that shows them.
 
-    As TIFF: p, q, albedo, normals, height, raised, mean and Gaussian curvature, relit, residual.
-    As PNG: shadow, dropped, specular, valid, preview. `roughness.json` holds Sdq, Sdr, Sa and Sq.
-    The description of each TIFF is JSON with the set, the unit, and whether it was simulated.
+    As float32 TIFF: p, q, albedo, height, raised, mean and Gaussian curvature, relit, residual; and
+    normals, with the channels x, y and z. As 8-bit TIFF and as PNG: shadow (number of lights in
+    shadow), dropped (index of the light that was left out, or 255), specular and valid (255 or 0).
+    `roughness.json` holds Sdq, Sdr, Sa and Sq. Each TIFF says in JSON the set, the unit, and
+    whether it was simulated: see `map_tiff`.
     `height.tif` and `raised.tif` come from the gradients alone. Maps in `folder` are replaced as a
     whole, see `durable_folder`.
 
@@ -76,7 +80,6 @@ def write_maps(
         "p": (surface.p, {"unit": "1"}),
         "q": (surface.q, {"unit": "1"}),
         "albedo": (surface.albedo, {"unit": "full scale"}),
-        "normals": (maps.normals, {"unit": "1"}),
         "height": (maps.height, length),
         "raised": (maps.raised, length),
         "mean_curvature": (maps.mean_curvature, {"unit": f"1/{unit}"}),
@@ -84,14 +87,20 @@ def write_maps(
         "relit": (maps.relit, {"unit": "full scale", "light": relit_by}),
         "residual": (surface.residual, {"unit": "full scale"}),
     }
+    masks = {
+        "shadow": (surface.shadow_count, len(captured.lighting)),
+        "dropped": (surface.dropped, NO_DROPPED_LIGHT),
+        "specular": (surface.specular * _INSIDE, int(_INSIDE)),
+        "valid": (surface.valid * _INSIDE, int(_INSIDE)),
+    }
     views = map_views(captured, maps)
     tiles = [view for section in views.values() for view in section[:_PREVIEW_ROW]]
     preview = {view.title: view.picture for view in tiles[:_PREVIEW_TILES]}
     pngs = {
         "shadow": pictures.shadow_map(surface),
         "dropped": pictures.dropped_map(surface, len(captured.lighting)),
-        "specular": pictures.grey(surface.specular, top=1.0),
-        "valid": pictures.grey(surface.valid, top=1.0),
+        "specular": masks["specular"][0],
+        "valid": masks["valid"][0],
         "preview": pictures.contact_sheet(preview),
     }
     roughness = {
@@ -103,14 +112,26 @@ def write_maps(
         "roughness.json": json.dumps(origin | roughness, indent=2, allow_nan=False),
         _PAGE: map_page(captured, maps, views, calibration, raw_residual),
     }
-    names = [*(f"{name}.tif" for name in tiffs), *(f"{name}.png" for name in pngs), *texts]
+    tiff_names = [f"{name}.tif" for name in (*tiffs, "normals", *masks)]
+    names = [*tiff_names, *(f"{name}.png" for name in pngs), *texts]
     with durable_folder(folder, names, first=_PAGE) as temporary:
         for name, (values, about) in tiffs.items():
-            tifffile.imwrite(
-                temporary / f"{name}.tif", values.astype(np.float32, copy=False), metadata=None,
-                photometric="rgb" if values.ndim == 3 else "minisblack",
-                description=json.dumps(origin | about),
-            )  # fmt: skip
+            write_values(
+                temporary / f"{name}.tif",
+                values.astype(np.float32, copy=False),
+                origin | about,
+                mm_per_px,
+            )
+        write_channels(
+            temporary / "normals.tif",
+            np.moveaxis(maps.normals, 2, 0).astype(np.float32, copy=False),
+            ("x", "y", "z"),
+            (-1.0, 1.0),
+            origin | {"unit": "1"},
+            mm_per_px,
+        )
+        for name, (levels, top) in masks.items():
+            write_channels(temporary / f"{name}.tif", levels, (name,), (0, top), origin, mm_per_px)
         for name, picture in pngs.items():
             (temporary / f"{name}.png").write_bytes(pictures.png_bytes(picture))
         for name, text in texts.items():

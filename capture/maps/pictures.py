@@ -162,8 +162,9 @@ def contact_sheet(pictures: dict[str, Picture]) -> Picture:
 
 
 def png_bytes(picture: Picture) -> bytes:
-    """Return the PNG file of a picture."""
-    done, buffer = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    """Return the PNG file of a picture, or of an (H, W) grey image."""
+    image = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    done, buffer = cv2.imencode(".png", image)
     if not done:
         raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
     return buffer.tobytes()

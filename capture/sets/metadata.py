@@ -197,6 +197,9 @@ class SetMetadata(_Record):
         Response of imported photographs that was undone: ``linear`` or ``srgb``.
     calibration_ids
         Hashes of the calibrations that apply to the set.
+    mm_per_px
+        Scale of the image by this calibration, for the programs that only read the file; None if
+        it was not measured.
     crop
         Column and row of the top left pixel, width and height of the part of the imported
         photographs that was kept; None for all.
@@ -207,7 +210,7 @@ class SetMetadata(_Record):
         refusal that were accepted.
     """
 
-    schema_version: Literal[1, 2, 3, 4] = 4
+    schema_version: Literal[1, 2, 3, 4, 5] = 5
     label: Text | None
     specimen: Text | None = None
     operator: Text | None = None
@@ -229,6 +232,7 @@ class SetMetadata(_Record):
     failed_attempts: tuple[str, ...] = Field(default=(), alias="retries")
     gamma: str = "linear"
     calibration_ids: tuple[str, ...] = ()
+    mm_per_px: float | None = Field(default=None, ge=1e-6, le=1e3)
     crop: tuple[int, int, int, int] | None = None
     mask_file: str | None = None
     warnings: tuple[str, ...] = ()

@@ -1,5 +1,6 @@
 """A captured set as one multi-page 16-bit OME-TIFF that Fiji, QuPath and tifffile open."""
 
+import colorsys
 import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -27,6 +28,7 @@ from .metadata import SetMetadata
 Mask = npt.NDArray[np.bool_]
 
 SUFFIX = ".ome.tif"
+_WHITE = -1  # 0xFFFFFFFF: opaque white in OME-XML
 _OME = "http://www.openmicroscopy.org/Schemas/OME/2016-06"
 
 
@@ -50,11 +52,15 @@ def write(
     if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
     planes = np.stack(pages(images, ambient, mask))
+    channels = _channels(metadata)
+    # ImageJ without Bio-Formats does not read the OME-XML, but its own tags and the resolution.
+    labels = tifffile.imagej_metadata_tag({"Labels": [name for name, _ in channels]}, "<")
     with durable_file(path) as temporary:
         tifffile.imwrite(
             temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
-            description=_ome_xml(images.shape[1:], metadata), metadata=None,
-            software=f"ps4rig {metadata.software_version}",
+            description=_ome_xml(images.shape[1:], channels, metadata), metadata=None,
+            software=f"ps4rig {metadata.software_version}", extratags=labels,
+            **resolution(metadata.mm_per_px),
         )  # fmt: skip
 
 
@@ -104,23 +110,60 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
     return metadata
 
 
-def _ome_xml(shape: tuple[int, ...], metadata: SetMetadata) -> bytes:
-    rows, columns = shape
+def resolution(mm_per_px: float | None) -> dict[str, Any]:
+    """Return the options of `tifffile.imwrite` that tell the scale of an image."""
+    if mm_per_px is None:
+        return {}
+    per_cm = 10.0 / mm_per_px
+    return {"resolution": (per_cm, per_cm), "resolutionunit": "CENTIMETER"}
+
+
+def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:
+    """Return name and OME colour of each page.
+
+    The tilt of a light is its hue, so that opposite lights have complementary colours: in a merged
+    image, level parts look grey. Ambient image and mask are white.
+    """
     tilts_deg = metadata.lighting.to_lighting().tilts_deg
-    names = [
-        "ambient" if record.light is None else f"tilt {tilts_deg[record.light]:g} deg"
-        for record in metadata.images
-    ] + ["mask"] * (metadata.mask_file is not None)
+    channels = []
+    for record in metadata.images:
+        if record.light is None:
+            channels.append(("ambient", _WHITE))
+            continue
+        tilt_deg = tilts_deg[record.light]
+        rgb = colorsys.hsv_to_rgb(tilt_deg / 360.0 % 1.0, 1.0, 1.0)
+        channels.append((f"tilt {tilt_deg:g} deg", _ome_colour(rgb)))
+    return channels + [("mask", _WHITE)] * (metadata.mask_file is not None)
+
+
+def _ome_colour(rgb: tuple[float, float, float]) -> int:
+    """Return red, green, blue (0 to 1) and full opacity as the signed 32-bit number of OME-XML."""
+    rgba = bytes([*(round(255.0 * each) for each in rgb), 255])
+    return int.from_bytes(rgba, "big", signed=True)
+
+
+def _ome_xml(
+    shape: tuple[int, ...], channels: list[tuple[str, int]], metadata: SetMetadata
+) -> bytes:
+    rows, columns = shape
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
-    ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc
+    # To the second: the labels that Bio-Formats makes of slices fail on fractions.
+    ET.SubElement(image, "AcquisitionDate").text = metadata.created_utc.split(".")[0].rstrip("Z")
     pixels = ET.SubElement(
         image, "Pixels", ID="Pixels:0", DimensionOrder="XYCZT", Type="uint16",
         SignificantBits=str(metadata.full_scale.bit_length()), SizeX=str(columns), SizeY=str(rows),
-        SizeC=str(len(names)), SizeZ="1", SizeT="1", BigEndian="false",
+        SizeC=str(len(channels)), SizeZ="1", SizeT="1", BigEndian="false",
     )  # fmt: skip
-    for index, name in enumerate(names):
-        ET.SubElement(pixels, "Channel", ID=f"Channel:0:{index}", Name=name, SamplesPerPixel="1")
+    if metadata.mm_per_px is not None:
+        for axis in "XY":
+            pixels.set(f"PhysicalSize{axis}", f"{metadata.mm_per_px:.9g}")
+            pixels.set(f"PhysicalSize{axis}Unit", "mm")
+    for index, (name, colour) in enumerate(channels):
+        ET.SubElement(
+            pixels, "Channel", ID=f"Channel:0:{index}", Name=name, Color=str(colour),
+            SamplesPerPixel="1",
+        )  # fmt: skip
     ET.SubElement(pixels, "TiffData")
     ET.SubElement(image, "AnnotationRef", ID="Annotation:0")
     annotations = ET.SubElement(ome, "StructuredAnnotations")

@@ -37,6 +37,11 @@ class Calibration:
     lights: CalibratedLights | None = None
     scale: Scale | None = None
 
+    @property
+    def mm_per_px(self) -> float | None:
+        """Length of a pixel at the plane of the part; None if it was not measured."""
+        return None if self.scale is None else self.scale.mm_per_px
+
     def corrected(self, stack: ImageStack, full_scale: float) -> ImageStack:
         """Return the images as an ideal camera would have taken them under the same lights.
 

@@ -11,6 +11,7 @@ import pytest
 
 from capture import CapturedSet
 from classify import TextureLibrary
+from rig.set_file import SCHEMA_VERSION
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -117,5 +118,5 @@ def test_an_imported_set_names_its_photographs_and_can_be_corrected(
     shutil.copy(DATA / "imported-schema-3.ome.tif", path)
     assert "photographs    image6.png, image0.png" in ps4rig("info", path).stdout
     assert ps4rig("info", path, "--set", "specimen=moth-2").exit_code == 0
-    assert "schema 4" in ps4rig("info", path).stdout
+    assert f"schema {SCHEMA_VERSION}" in ps4rig("info", path).stdout
     assert CapturedSet.load(path).metadata.specimen == "moth-2"

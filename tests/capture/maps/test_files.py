@@ -12,6 +12,7 @@ import tifffile
 
 from capture import CapturedSet
 from capture.maps.files import write_maps
+from capture.maps.map_tiff import read_map
 from classify import (
     Lighting,
     SurfaceEstimate,
@@ -27,9 +28,10 @@ FLOAT_MAPS = {
     "p", "q", "albedo", "normals", "height", "raised", "mean_curvature", "gaussian_curvature",
     "relit", "residual",
 }  # fmt: skip
+MASKS = {"shadow", "dropped", "specular", "valid"}
 NAMES = {
-    *(f"{name}.tif" for name in FLOAT_MAPS), "shadow.png", "dropped.png", "specular.png",
-    "valid.png", "preview.png", "roughness.json", "index.html",
+    *(f"{name}.tif" for name in (*FLOAT_MAPS, *MASKS)), *(f"{name}.png" for name in MASKS),
+    "preview.png", "roughness.json", "index.html",
 }  # fmt: skip
 LIGHT = Lighting.from_angles([200.0], 30.0)
 
@@ -69,6 +71,8 @@ def test_maps_are_float32_tiffs_of_the_solved_values(surface: SurfaceEstimate, m
         values = tifffile.imread(maps / f"{name}.tif")
         assert values.dtype == np.float32
         expected = derived[name] if name in derived else getattr(surface, name)
+        if name == "normals":  # channels, as ImageJ opens them
+            expected = np.moveaxis(expected, -1, 0)
         np.testing.assert_array_equal(values, expected)
     assert abs(float(height.mean())) < 1e-3
 
@@ -96,11 +100,21 @@ def test_png_files_show_masks_and_shadows(surface: SurfaceEstimate, maps: Path) 
     assert min(cv2.imread(str(maps / "preview.png")).shape[:2]) > 300
 
 
+def test_masks_are_8_bit_tiffs_of_their_values(surface: SurfaceEstimate, maps: Path) -> None:
+    expected = {
+        "shadow": surface.shadow_count, "dropped": surface.dropped,
+        "specular": surface.specular * np.uint8(255), "valid": surface.valid * np.uint8(255),
+    }  # fmt: skip
+    for name, mask in expected.items():
+        values = tifffile.imread(maps / f"{name}.tif")
+        assert values.dtype == np.uint8
+        np.testing.assert_array_equal(values, mask)
+
+
 def test_each_tiff_describes_its_set_and_unit(captured: CapturedSet, maps: Path) -> None:
-    about = {}
-    for name in FLOAT_MAPS:
-        with tifffile.TiffFile(maps / f"{name}.tif") as file:
-            about[name] = json.loads(file.pages[0].tags["ImageDescription"].value)
+    about = {name: read_map(maps / f"{name}.tif")[1] for name in FLOAT_MAPS | MASKS}
+    with tifffile.TiffFile(maps / "p.tif") as file:
+        assert json.loads(file.pages.first.description) == about["p"]
     origin = {
         "simulated": True, "label": "rock", "method": "ps4_robust",
         "pixels_sha256": captured.metadata.pixels_sha256,

@@ -106,7 +106,7 @@ def test_solve_says_how_many_light_images_the_page_shows(
 ) -> None:
     made_set(np.full((9, 20, 20), 2000, np.uint16)).save(tmp_path / "a.ome.tif")
     result = ps4rig("solve", tmp_path / "a.ome.tif", "--out", tmp_path / "maps")
-    assert "17 files, the page shows 8 of 9 light images" in result.stdout
+    assert "21 files, the page shows 8 of 9 light images" in result.stdout
 
 
 def test_train_and_classify_take_folders(ps4rig: Command, sets: Path, tmp_path: Path) -> None:

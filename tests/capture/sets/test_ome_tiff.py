@@ -151,6 +151,31 @@ def test_tiff_readers_see_channels_named_by_tilt(path: Path) -> None:
     assert names == ["tilt 0 deg", "tilt 90 deg", "tilt 180 deg", "tilt 270 deg", "ambient"]
 
 
+def test_a_known_scale_is_the_physical_size_of_a_pixel(tmp_path: Path, made_set: MadeSet) -> None:
+    made_set(PIXELS[:4], PIXELS[4], mm_per_px=0.02).save(tmp_path / "a.ome.tif")
+    assert CapturedSet.load(tmp_path / "a.ome.tif").metadata.mm_per_px == 0.02
+    with tifffile.TiffFile(tmp_path / "a.ome.tif") as tiff:
+        size = ET.fromstring(tiff.ome_metadata or "").find(f".//{OME}Pixels")
+        page = tiff.pages.first
+        assert page.get_resolution("MILLIMETER") == pytest.approx((50.0, 50.0))
+    assert size is not None
+    assert {name: text for name, text in size.items() if name.startswith("Physical")} == {
+        "PhysicalSizeX": "0.02", "PhysicalSizeXUnit": "mm",
+        "PhysicalSizeY": "0.02", "PhysicalSizeYUnit": "mm",
+    }  # fmt: skip
+
+
+def test_opposite_lights_have_complementary_colours(path: Path) -> None:
+    with tifffile.TiffFile(path) as tiff:
+        root = ET.fromstring(tiff.ome_metadata or "")
+    colours = [int(channel.get("Color") or 0) for channel in root.iter(f"{OME}Channel")]
+    rgba = [colour.to_bytes(4, "big", signed=True) for colour in colours]
+    assert all(a + b == 255 for a, b in zip(rgba[0][:3], rgba[2][:3], strict=True))
+    assert all(abs(a + b - 255) <= 1 for a, b in zip(rgba[1][:3], rgba[3][:3], strict=True))
+    assert {each[3] for each in rgba} == {255}
+    assert rgba[4] == b"\xff\xff\xff\xff"
+
+
 def test_the_ome_xml_has_the_structure_of_the_2016_schema(path: Path) -> None:
     with tifffile.TiffFile(path) as tiff:
         root = ET.fromstring(tiff.pages.first.description)
@@ -216,7 +241,7 @@ def test_an_edited_pixel_is_noticed(path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.update(schema_version=5), "captured-set version 5, .* reads up to 4; use a n"),
+        (lambda f: f.update(schema_version=6), "captured-set version 6, .* reads up to 5; use a n"),
         (lambda f: f.update(schema_version="2"), "schema_version: not a positive whole number"),
         (lambda f: f.update(colour=1), "metadata field colour: Extra inputs"),
         (lambda f: f.pop("full_scale"), "metadata field full_scale: Field required"),
@@ -298,6 +323,18 @@ def test_a_set_of_schema_3_is_read() -> None:
     )
     assert old.metadata.corrections == ()
     assert old.solve("least_squares").valid.any()
+
+
+def test_a_set_of_schema_4_is_read() -> None:
+    old = CapturedSet.load(DATA / "simulated-schema-4.ome.tif")
+    assert (old.label, old.metadata.specimen, old.metadata.note) == (
+        "rock",
+        "rock-07",
+        "right edge",
+    )
+    assert [entry.before for entry in old.metadata.corrections] == ["left edge"]
+    assert old.metadata.mm_per_px is None
+    assert old.solve().valid.any()
 
 
 def test_a_mask_is_the_last_page(tmp_path: Path, made_set: MadeSet) -> None:
