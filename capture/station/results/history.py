@@ -13,7 +13,7 @@ from .part_result import PartResult
 from .rows import result_of
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
-_ROWS_AT_A_TIME = 500
+ROWS_AT_A_TIME = 500  # that are in memory
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def entries(
         statement = select(last).order_by(last.c.number)
     else:
         statement = statement.order_by(results.c.number)
-    rows = connection.execution_options(yield_per=_ROWS_AT_A_TIME).execute(statement)
+    rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(statement)
     for row in rows.mappings():
         yield _entry(dict(row))
 

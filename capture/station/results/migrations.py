@@ -15,7 +15,8 @@ def _add_removed_sets(connection: Connection) -> None:
     connection.exec_driver_sql(
         """
         CREATE TABLE removed_sets (
-            station TEXT NOT NULL, part_id TEXT NOT NULL, utc TEXT NOT NULL, set_file TEXT NOT NULL,
+            station TEXT NOT NULL, part_id TEXT NOT NULL, batch BIGINT NOT NULL,
+            utc TEXT NOT NULL, set_file TEXT NOT NULL,
             PRIMARY KEY (station, part_id),
             FOREIGN KEY (station, part_id) REFERENCES results (station, part_id)
         )

@@ -139,12 +139,14 @@ refused_triggers = Table(
     PrimaryKeyConstraint("station", "position"),
 )
 
-# Set files that were removed, or are about to be, because the retention does not keep them.
+# Set files that were removed, or are about to be, because the retention does not keep them. A
+# batch is one transaction; the files of the last one may still be there.
 removed_sets = Table(
     "removed_sets",
     metadata,
     Column("station", Text, nullable=False),
     Column("part_id", Text, nullable=False),
+    Column("batch", BigInteger, nullable=False),
     Column("utc", Text, nullable=False),
     Column("set_file", Text, nullable=False),
     PrimaryKeyConstraint("station", "part_id"),

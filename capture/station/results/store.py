@@ -1,7 +1,8 @@
 """`ResultStore`: parts that a station has begun, their results, and what people said of them."""
 
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -39,7 +40,6 @@ from .schema import (
     begun_parts,
     overrides,
     refused_triggers,
-    removed_sets,
     results,
     same_part,
     stations,
@@ -78,6 +78,7 @@ class ResultStore:
         self._reader = reader
         self.url = url
         self._writer = writer
+        self.write = writer.write
 
     def __enter__(self) -> Self:
         return self
@@ -92,7 +93,13 @@ class ResultStore:
 
     def migrate(self, *, create: bool) -> None:
         """Bring the tables to the present version; `open_store` does it."""
-        self._writer.write(lambda connection: migrate(connection, shown(self.url), create=create))
+        self.write(lambda connection: migrate(connection, shown(self.url), create=create))
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """Yield a connection for queries; errors of the database are `ResultsUnavailable`."""
+        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+            yield connection
 
     def begin(
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None
@@ -133,7 +140,7 @@ class ResultStore:
             connection.execute(insert(begun_parts).values(row))
             return begun
 
-        return self._writer.write(work)
+        return self.write(work)
 
     def add(self, result: PartResult) -> None:
         """Record the result of a begun part; the same result again changes nothing.
@@ -157,7 +164,7 @@ class ResultStore:
                 raise InputError(f"part {result.part_id}: has another result already")
 
         try:
-            self._writer.write(work)
+            self.write(work)
         except IntegrityError as error:
             raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
 
@@ -188,7 +195,7 @@ class ResultStore:
                 position = self._last(connection, refused_triggers.c.position) + 1
                 connection.execute(insert(refused_triggers).values(row | {"position": position}))
 
-        self._writer.write(work)
+        self.write(work)
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
         """Record that a person gives a part another verdict; the result stays as it is.
@@ -225,33 +232,7 @@ class ResultStore:
             position = self._last(connection, overrides.c.position, part_id=part_id) + 1
             connection.execute(insert(overrides).values(row | {"position": position}))
 
-        self._writer.write(work)
-
-    def record_removals(self, set_files: Mapping[str, str], utc: str) -> None:
-        """Record that the set files of parts are going to be removed; those recorded stay so.
-
-        Parameters
-        ----------
-        set_files
-            Set file by part id, as in `PartResult`.
-
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
-        require_utc(utc)
-        rows = [
-            {"station": self.station, "part_id": part_id, "utc": utc, "set_file": set_file}
-            for part_id, set_file in set_files.items()
-        ]
-
-        def work(connection: Connection) -> None:
-            new = [row for row in rows if not self._find(connection, removed_sets, row["part_id"])]
-            if new:
-                connection.execute(insert(removed_sets), new)
-
-        self._writer.write(work)
+        self.write(work)
 
     def unfinished(self) -> list[BegunPart]:
         """Parts without a result, by number: after a kill or a loss of power.
@@ -266,7 +247,7 @@ class ResultStore:
             .where(begun_parts.c.station == self.station, results.c.part_id.is_(None))
             .order_by(begun_parts.c.number)
         )
-        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+        with self.reading() as connection:
             return [_begun_part(row) for row in connection.execute(statement)]
 
     def parts(
@@ -288,7 +269,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+        with self.reading() as connection:
             yield from entries(connection, self.station, selection, newest)
 
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
@@ -299,7 +280,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+        with self.reading() as connection:
             return counters(connection, self.station, selection)
 
     def _lock_station(self, connection: Connection, utc: str) -> None:

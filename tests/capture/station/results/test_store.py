@@ -15,6 +15,7 @@ from capture.station.results.database import (
     postgresql_engine,
     sqlite_engine,
 )
+from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.verdict import Decision
 from classify.errors import InputError
@@ -141,7 +142,7 @@ def test_the_database_refuses_to_change_or_delete_a_row(
     part_id = inspect(store).part_id
     store.refuse(trigger="timer", utc=UTC, reason="busy", simulated=False)
     store.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
-    store.record_removals({part_id: "parts/x"}, UTC)
+    record_removals(store, {part_id: "parts/x"}, UTC)
     url = database_url(database)
     statements = [
         f"DELETE FROM {table}",

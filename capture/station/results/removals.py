@@ -1,0 +1,97 @@
+"""Rows of set files that the retention removes; the rows of their parts stay as they are."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from sqlalchemy import Connection, Select, func, insert, select
+
+from capture.station.verdict import Decision
+
+from .history import ROWS_AT_A_TIME
+from .schema import overrides, removed_sets, results, same_part
+from .store import ResultStore
+from .utc import require_utc
+
+
+def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
+    """Yield part id and set file of parts that passed, by number, whose file was not removed.
+
+    Parts that a person gave another verdict, even PASS once more, are none of them.
+
+    Parameters
+    ----------
+    until_utc
+        The latest time of the trigger.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    statement = (
+        select(results.c.part_id, results.c.set_file)
+        .outerjoin(removed_sets, same_part(removed_sets, results))
+        .outerjoin(overrides, same_part(overrides, results))
+        .where(
+            results.c.station == store.station,
+            results.c.decision == Decision.PASS.value,
+            results.c.triggered_utc <= until_utc,
+            results.c.set_file.is_not(None),
+            removed_sets.c.part_id.is_(None),
+            overrides.c.part_id.is_(None),
+        )
+        .order_by(results.c.number)
+    )
+    with store.reading() as connection:
+        rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(statement)
+        yield from ((row.part_id, row.set_file) for row in rows)
+
+
+def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) -> None:
+    """Record that the set files of parts are going to be removed, in one transaction.
+
+    Parameters
+    ----------
+    set_files
+        Set file by part id, as in `PartResult`.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    rows = [
+        {"station": store.station, "part_id": part_id, "utc": require_utc(utc), "set_file": file}
+        for part_id, file in set_files.items()
+    ]
+
+    def work(connection: Connection) -> None:
+        recorded = select(removed_sets.c.part_id).where(
+            removed_sets.c.station == store.station, removed_sets.c.part_id.in_(set_files)
+        )
+        known = set(connection.scalars(recorded))
+        if new := [row for row in rows if row["part_id"] not in known]:
+            batch = (connection.scalar(_last_batch(store.station)) or 0) + 1
+            connection.execute(insert(removed_sets), [row | {"batch": batch} for row in new])
+
+    store.write(work)
+
+
+def last_removals(store: ResultStore) -> list[str]:
+    """Set files of the last transaction of `record_removals`.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    statement = select(removed_sets.c.set_file).where(
+        removed_sets.c.station == store.station,
+        removed_sets.c.batch == _last_batch(store.station).scalar_subquery(),
+    )
+    with store.reading() as connection:
+        return list(connection.scalars(statement))
+
+
+def _last_batch(station: str) -> Select[Any]:
+    return select(func.max(removed_sets.c.batch)).where(removed_sets.c.station == station)

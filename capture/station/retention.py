@@ -1,0 +1,111 @@
+"""Which captured sets stay on the disk of a station, and how many more fit on it."""
+
+import hashlib
+from contextlib import suppress
+from datetime import datetime, timedelta
+from itertools import islice
+from pathlib import Path, PurePosixPath
+
+from capture.process.utc_time import utc_text
+from classify.durable_file import sync
+from classify.errors import InputError
+
+from .config import Retention
+from .folder import PARTS
+from .results.removals import last_removals, passed_sets, record_removals
+from .results.store import ResultStore
+
+# Files between two transactions: an interrupted removal is repeated for so many at most.
+_BATCH = 200
+
+
+def is_sample(station: str, part_id: str, pass_every: int) -> bool:
+    """Whether a part that passed belongs to the sample that keeps its set file.
+
+    The hash of its name decides, so that it is the same in each run and has no rhythm that a
+    machine with several moulds or spindles could share.
+    """
+    digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
+    return int.from_bytes(digest[:8]) % pass_every == 0
+
+
+def remove_old_sets(folder: Path, store: ResultStore, retention: Retention, now: datetime) -> int:
+    """Remove set files that the retention does not keep; return how many.
+
+    Removed are those of parts that passed more than `Retention.pass_days` ago, are not in the
+    sample and have no override. Rows stay; a row of its own says that a set was removed, and is
+    written before the file goes: a file that is missing without it was lost. After a kill between
+    the two, the next call removes the file.
+
+    Parameters
+    ----------
+    folder
+        The folder of the station.
+    now
+        The present time with its zone.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be removed, or is not one of a part.
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    until_utc = _text(now - timedelta(days=retention.pass_days))
+    removed = _remove(folder, last_removals(store))
+    unwanted = (
+        (part_id, str(_inside_parts(set_file)))
+        for part_id, set_file in passed_sets(store, until_utc)
+        if not is_sample(store.station, part_id, retention.pass_every)
+    )
+    while batch := dict(islice(unwanted, _BATCH)):
+        record_removals(store, batch, _text(now))
+        removed += _remove(folder, list(batch.values()))
+    return removed
+
+
+def sets_above_floor(free_bytes: int, bytes_per_set: int, floor_bytes: int) -> int:
+    """Return how many more sets may be written until the free space is at the floor.
+
+    Parameters
+    ----------
+    free_bytes
+        Free space of the disk.
+    bytes_per_set
+        Size of the file of one set, with what else is written for a part.
+    floor_bytes
+        Space that stays free: the database and its log must never find the disk full.
+    """
+    return max(0, (free_bytes - floor_bytes) // bytes_per_set)
+
+
+def _remove(folder: Path, set_files: list[str]) -> int:
+    """Remove files that are there and return their number; durable before the next batch."""
+    removed, days = 0, set()
+    for set_file in set_files:
+        path = folder / _inside_parts(set_file)
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise InputError(f"{path}: cannot be removed: {error.strerror}") from error
+        removed += 1
+        days.add(path.parent)
+    for day in days:
+        sync(day)
+        with suppress(OSError):  # it holds other sets
+            day.rmdir()
+    return removed
+
+
+def _inside_parts(set_file: str) -> PurePosixPath:
+    """Return the path of a set file; a row must not name a file outside the parts."""
+    path = PurePosixPath(set_file)
+    if path.parts[:1] != (PARTS,) or ".." in path.parts or len(path.parts) < 2:
+        raise InputError(f"{set_file}: the results name it as a set, but it is not in {PARTS}/")
+    return path
+
+
+def _text(moment: datetime) -> str:
+    return utc_text(moment, timespec="milliseconds")

@@ -1,0 +1,102 @@
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture.process.utc_time import utc_text
+from capture.station.config import Retention
+from capture.station.results.removals import passed_sets, record_removals
+from capture.station.results.store import ResultStore, open_store
+from capture.station.retention import is_sample, remove_old_sets, sets_above_floor
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+from .results.parts import inspect
+
+NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
+NO_SAMPLE = Retention(pass_every=1_000_000, pass_days=7.0)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[ResultStore]:
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        yield store
+
+
+def make_part(store: ResultStore, folder: Path, decision: Decision, days_ago: float) -> Path:
+    utc = utc_text(NOW - timedelta(days=days_ago), timespec="milliseconds")
+    number = sum(1 for _ in store.parts()) + 1
+    path = folder / "parts" / utc[:10] / f"part-{number:06d}.ome.tif"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("a set")
+    inspect(store, decision, triggered_utc=utc, set_file=str(path.relative_to(folder)))
+    return path
+
+
+def test_only_old_sets_of_parts_that_passed_are_removed(store: ResultStore, tmp_path: Path) -> None:
+    kept = [make_part(store, tmp_path, decision, 30) for decision in list(Decision)[1:]]
+    kept += [make_part(store, tmp_path, Decision.PASS, 6.9)]
+    old = [make_part(store, tmp_path, Decision.PASS, days) for days in (7.1, 400)]
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW) == 2
+    assert [path.exists() for path in kept] == [True] * 4
+    assert [path.exists() for path in old] == [False] * 2
+    assert not old[1].parent.exists()
+    removed = [entry.result.part_id for entry in store.parts() if entry.set_removed_utc]
+    assert removed == ["part-000005", "part-000006"]
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW) == 0
+
+
+@pytest.mark.parametrize("decision", [Decision.PASS, Decision.FAIL])
+def test_a_part_that_a_person_judged_keeps_its_set(
+    store: ResultStore, tmp_path: Path, decision: Decision
+) -> None:
+    path = make_part(store, tmp_path, Decision.PASS, 30)
+    utc = utc_text(NOW, timespec="milliseconds")
+    store.override("part-000001", decision=decision, by="Kim", reason="looked at it", utc=utc)
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW) == 0
+    assert path.exists()
+
+
+def test_a_removal_interrupted_after_its_row_is_completed(
+    store: ResultStore, tmp_path: Path
+) -> None:
+    path = make_part(store, tmp_path, Decision.PASS, 30)
+    record_removals(store, dict(passed_sets(store, "9")), utc_text(NOW, timespec="milliseconds"))
+    assert path.exists()
+    # The clock was set back in between.
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW - timedelta(hours=1)) == 1
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("set_file", ["parts/../station.toml", "station.toml", "/etc/passwd"])
+def test_no_row_can_have_a_file_outside_the_parts_removed(
+    store: ResultStore, tmp_path: Path, set_file: str
+) -> None:
+    (tmp_path / "station.toml").touch()
+    inspect(store, triggered_utc="2020-01-01T00:00:00.000Z", set_file=set_file)
+    with pytest.raises(InputError, match="not in parts/"):
+        remove_old_sets(tmp_path, store, NO_SAMPLE, NOW)
+    assert (tmp_path / "station.toml").exists()
+    assert [entry.set_removed_utc for entry in store.parts()] == [None]
+
+
+def test_the_sample_is_the_same_each_time_and_as_large_as_asked() -> None:
+    ids = [f"part-{number:06d}" for number in range(20_000)]
+    sample = [part_id for part_id in ids if is_sample("line-1", part_id, 20)]
+    assert sample == [part_id for part_id in ids if is_sample("line-1", part_id, 20)]
+    assert 900 < len(sample) < 1100  # 1000 within 3 standard deviations of 31
+    assert all(is_sample("line-1", part_id, 1) for part_id in ids[:50])
+
+
+@given(
+    st.integers(0, 10**15), st.integers(1, 10**10), st.integers(0, 10**13), st.integers(0, 5)
+)  # fmt: skip
+def test_sets_that_may_be_written_leave_the_floor_free(
+    free_bytes: int, bytes_per_set: int, floor_bytes: int, more: int
+) -> None:
+    sets = sets_above_floor(free_bytes, bytes_per_set, floor_bytes)
+    assert sets == 0 or free_bytes - sets * bytes_per_set >= floor_bytes
+    assert free_bytes - (sets + 1 + more) * bytes_per_set < floor_bytes
