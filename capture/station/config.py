@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from capture.session.plan import Name, Text
+from rig.config.defect import DefectKind
 from rig.config.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
@@ -14,7 +15,6 @@ CONFIG = "station.toml"
 SIM = "sim"
 Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
 Surface = Annotated[str, Field(min_length=1, max_length=4096)]
-DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 
 _URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)
 

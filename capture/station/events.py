@@ -1,14 +1,21 @@
 """What happens at a station, as values that terminal, log, panel and PLC subscribe to."""
 
 import logging
+import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 from rig.doctor.check import Check
 
 from .results.part_result import PartResult
 from .states import State
+from .verdict import Decision
+
+_log = logging.getLogger(__name__)
+# Some hundred parts: a subscriber that is so far behind hangs.
+_MOST_EVENTS = 1000
 
 
 @dataclass(frozen=True)
@@ -54,9 +61,13 @@ class ExposureComplete:
 
 @dataclass(frozen=True)
 class PartAnnounced:
-    """The result of a part; its set file and its row are on disk."""
+    """The result of a part; its set file and its row are on disk.
+
+    `latency_ms` is the time since the end of its last exposure.
+    """
 
     result: PartResult
+    latency_ms: float
 
 
 @dataclass(frozen=True)
@@ -75,11 +86,26 @@ class Warned:
 
 @dataclass(frozen=True)
 class StationStopped:
-    """The run is over; `reason` says why."""
+    """The run is over.
+
+    Attributes
+    ----------
+    reason
+        Why.
+    announced
+        Number of its parts by verdict.
+    refused
+        Number of triggers that were not served.
+    """
 
     reason: str
-    announced: dict[str, int]
+    announced: Mapping[Decision, int]
     refused: int
+
+    @property
+    def rejected(self) -> int:
+        """Number of parts that did not pass."""
+        return sum(count for verdict, count in self.announced.items() if verdict != Decision.PASS)
 
 
 Event = (
@@ -97,20 +123,35 @@ Subscriber = Callable[[Event], None]
 
 
 class Publisher:
-    """Passes events to all subscribers, one event at a time, in the order of `publish`.
+    """Passes events to all subscribers, one after the other, from a thread of its own.
 
-    An error of a subscriber is logged and concerns neither the station nor other subscribers.
+    A subscriber may therefore call the station. An error of a subscriber is logged and concerns
+    neither the station nor other subscribers. `publish` waits if subscribers are `_MOST_EVENTS`
+    behind: results are not lost, and memory is bounded. Within a ``with`` block; at its end all
+    events have been passed on.
     """
 
     def __init__(self, *subscribers: Subscriber) -> None:
         self._subscribers = subscribers
-        self._lock = threading.RLock()
+        self._events: queue.Queue[Event | None] = queue.Queue(_MOST_EVENTS)
+        self._thread = threading.Thread(target=self._run, name="station events")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._events.put(None)
+        self._thread.join()
 
     def publish(self, event: Event) -> None:
-        """Pass an event to every subscriber."""
-        with self._lock:
+        """Pass an event on to every subscriber."""
+        self._events.put(event)
+
+    def _run(self) -> None:
+        while (event := self._events.get()) is not None:
             for subscriber in self._subscribers:
                 try:
                     subscriber(event)
                 except Exception:
-                    logging.getLogger(__name__).exception("a subscriber failed on %s", event)
+                    _log.exception("a subscriber failed on %s", type(event).__name__)

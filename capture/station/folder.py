@@ -11,6 +11,7 @@ from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 
 from .config import CONFIG, StationConfig, example_config, read_config
+from .recipe_folder import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"
@@ -46,9 +47,9 @@ class StationFolder:
         """Folder of what teaching made for a recipe: ``recipes/NAME``."""
         return self.path / RECIPES / (recipe or self.config.recipe)
 
-    def set_file_of(self, part_id: str, triggered_utc: str) -> str:
-        """Return where the set of a part belongs, relative to the folder: one folder a day."""
-        return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
+    def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
+        """Return the files of a recipe, by default those of the configured one."""
+        return RecipeFolder(self.recipe_file(recipe), self.recipe_folder(recipe))
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``station.log``; a full one becomes ``station.log.1``.
@@ -66,6 +67,11 @@ class StationFolder:
                 file.write(f"{utc_text(timespec='milliseconds')} {line}\n")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def set_file_of(part_id: str, triggered_utc: str) -> str:
+    """Return the set file of a part, relative to the station's folder; there is a folder a day."""
+    return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
 
 
 @contextmanager

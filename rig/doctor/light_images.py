@@ -77,16 +77,21 @@ def check_light_images(
 
     `lighting` is the configured one; `longest_ms` is the longest exposure that fits into a frame.
     """
+    yield from check_leds(images)
+    yield _saturation(images)
+    yield _exposure(images, exposure_ms, longest_ms)
+    yield _levels(images, lighting)
+    yield _order(images, lighting)
+
+
+def check_leds(images: LightImages) -> Iterator[Check]:
+    """Check ambient light and every LED, whatever is below the camera."""
     full = images.full_scale
     yield _ambient(float(images.ambient.mean()) / full)
     lit = images.lights.mean(axis=(1, 2), dtype=np.float64)
     signals = (lit - images.ambient.mean(dtype=np.float64)) / full
     for led, signal in enumerate(signals):
         yield _led(led, float(signal), float(signals.max()))
-    yield _saturation(images)
-    yield _exposure(images, exposure_ms, longest_ms)
-    yield _levels(images, lighting)
-    yield _order(images, lighting)
 
 
 def _ambient(share: float) -> Check:

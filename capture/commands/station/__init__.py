@@ -2,9 +2,10 @@
 
 from capture.commands.group import command_group
 
-from . import init
+from . import init, run
 
 __all__ = ["station_app"]
 
 station_app = command_group("Inspect parts with a rig, one after the other, and keep every result.")
 station_app.command()(init.init)
+station_app.command()(run.run)

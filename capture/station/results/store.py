@@ -1,7 +1,7 @@
 """`ResultStore`: parts that a station has begun, their results, and what people said of them."""
 
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -249,6 +249,20 @@ class ResultStore:
         )
         with self.reading() as connection:
             return [_begun_part(row) for row in connection.execute(statement)]
+
+    def known(self, part_ids: Iterable[str]) -> set[str]:
+        """Return which of these identities belong to parts that this station has begun.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        statement = select(begun_parts.c.part_id).where(
+            begun_parts.c.station == self.station, begun_parts.c.part_id.in_(list(part_ids))
+        )
+        with self.reading() as connection:
+            return set(connection.scalars(statement))
 
     def parts(
         self, selection: Selection = EVERY_PART, *, newest: int | None = None

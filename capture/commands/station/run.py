@@ -1,0 +1,64 @@
+"""``ps4rig station run``."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from capture.commands import options
+from capture.console import reported
+
+
+@reported
+def run(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")],
+    rig: Annotated[
+        str | None,
+        typer.Option(
+            help="'sim' for the simulated rig, or a rig.toml.",
+            show_default="that of station.toml",
+            metavar="RIG",
+        ),
+    ] = None,
+    parts: Annotated[
+        int | None,
+        typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
+    ] = None,
+    trigger: Annotated[
+        Literal["timer", "enter"] | None,
+        typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
+    ] = None,
+    operator: options.Operator = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print each event as one line of JSON.")
+    ] = False,
+) -> None:
+    """Inspect part after part. Ctrl-C ends it after the part in progress.
+
+    With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
+    status is 1 if a part did not pass.
+    """
+    from functools import partial
+
+    from capture.station.event_lines import log_to
+    from capture.station.events import Publisher
+    from capture.station.folder import station_folder
+    from capture.station.run import RunOptions, run_station
+    from capture.station.triggers import LineTrigger, TimerTrigger, TriggerSource
+    from rig.config.rig import config_of
+
+    from .terminal import print_event, print_event_as_json, read_key_line
+
+    with station_folder(folder) as opened:
+        config = opened.config
+        rig_config = config_of(rig or config.rig_in(folder))
+        source: TriggerSource = LineTrigger(read_key_line)
+        if (trigger or config.trigger) == "timer":
+            source = TimerTrigger(config.timer_s)
+        shown = print_event_as_json if json else print_event
+        with Publisher(shown, partial(log_to, opened)) as publisher:
+            stopped = run_station(
+                opened, rig_config, source, publisher, RunOptions(operator, parts)
+            )
+    if stopped.rejected:
+        raise typer.Exit(1)

@@ -1,0 +1,29 @@
+"""A station on the terminal: a line for each part, or a line of JSON for each event."""
+
+import json
+import sys
+
+from capture.console import complain, out
+from capture.station.event_lines import json_fields, text_lines
+from capture.station.events import Event, Warned
+
+
+def print_event(event: Event) -> None:
+    """Print an event for people; warnings go to stderr."""
+    for line in text_lines(event):
+        if isinstance(event, Warned):
+            complain(line)
+        else:
+            out.print(line, soft_wrap=True)
+
+
+def print_event_as_json(event: Event) -> None:
+    """Print an event as one line of JSON, at once."""
+    print(json.dumps(json_fields(event), allow_nan=False), flush=True)
+
+
+def read_key_line() -> str:
+    """Read a line from the keyboard; an end of the program does not wait for it."""
+    # Unbuffered: a thread that waits in a buffered reader would hold its lock at the end.
+    with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as keys:
+        return keys.readline().decode(errors="replace")

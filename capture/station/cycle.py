@@ -1,0 +1,384 @@
+"""The cycle of a station: trigger, exposure, verdict, record, announcement; part after part.
+
+One thread captures, another judges: the next part is exposed while the last verdict is computed.
+"""
+
+import queue
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.errors import CalibrationError, SetRejected
+from classify.errors import InputError
+from rig.doctor.check import Check
+
+from .config import StationConfig
+from .events import (
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    Publisher,
+    SelfTestFinished,
+    StateChanged,
+    StationStopped,
+    TriggerRefused,
+)
+from .outcome import ExposedPart, PartJudge, said
+from .results.database import ResultsUnavailable
+from .results.part_result import PartResult
+from .results.store import BegunPart, ResultStore
+from .self_test import disk_fault, require_no_fault
+from .states import Change, State, StateMachine
+from .station_clock import StationClock
+from .station_rig import PartCamera
+from .triggers import Accepted, Answer, Refused, Trigger, TriggerSource
+from .verdict import Decision
+
+# How often a thread that waits looks whether the station stops.
+_POLL_S = 0.2
+# Between two attempts to write to a database that does not answer.
+_RETRY_S = 0.5
+# After a stop, how long a result waits for a database that does not answer. Parts that get no
+# result become errors at the next start.
+_LAST_WAIT_S = 5.0
+# The rig is as it was: the set alone failed.
+_OF_THE_SET = (SetRejected, CalibrationError)
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What a station works with.
+
+    Attributes
+    ----------
+    camera
+        Its rig.
+    judge
+        Makes the result of an exposed part.
+    store
+        Its results.
+    prepare
+        Checks all but the rig, before the station becomes ready; no part is in progress then.
+    clock
+        For times of records.
+    publisher
+        Gets all events.
+    """
+
+    camera: PartCamera
+    judge: PartJudge
+    store: ResultStore
+    prepare: Callable[[], list[Check]]
+    clock: StationClock
+    publisher: Publisher
+
+
+class Station:
+    """A running station; `run` runs it to its end.
+
+    Parameters
+    ----------
+    folder, config
+        The station.
+    parts
+        What it works with.
+    count
+        Number of parts after which the run ends; None for no end.
+    """
+
+    def __init__(
+        self, folder: Path, config: StationConfig, parts: Parts, count: int | None = None
+    ) -> None:
+        self._folder, self._config = folder, config
+        self._camera, self._judge, self._store = parts.camera, parts.judge, parts.store
+        self._prepare, self._clock = parts.prepare, parts.clock
+        self._publish = parts.publisher.publish
+        # Guards everything below; the state changes only while it is held.
+        self._lock = threading.RLock()
+        self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
+        self._reason = "the station is starting"  # why it is not ready
+        self._left = count  # parts that may still be triggered
+        self._exposing = False  # from the reservation to the end of the last exposure
+        self._waiting = 0  # parts that are exposed and have no announced result
+        self._tested: list[str] = []
+        self._was_ready = False
+        self._announced: Counter[Decision] = Counter()
+        self._refused = 0
+        self._error: BaseException | None = None
+        self._stopping = threading.Event()
+        self._next: queue.SimpleQueue[tuple[BegunPart, str | None, float]] = queue.SimpleQueue()
+        self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
+
+    # What triggers see.
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether no further trigger will be accepted."""
+        return self._stopping.is_set()
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        """Wait until a trigger would be accepted; False after the time-out or a stop."""
+        return self._machine.wait_for(State.READY, timeout_s=timeout_s) and not self.is_stopping
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
+        utc, reason = self._clock.now(), self._reserve()
+        if reason is not None:
+            return self._refuse(trigger, utc, reason)
+        try:
+            step = self._clock.step()
+            begun = self._store.begin(
+                trigger=trigger.source,
+                triggered_utc=utc,
+                simulated=self._camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+        except BaseException as error:
+            reason = said(error)
+            self._release(None if isinstance(error, InputError) else reason)
+            return self._refuse(trigger, utc, reason)
+        self._publish(PartBegun(begun.part_id, begun.number))
+        self._next.put((begun, step, self._clock.monotonic_s()))
+        return Accepted(begun.part_id, begun.number)
+
+    def stop(self, error: BaseException | None = None) -> None:
+        """Accept no further trigger; `run` ends after the parts in progress, with `error`."""
+        with self._lock:
+            self._error = self._error or error
+            self._stopping.set()
+
+    # The run.
+
+    def run(self, source: TriggerSource) -> StationStopped:
+        """Serve triggers until the source ends, the parts are done, or Ctrl-C.
+
+        Raises
+        ------
+        Ps4rigError
+            If the station did not become ready.
+        KeyboardInterrupt
+            As it came, after the parts in progress.
+        """
+        threads = [
+            threading.Thread(target=self._guarded, args=(work,), name=f"station {name}")
+            for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
+        ]
+        # A source that waits for a key cannot be ended.
+        feeder = threading.Thread(
+            target=self._guarded, args=(lambda: source.run(self),), name="triggers", daemon=True
+        )
+        for thread in (*threads, feeder):
+            thread.start()
+        try:
+            while not self._stopping.wait(_POLL_S):
+                pass
+        except KeyboardInterrupt as interrupt:
+            self.stop(interrupt)
+        for thread in threads:
+            self._join(thread)
+        reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
+        if self._error is not None:
+            reason = said(self._error)
+        with self._lock:
+            self._machine.change(Change.STOPPED, reason)
+        stopped = StationStopped(reason, dict(self._announced), self._refused)
+        self._publish(stopped)
+        if self._error is not None:
+            raise self._error
+        return stopped
+
+    def _join(self, thread: threading.Thread) -> None:
+        while thread.is_alive():
+            try:
+                thread.join()
+            except KeyboardInterrupt as interrupt:
+                self.stop(interrupt)
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Do the work of a thread, whose end ends the run."""
+        try:
+            work()
+        except BaseException as error:
+            self.stop(error)
+        else:
+            self.stop()
+
+    # The thread that captures.
+
+    def _capture_parts(self) -> None:
+        try:
+            while self._exposing or not self.is_stopping:
+                if not self._exposing and not self._is_open():
+                    self._become_ready()
+                else:
+                    with suppress(queue.Empty):
+                        self._expose(*self._next.get(timeout=_POLL_S))
+        finally:
+            self._camera.close()
+            self._exposed.put(None)
+
+    def _is_open(self) -> bool:
+        return self._machine.state not in (State.PREOPERATIONAL, State.ERROR)
+
+    def _become_ready(self) -> None:
+        """Open the rig and test everything; an error at the start ends the run."""
+        self._camera.close()
+        if self._was_ready and self._stopping.wait(self._config.reconnect_s):
+            return
+        if self._waiting > 0:
+            self._stopping.wait(_RETRY_S)
+            return
+        checks: list[Check] = []
+        try:
+            checks += self._prepare()
+            require_no_fault(checks)
+            self._camera.open()
+            with self._lock:
+                self._machine.change(Change.OPENED)
+            checks += self._camera.test(is_start=not self._was_ready)
+            require_no_fault(checks)
+        except Exception as error:
+            self._fail(said(error))
+            if not self._was_ready:
+                raise
+        else:
+            self._was_ready = True
+            with self._lock:
+                self._machine.change(Change.TESTED)
+        finally:
+            found = [f"{each.name} {each.status}" for each in checks]
+            if found != self._tested:
+                self._publish(SelfTestFinished(tuple(checks)))
+            self._tested = found
+
+    def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
+        captured, error = None, None
+        exposed_s = triggered_s
+        try:
+            captured, exposed_s = self._camera.capture(begun.number)
+        except BaseException as raised:
+            error = raised
+        part = ExposedPart(
+            begun=begun,
+            captured=captured,
+            error=error,
+            exposed_s=exposed_s,
+            exposed_utc=None if captured is None else self._clock.now(),
+            capture_ms=1e3 * (exposed_s - triggered_s),
+            notes=() if step is None else (step,),
+        )
+        with self._lock:
+            self._exposing = False
+            self._waiting += 1
+            if self._left == 0:
+                self.stop()
+            self._exposed.put(part)
+            self._publish(ExposureComplete(begun.part_id, begun.number))
+            if error is None or isinstance(error, _OF_THE_SET):
+                self._become_free()
+            else:
+                # Nothing is known of the rig now.
+                self._fail(said(error))
+        if not isinstance(error, Exception | None):
+            self.stop(error)
+
+    # The thread that judges.
+
+    def _judge_parts(self) -> None:
+        with ThreadPoolExecutor(1, "station writer") as writer:
+            while (part := self._exposed.get()) is not None:
+                result, error = self._judge.result_of(part, writer)
+                self._add(result)
+                latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
+                self._publish(PartAnnounced(result, latency_ms))
+                with self._lock:
+                    self._announced[result.verdict.decision] += 1
+                    self._waiting -= 1
+                    self._become_free()
+                if not isinstance(error, Exception | None):
+                    self.stop(error)
+
+    def _add(self, result: PartResult) -> None:
+        """Write a row, as soon as the database answers."""
+        given_up_s = None
+        while True:
+            try:
+                self._store.add(result)
+                return
+            except ResultsUnavailable as error:
+                self._fail(said(error))
+                if self.is_stopping:
+                    now_s = self._clock.monotonic_s()
+                    given_up_s = given_up_s or now_s + _LAST_WAIT_S
+                    if now_s > given_up_s:
+                        raise
+            time.sleep(_RETRY_S)
+
+    # State and reservations.
+
+    def _reserve(self) -> str | None:
+        """Reserve the camera for a part; return the reason if that is not possible."""
+        with self._lock:
+            if self.is_stopping or self._left == 0:
+                return "the station is stopping"
+            if self._exposing:
+                return "busy: another part is being exposed"
+            if not self._is_open():
+                return f"not ready: {self._reason}"
+            if self._waiting >= self._config.buffers:
+                return f"busy: {self._waiting} parts wait for their verdict"
+            if self._machine.state is not State.READY:
+                return "not ready: the self-test runs"
+            reason = disk_fault(self._folder, self._config.disk_floor_mb)
+            if reason is not None:
+                self._fail(reason)
+                return reason
+            self._exposing = True
+            self._machine.change(Change.TRIGGERED)
+            if self._left is not None:
+                self._left -= 1
+            return None
+
+    def _release(self, failure: str | None) -> None:
+        """Give back what `_reserve` reserved, for a part that was not begun."""
+        with self._lock:
+            self._exposing = False
+            if self._left is not None:
+                self._left += 1
+            if failure is None:
+                self._become_free()
+            else:
+                self._fail(failure)
+
+    def _refuse(self, trigger: Trigger, utc: str, reason: str) -> Refused:
+        is_recorded = False
+        with suppress(BaseException):
+            self._store.refuse(
+                trigger=trigger.source,
+                utc=utc,
+                reason=reason,
+                simulated=self._camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+            is_recorded = True
+        with self._lock:
+            self._refused += 1
+        self._publish(TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded))
+        return Refused(reason)
+
+    def _become_free(self) -> None:
+        """Take the next trigger, if the camera and a buffer are free."""
+        with self._lock:
+            is_free = not self._exposing and self._waiting < self._config.buffers
+            if is_free and self._machine.state is State.EXECUTING:
+                self._machine.change(Change.FREE)
+
+    def _fail(self, reason: str) -> None:
+        with self._lock:
+            self._reason = reason
+            self._machine.change(Change.FAILED, reason)

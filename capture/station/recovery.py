@@ -1,0 +1,85 @@
+"""What a run that was killed left behind: begun parts without a result, and set files."""
+
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from capture.sets.captured_set import CapturedSet
+from capture.sets.ome_tiff import SUFFIX
+from classify.errors import InputError
+
+from .folder import PARTS, set_file_of
+from .outcome import interrupted_result
+from .results.part_result import PartResult
+from .results.store import BegunPart, ResultStore
+
+# Results whose set files are read again at the start: a loss of power concerns those of the last
+# seconds.
+_LAST_RESULTS = 10
+_FILES_AT_A_TIME = 500
+
+
+def finish_interrupted(
+    folder: Path, store: ResultStore, decided_utc: Callable[[], str]
+) -> Iterator[PartResult]:
+    """Give every part that was begun and has no result the verdict ERROR, and yield it.
+
+    Its set file belongs to the result if it is whole.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    for begun in store.unfinished():
+        stored, reason = _left_behind(folder, begun)
+        result = interrupted_result(store.station, begun, decided_utc(), stored, reason)
+        store.add(result)
+        yield result
+
+
+def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
+    """Fields of the result for the set file of an interrupted part, and the reason to give."""
+    set_file = set_file_of(begun.part_id, begun.triggered_utc)
+    reason = "the station was interrupted before the verdict"
+    if not (folder / set_file).exists():
+        return {}, f"{reason}; no set was saved"
+    try:
+        captured = CapturedSet.load(folder / set_file)
+    except InputError as error:
+        return {}, f"{reason}; its set file is damaged: {error}"
+    sha256 = captured.metadata.pixels_sha256
+    return {"set_file": set_file, "set_sha256": sha256}, f"{reason}; its set was saved"
+
+
+def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
+    """Say which set files of the last results are missing, damaged, or those of other parts.
+
+    The results stay as they are: they were right when they were written.
+    """
+    for entry in store.parts(newest=_LAST_RESULTS):
+        result = entry.result
+        if result.set_file is None or entry.set_removed_utc is not None:
+            continue
+        part = f"part {result.part_id}, {result.verdict.decision}"
+        if not (folder / result.set_file).exists():
+            yield f"{part}: its set file {result.set_file} is missing"
+            continue
+        try:
+            captured = CapturedSet.load(folder / result.set_file)
+        except InputError as error:
+            yield f"{part}: its set file is damaged: {error}"
+            continue
+        if captured.metadata.pixels_sha256 != result.set_sha256:
+            yield f"{part}: {result.set_file} is not the set that was judged"
+
+
+def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
+    """Say which files of ``parts`` belong to no part of the results, as after a lost database."""
+    names = (path for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")))
+    while some := list(islice(names, _FILES_AT_A_TIME)):
+        ids = {path.name.removesuffix(SUFFIX): path for path in some}
+        for part_id in sorted(ids.keys() - store.known(ids)):
+            path = ids[part_id].relative_to(folder)
+            yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

@@ -1,0 +1,116 @@
+"""`run_station`: a station with its recipe, rig and results, from the start to the end."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.calibration.lookup import keep_beside, read_calibration
+from capture.sets.captured_set import CapturedSet
+from classify.durable_file import make_folder
+from rig import RigConfig
+from rig.doctor.check import Check
+
+from .cycle import Parts, Station
+from .events import PartRecovered, Publisher, StationStopped, Warned
+from .folder import StationFolder
+from .inspector import Inspector
+from .outcome import PartJudge
+from .recipe import require_approved
+from .recovery import damaged_sets, finish_interrupted, unknown_files
+from .results.store import ResultStore, open_store
+from .self_test import check_calibration_age, check_disk, check_results
+from .station_clock import StationClock
+from .station_rig import StationRig
+from .triggers import TriggerSource
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run differs in from the configuration of its station.
+
+    Attributes
+    ----------
+    operator
+        Who answers for the results.
+    parts
+        Number of parts after which the run ends; None for no end.
+    """
+
+    operator: str | None = None
+    parts: int | None = None
+
+
+def run_station(
+    folder: StationFolder,
+    rig_config: RigConfig,
+    source: TriggerSource,
+    publisher: Publisher,
+    options: RunOptions = RunOptions(),
+) -> StationStopped:
+    """Run a station until its triggers end.
+
+    Raises
+    ------
+    InputError
+        If recipe, library, calibration or results cannot be used, or the recipe is not approved or
+        its challenge set has not passed.
+    HardwareError
+        If the rig cannot be opened, or the self-test finds a fault.
+    ResultsUnavailable
+        If the database does not answer.
+    KeyboardInterrupt
+        As it came, after the parts in progress.
+    """
+    config, clock = folder.config, StationClock()
+    calibration = None if rig_config.calibration is None else Path(rig_config.calibration)
+    inspector = Inspector.load(folder.recipe_files(), calibration)
+    recipe, fingerprint = inspector.recipe, inspector.fingerprint
+    require_approved(recipe)
+    rig = StationRig(config, rig_config, recipe)
+    with open_store(config.results_in(folder.path), config.name, create=True) as store:
+        for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
+            publisher.publish(Warned(warning))
+
+        def prepare() -> list[Check]:
+            return list(_checks(folder, store, publisher, clock, rig, inspector))
+
+        judge = PartJudge(
+            config.name,
+            options.operator or config.operator,
+            inspector,
+            {
+                "recipe": recipe.name,
+                "recipe_version": recipe.version,
+                "recipe_sha256": fingerprint.recipe_sha256,
+                "library_sha256": fingerprint.library_sha256,
+                "calibration_sha256": fingerprint.calibration_sha256,
+            },
+            lambda captured, set_file: _save(captured, folder.path / set_file, calibration),
+            clock,
+        )
+        parts = Parts(rig, judge, store, prepare, clock, publisher)
+        return Station(folder.path, config, parts, options.parts).run(source)
+
+
+def _checks(
+    folder: StationFolder,
+    store: ResultStore,
+    publisher: Publisher,
+    clock: StationClock,
+    rig: StationRig,
+    inspector: Inspector,
+) -> Iterator[Check]:
+    """All checks but those of the rig; interrupted parts get their results first."""
+    yield from check_disk(folder.path, folder.config.disk_floor_mb)
+    for result in finish_interrupted(folder.path, store, clock.now):
+        publisher.publish(PartRecovered(result))
+    yield from check_results(store)
+    yield from check_calibration_age(rig.calibration, inspector.recipe.calibration)
+
+
+def _save(captured: CapturedSet, path: Path, calibration: Path | None) -> None:
+    """Write the set of a part, with its calibration beside it."""
+    make_folder(path.parent)
+    if calibration is not None:
+        keep_beside(calibration, read_calibration(calibration), path)
+    captured.save(path)

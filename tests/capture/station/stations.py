@@ -1,0 +1,162 @@
+"""Stations for tests: real cycle, store and files; rig and inspector are given by a test."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from capture.acquisition.attempts import capture_set
+from capture.sets.captured_set import CapturedSet
+from capture.station.config import StationConfig
+from capture.station.cycle import Parts, Station
+from capture.station.events import Event, PartAnnounced, PartRecovered, Publisher
+from capture.station.folder import StationFolder, make_station
+from capture.station.outcome import PartJudge
+from capture.station.recovery import finish_interrupted
+from capture.station.results.store import ResultStore, open_store
+from capture.station.station_clock import StationClock
+from capture.station.triggers import Answer, Trigger, TriggerTarget
+from capture.station.verdict import Decision, Verdict
+from rig import RigConfig, open_rig
+from rig.doctor.check import Check
+
+PASSED = Verdict(Decision.PASS, "it is good")
+
+
+@dataclass(frozen=True)
+class Said:
+    """What `FakeInspector` says."""
+
+    verdict: Verdict
+
+    def result_fields(self) -> dict[str, Any]:
+        return {"verdict": self.verdict}
+
+
+class FakeInspector:
+    """Passes every part, or does what a test says."""
+
+    def __init__(self, inspect: Callable[[CapturedSet], Any] | None = None) -> None:
+        self.inspect: Callable[[CapturedSet], Any] = inspect or (lambda _: Said(PASSED))
+
+
+def small_set() -> CapturedSet:
+    """A captured set of 16 x 16 px."""
+    small = RigConfig().with_changes(camera={"width_px": 32, "height_px": 32})
+    with open_rig(small) as rig:
+        return capture_set(rig)
+
+
+class FakeCamera:
+    """A rig that delivers one set again and again, or does what a test says."""
+
+    is_simulated = True
+
+    def __init__(self, captured: CapturedSet) -> None:
+        self.captured = captured
+        self.on_open: Callable[[], None] = lambda: None
+        self.on_capture: Callable[[int], None] = lambda _: None
+        self.checks: list[Check] = []
+        self.is_open = False
+        self.opened = 0
+
+    def open(self) -> None:
+        assert not self.is_open
+        self.on_open()
+        self.is_open = True
+        self.opened += 1
+
+    def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002
+        return self.checks
+
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        assert self.is_open
+        self.on_capture(number)
+        return self.captured, time.monotonic()
+
+    def close(self) -> None:
+        self.is_open = False
+
+
+class Manual:
+    """A source of triggers that runs a function of the test."""
+
+    def __init__(self, feed: Callable[[TriggerTarget], None]) -> None:
+        self.run = feed
+
+
+def one_after_the_other(count: int, answers: list[Answer] | None = None) -> Manual:
+    """Trigger whenever the station is ready, `count` times."""
+
+    def feed(station: TriggerTarget) -> None:
+        for _ in range(count):
+            while not station.wait_until_ready(0.1):
+                if station.is_stopping:
+                    return
+            answer = station.submit(Trigger("timer"))
+            if answers is not None:
+                answers.append(answer)
+
+    return Manual(feed)
+
+
+@dataclass
+class Bench:
+    """A station in a folder, and the events of its run."""
+
+    folder: StationFolder
+    store: ResultStore
+    camera: FakeCamera
+    inspector: FakeInspector
+    events: list[Event] = field(default_factory=list)
+    save: Callable[[CapturedSet, Path], None] = lambda captured, path: captured.save(path)
+    clock: StationClock = field(default_factory=StationClock)
+    prepare: Callable[[], list[Check]] = list
+
+    def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
+        """Run the station; `events` holds what happened."""
+        values = self.folder.config.model_dump() | {"reconnect_s": 0.01, "disk_floor_mb": 1}
+        config = StationConfig.model_validate(values | changes)
+
+        def save(captured: CapturedSet, set_file: str) -> None:
+            path = self.folder.path / set_file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.save(captured, path)
+
+        with Publisher(self.events.append) as publisher:
+
+            def prepare() -> list[Check]:
+                found = finish_interrupted(self.folder.path, self.store, self.clock.now)
+                for result in found:
+                    publisher.publish(PartRecovered(result))
+                return self.prepare()
+
+            judge = PartJudge(config.name, "Ada", self.inspector, {}, save, self.clock)
+            parts = Parts(self.camera, judge, self.store, prepare, self.clock, publisher)
+            Station(self.folder.path, config, parts, count).run(source)
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        """Events of a kind, in their order."""
+        return [event for event in self.events if isinstance(event, kind)]
+
+    def announced(self) -> list[tuple[str, Decision]]:
+        """Identity and verdict of each announced part."""
+        results = [event.result for event in self.of(PartAnnounced)]
+        return [(result.part_id, result.verdict.decision) for result in results]
+
+    def rows(self) -> list[tuple[str, Decision]]:
+        """Identity and verdict of each row of the results."""
+        results = [entry.result for entry in self.store.parts()]
+        return [(result.part_id, result.verdict.decision) for result in results]
+
+
+@contextmanager
+def bench(folder: Path, captured: CapturedSet) -> Iterator[Bench]:
+    """Make a station in `folder` with a fake rig and a fake inspector."""
+    make_station(folder)
+    opened = StationFolder(folder)
+    results = opened.config.results_in(folder)
+    with open_store(results, opened.config.name, create=True, patience_s=0.2) as store:
+        yield Bench(opened, store, FakeCamera(captured), FakeInspector())
