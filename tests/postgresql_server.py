@@ -5,6 +5,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -88,23 +89,19 @@ class PostgresqlServer:
 
 
 @contextmanager
-def postgresql_server(folder: Path) -> Iterator[PostgresqlServer]:
-    """Run a server in `folder`, which must be empty, with an empty database ``results``."""
-    home = folder / "postgresql"
-    home.mkdir()
-    if _USER:
-        # pytest's folders are closed to other users.
-        for parent in (home, *home.parents):
-            if parent.stat().st_uid == os.getuid() and parent.stat().st_mode & 0o001 == 0:
-                parent.chmod(parent.stat().st_mode | 0o011)
-        shutil.chown(home, _USER)
-    server = PostgresqlServer(home)
-    server.start()
-    try:
-        server.make_database("results")
-        yield server
-    finally:
-        server.stop()
+def postgresql_server() -> Iterator[PostgresqlServer]:
+    """Run a server with an empty database ``results``."""
+    # Folders of pytest are closed to the server's user.
+    with tempfile.TemporaryDirectory(prefix="ps4rig-postgresql-") as folder:
+        if _USER:
+            shutil.chown(folder, _USER)
+        server = PostgresqlServer(Path(folder))
+        server.start()
+        try:
+            server.make_database("results")
+            yield server
+        finally:
+            server.stop()
 
 
 def _is_running(process: int) -> bool:

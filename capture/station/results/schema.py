@@ -210,7 +210,9 @@ END $$
 
 def _keys(table: Table) -> tuple[tuple[str, ...], ...]:
     return tuple(
-        tuple(column.name for column in constraint.columns)
-        for constraint in table.constraints
-        if isinstance(constraint, PrimaryKeyConstraint | UniqueConstraint)
+        sorted(
+            tuple(column.name for column in constraint.columns)
+            for constraint in table.constraints
+            if isinstance(constraint, PrimaryKeyConstraint | UniqueConstraint)
+        )
     )

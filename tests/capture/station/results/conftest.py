@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import count
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
 
 from capture.station.results.store import ResultStore, open_store
 from tests.postgresql_server import PostgresqlServer, postgresql_server
 
-_database_numbers = count()
-
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PostgresqlServer]:
-    with postgresql_server(tmp_path_factory.mktemp("server")) as server:
+def server() -> Iterator[PostgresqlServer]:
+    with postgresql_server() as server:
         yield server
 
 
@@ -25,7 +23,7 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     if request.param == "sqlite":
         return str(tmp_path / "results.sqlite")
     server: PostgresqlServer = request.getfixturevalue("server")
-    return server.make_database(f"results-{next(_database_numbers)}")
+    return server.make_database(f"results-{uuid4()}")
 
 
 OpenStore = Callable[..., ResultStore]
