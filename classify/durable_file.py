@@ -1,16 +1,30 @@
 """Write files so that no reader, even after a power cut, sees a partial one."""
 
-import fcntl
+import errno
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 _PREFIX = ".writing-"
+# Without locks, a temporary file that was not written to for this time is that of a killed writer.
+# The longest work on one output, the figures of ps4rig reproduce, takes half an hour.
+_ABANDONED_S = 86_400.0
+# What systems and file systems answer that cannot force the entries of a folder to disk. Windows
+# opens no folder, and some network file systems refuse the call.
+_NO_FOLDER_SYNC = {
+    errno.EACCES, errno.EPERM, errno.EISDIR, errno.EBADF, errno.EINVAL, errno.ENOSYS, errno.ENOTSUP,
+}  # fmt: skip
 
 
 def make_folder(folder: Path) -> None:
@@ -75,7 +89,8 @@ def locked_temporary(
 ) -> Iterator[Path]:
     """Yield a new file or folder in `home`, locked by this writer, and remove it at the end.
 
-    Temporary files and folders in `home` whose writers were killed are removed first.
+    Temporary files and folders in `home` whose writers were killed are removed first; where
+    `fcntl` is missing, after a day.
 
     Raises
     ------
@@ -95,43 +110,57 @@ def locked_temporary(
     finally:
         with suppress(OSError):
             _remove(temporary)
-        os.close(lock)
+        if lock is not None:
+            os.close(lock)
 
 
-def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int]:
-    """Make a temporary file or folder that is locked as long as the descriptor is open."""
+def _new_temporary(home: Path, suffix: str, is_folder: bool) -> tuple[Path, int | None]:
+    """Make a temporary file or folder that is locked as long as the descriptor is open.
+
+    Without `fcntl` there is no descriptor: Windows renames no file that is open.
+    """
     while True:
         temporary = home / f"{_PREFIX}{secrets.token_hex(8)}{suffix}"
         if is_folder:
             temporary.mkdir()
-            try:
-                lock = os.open(temporary, os.O_DIRECTORY)
-            except FileNotFoundError:
-                continue  # removed as abandoned, as below
         else:
             # `tempfile` makes files that only their owner may read. Changing that takes the umask,
             # which can be read only by setting it for all threads.
-            lock = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        if fcntl is None:
+            return temporary, None
+        # Another writer may remove it as abandoned until it is locked.
+        try:
+            lock = _opened(temporary)
+        except FileNotFoundError:
+            continue
         # On a file system without locks, it is not removed after a kill.
         with suppress(OSError):
             fcntl.flock(lock, fcntl.LOCK_EX)
-        # Another writer may have removed it as abandoned before it was locked.
         if temporary.exists():
             return temporary, lock
         os.close(lock)
 
 
 def _remove_abandoned(home: Path) -> None:
-    """Remove temporary files and folders that no writer holds a lock on."""
+    """Remove temporary files and folders that no writer holds a lock on, or is at work on."""
     for path in home.glob(f"{_PREFIX}*"):
         with suppress(OSError):
-            kind = os.O_DIRECTORY if path.is_dir() else os.O_WRONLY
-            lock = os.open(path, kind | os.O_NOFOLLOW | os.O_NONBLOCK)
+            if fcntl is None:
+                if time.time() - path.lstat().st_mtime > _ABANDONED_S:
+                    _remove(path)
+                continue
+            lock = _opened(path)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 _remove(path)
             finally:
                 os.close(lock)
+
+
+def _opened(temporary: Path) -> int:
+    kind = os.O_DIRECTORY if temporary.is_dir() else os.O_WRONLY
+    return os.open(temporary, kind | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def _remove(path: Path) -> None:
@@ -142,8 +171,20 @@ def _remove(path: Path) -> None:
 
 
 def sync(path: Path) -> None:
-    """Force a file, or the entries of a folder, to disk."""
-    descriptor = os.open(path, os.O_RDONLY)
+    """Force a file to disk, or the entries of a folder where the system can do that."""
+    if path.is_dir():
+        try:
+            _sync(path, os.O_RDONLY)
+        except OSError as error:
+            if error.errno not in _NO_FOLDER_SYNC:
+                raise
+    else:
+        # Windows syncs only what is open for writing.
+        _sync(path, os.O_RDWR if os.access(path, os.W_OK) else os.O_RDONLY)
+
+
+def _sync(path: Path, flags: int) -> None:
+    descriptor = os.open(path, flags)
     try:
         os.fsync(descriptor)
     finally:

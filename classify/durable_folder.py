@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import sys
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -61,6 +62,8 @@ def _exchanged(new: Path, folder: Path, names: Collection[str]) -> bool:
     if folder.samefile(Path.cwd()):
         return False
     if not all(entry.is_file() and entry.name in names for entry in folder.iterdir()):
+        return False
+    if sys.platform == "win32":  # has no list of all loaded libraries
         return False
     paths = (_AT_FDCWD, os.fsencode(new), _AT_FDCWD, os.fsencode(folder))
     # Not every C library and file system can exchange two folders.

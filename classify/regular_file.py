@@ -8,7 +8,8 @@ from typing import BinaryIO
 from .errors import InputError
 
 # Opening a pipe without a writer would block without O_NONBLOCK; a terminal must not become ours.
-_FLAGS = os.O_NONBLOCK | os.O_NOCTTY
+# Windows has neither among its files.
+_FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:

@@ -32,13 +32,18 @@ def thread_count() -> int:
     if _count is not None:
         return _count
     text = os.environ.get("NUMBA_NUM_THREADS", "").strip()
-    if not text and hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
     if not text:
-        return os.cpu_count() or 1
+        return usable_cores()
     if not text.isdecimal() or int(text) < 1:
         raise InputError(f"NUMBA_NUM_THREADS is {text!r}; give a whole number from 1, or unset it")
     return int(text)
+
+
+def usable_cores() -> int:
+    """Number of processors that this process may run on, or of all where that is not known."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def set_thread_count(count: int | None) -> None:

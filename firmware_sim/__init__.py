@@ -3,8 +3,9 @@
 `firmware` is the program of the real controller, one file for MicroPython and CPython. The rest
 simulates the hardware around it: `SimulatedBoard` (LEDs that rise and fall over time), `RealClock`
 and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay as one device), and
-`serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device an address. A host that
-opens the address cannot tell that it is simulated.
+`serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device an address.
+`serve_local` takes a pseudo-terminal, or a TCP port where there is none. A host that opens the
+address cannot tell that it is simulated.
 
     clock = VirtualClock()
     board = SimulatedBoard(clock)
@@ -18,7 +19,7 @@ from .board import Board, SimulatedBoard
 from .clock import Clock, RealClock, VirtualClock
 from .controller import SimulatedController
 from .firmware import FIRMWARE_VERSION, PROTOCOL_VERSION, Firmware, crc8
-from .server import Server, serve_pty, serve_tcp, serve_tty, serve_unix
+from .server import Server, serve_local, serve_pty, serve_tcp, serve_tty, serve_unix
 
 __all__ = [
     "FIRMWARE_VERSION",
@@ -32,6 +33,7 @@ __all__ = [
     "SimulatedController",
     "VirtualClock",
     "crc8",
+    "serve_local",
     "serve_pty",
     "serve_tcp",
     "serve_tty",

@@ -1,7 +1,6 @@
 """Serve a simulated controller: a background thread between an endpoint and the device."""
 
-import os
-import select
+import selectors
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -9,19 +8,33 @@ from typing import Self
 
 from .clock import VirtualClock
 from .controller import SimulatedController
-from .endpoints import Endpoint, PtyEndpoint, TtyEndpoint, tcp_endpoint, unix_endpoint
+from .endpoints import Endpoint, HostLine, tcp_endpoint, unix_endpoint
 
-_POLL_MS = 5  # longest time between two polls; the watchdog is late by this at most
+_POLL_S = 0.005  # longest time between two polls; the watchdog is late by this at most
 _READ_BYTES = 256  # few lines at a time, so that stop() does not wait for many link delays
+# Windows has no poll, and the selector for epoll takes five calls of the system for each wait.
+_Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
+
+
+def serve_local(controller: SimulatedController) -> "Server":
+    """Serve on a pseudo-terminal, or where there is none on a TCP port of 127.0.0.1."""
+    try:
+        return serve_pty(controller)
+    except (ImportError, OSError):  # OSError: all are taken, or /dev/pts is not mounted
+        return serve_tcp(controller)
 
 
 def serve_pty(controller: SimulatedController, link: str | Path | None = None) -> "Server":
     """Serve on a pseudo-terminal; `link` is a path for a symbolic link to it."""
+    from .terminals import PtyEndpoint
+
     return Server(controller, PtyEndpoint(None if link is None else Path(link)))
 
 
 def serve_tty(controller: SimulatedController, path: str | Path, baud: int = 115_200) -> "Server":
     """Serve on a serial device: this end of a null modem, or of a USB gadget's line."""
+    from .terminals import TtyEndpoint
+
     return Server(controller, TtyEndpoint(Path(path), baud))
 
 
@@ -44,7 +57,6 @@ class Server:
     def __init__(self, controller: SimulatedController, endpoint: Endpoint) -> None:
         self._controller = controller
         self._endpoint = endpoint
-        self._wake_read, self._wake_write = os.pipe()
         self._stopping = threading.Event()
         self._stop_lock = threading.Lock()
         self._unregister: Callable[[], None] = lambda: None
@@ -67,12 +79,9 @@ class Server:
             if self._stopping.is_set():
                 return
             self._stopping.set()
-            os.write(self._wake_write, b"\0")
             self._thread.join()
             self._unregister()
             self._endpoint.close()
-            os.close(self._wake_read)
-            os.close(self._wake_write)
 
     def __enter__(self) -> Self:
         return self
@@ -84,18 +93,18 @@ class Server:
         try:
             while not self._stopping.is_set():
                 self._boot_in_virtual_time()
-                host_fd = self._endpoint.accept()
-                if host_fd is None:
+                host = self._endpoint.accept()
+                if host is None:
                     self._wait()
                     self._controller.poll()
                 else:
                     self._controller.connect()
-                    self._converse(host_fd)
+                    self._converse(host)
                     self._endpoint.hang_up()
         finally:
             self._controller.reset()
 
-    def _converse(self, host_fd: int) -> None:
+    def _converse(self, host: HostLine) -> None:
         """Pass bytes both ways until the host hangs up or the server stops."""
         unsent = b""
         while not self._stopping.is_set():
@@ -104,28 +113,32 @@ class Server:
             # Replies that a host does not read stay in the device, whose buffer is bounded.
             unsent = unsent or self._controller.take_output()
             try:
-                unsent = _write(host_fd, unsent)
-                events = self._wait(host_fd, select.POLLOUT if unsent else 0)
-                if events.get(host_fd, 0) & ~select.POLLOUT:
+                unsent = _write(host, unsent)
+                readable = self._wait(host, waits_to_write=bool(unsent))
+                if host.fileno() in readable:
                     # A hang-up is an empty read, after the bytes that came before it.
-                    data = os.read(host_fd, _READ_BYTES)
+                    data = host.read(_READ_BYTES)
                     if not data:
                         return
                     self._controller.feed(data)
-                elif self._endpoint.listener_fd in events:
+                elif self._endpoint.listener_fd in readable:
                     self._endpoint.refuse()
             except OSError:
                 return  # the host has gone
 
-    def _wait(self, host_fd: int | None = None, host_events: int = 0) -> dict[int, int]:
-        """Wait for bytes, a host or `stop` until the next poll; return events by descriptor."""
-        poll = select.poll()
-        poll.register(self._wake_read, select.POLLIN)
-        if self._endpoint.listener_fd is not None:
-            poll.register(self._endpoint.listener_fd, select.POLLIN)
-        if host_fd is not None:
-            poll.register(host_fd, select.POLLIN | host_events)
-        return dict(poll.poll(_POLL_MS))
+    def _wait(self, host: HostLine | None = None, *, waits_to_write: bool = False) -> set[int]:
+        """Wait for bytes or a host until the next poll; return the readable descriptors."""
+        with _Selector() as selector:
+            if self._endpoint.listener_fd is not None:
+                selector.register(self._endpoint.listener_fd, selectors.EVENT_READ)
+            if host is not None:
+                events = selectors.EVENT_READ | (selectors.EVENT_WRITE if waits_to_write else 0)
+                selector.register(host, events)
+            if not selector.get_map():  # which Windows would not wait for
+                self._stopping.wait(_POLL_S)
+                return set()
+            ready = selector.select(_POLL_S)
+        return {key.fd for key, events in ready if events & selectors.EVENT_READ}
 
     def _boot_in_virtual_time(self) -> None:
         # A host that waits for the banner does not advance the clock.
@@ -134,11 +147,11 @@ class Server:
             clock.sleep_s(self._controller.boot_remaining_s)
 
 
-def _write(fd: int, data: bytes) -> bytes:
+def _write(host: HostLine, data: bytes) -> bytes:
     """Write as much as possible; return the rest."""
     if not data:
         return data
     try:
-        return data[os.write(fd, data) :]
+        return data[host.write(data) :]
     except BlockingIOError:
         return data

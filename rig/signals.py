@@ -2,10 +2,15 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+# Windows has only the first two.
+_ENDING = [
+    getattr(signal, name)
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+    if hasattr(signal, name)
+]
 
 
 def uninterrupted(action: Callable[[], object]) -> None:
@@ -35,19 +40,26 @@ def signals_held_back() -> Iterator[None]:
         return
     held: list[int] = []
     handlers = {number: signal.getsignal(number) for number in _ENDING}
-    masked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    masked = _masked("SIG_BLOCK", ())
     try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        _masked("SIG_BLOCK", _ENDING)
         for number, handler in handlers.items():
             if handler not in (signal.SIG_IGN, None):  # None: not installed from Python
                 signal.signal(number, lambda number, _frame: held.append(number))
-        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        _masked("SIG_SETMASK", masked)
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        _masked("SIG_BLOCK", _ENDING)
         for number, handler in handlers.items():
             if handler not in (signal.SIG_IGN, None):
                 signal.signal(number, handler)
         for arrived in dict.fromkeys(held):
             signal.raise_signal(arrived)  # pending until the mask is restored
-        signal.pthread_sigmask(signal.SIG_SETMASK, masked)
+        _masked("SIG_SETMASK", masked)
+
+
+def _masked(change: str, numbers: Iterable[int]) -> set[signal.Signals]:
+    """Change the mask of this thread, and return it as it was. Windows has no mask."""
+    if not hasattr(signal, "pthread_sigmask"):
+        return set()
+    return signal.pthread_sigmask(getattr(signal, change), numbers)  # type: ignore[return-value]

@@ -1,8 +1,10 @@
 """Worker processes on this machine."""
 
+import _thread
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -70,8 +72,12 @@ def _terminal_signals_blocked() -> Iterator[None]:
     """Block the signals that a terminal sends to all processes of a command.
 
     Processes that are started in the block keep the signals blocked: workers, which this process
-    interrupts itself, and the resource tracker of `multiprocessing`.
+    interrupts itself, and the resource tracker of `multiprocessing`. Windows blocks no signals; its
+    workers ignore the only one of them that it has.
     """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
     terminal = {signal.SIGINT, signal.SIGHUP, signal.SIGQUIT}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, terminal)
     try:
@@ -84,18 +90,27 @@ def _begin(lifeline: Connection) -> None:
     """Prepare a worker process."""
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     signal.signal(signal.SIGTERM, _end)
+    if not hasattr(signal, "pthread_sigmask"):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _end_with(lifeline: Connection) -> None:
     try:
         lifeline.recv_bytes()
     except (EOFError, OSError):
-        os.kill(os.getpid(), signal.SIGTERM)
+        if hasattr(signal, "alarm"):
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
+        # On Windows os.kill ends the process at once, and no signal wakes a waiting thread.
+        _thread.interrupt_main(signal.SIGTERM)
+        time.sleep(_CLEANUP_S)
+        os._exit(1)
 
 
 def _end(*_: object) -> NoReturn:
     # SIGALRM ends the process if compiled code does not return to Python.
-    signal.alarm(_CLEANUP_S)
+    if hasattr(signal, "alarm"):
+        signal.alarm(_CLEANUP_S)
     # The exception lets the code in between remove its temporary files.
     raise SystemExit(1)
 

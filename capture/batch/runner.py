@@ -4,7 +4,6 @@ All three yield the same results: one for each item, in the order of the items. 
 function is raised in place of the item's result. The items of a killed worker are run again.
 """
 
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +13,7 @@ from itertools import chain, islice
 from typing import Generic, Protocol, Self, TypeVar
 
 from classify.errors import InputError
+from classify.threads import usable_cores
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -80,7 +80,7 @@ class Batch:
     def __init__(
         self, workers: int | None = None, scheduler: str | None = None, *, starting_s: float = 2.0
     ) -> None:
-        self._workers = workers or len(os.sched_getaffinity(0))
+        self._workers = workers or usable_cores()
         self._starting_s = starting_s
         self._spent_s = 0.0
         self._pool: Pool | None = None

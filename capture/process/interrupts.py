@@ -1,4 +1,4 @@
-"""Signals that end a command: SIGINT, SIGTERM, SIGHUP and SIGQUIT.
+"""Signals that end a command: SIGINT, SIGTERM, and on POSIX SIGHUP and SIGQUIT.
 
 Before and after a command a signal ends the process at once. During a command it raises
 KeyboardInterrupt in the main thread, so that LEDs go out and temporary files are removed.
@@ -29,6 +29,7 @@ _AT_ONCE, _NEVER = -math.inf, math.inf
 # Time after which a signal ends the process: _AT_ONCE outside commands, _NEVER in a command until
 # its first interrupt, and the end of the clean-up after that.
 _exit_after_s = _AT_ONCE
+_last_signal: int = signal.SIGINT
 
 
 def install_handlers() -> None:
@@ -36,7 +37,8 @@ def install_handlers() -> None:
 
     ``nohup`` ignores SIGHUP, and a shell ignores SIGINT for jobs in the background.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+    for number in (getattr(signal, name) for name in names if hasattr(signal, name)):
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
     sys.unraisablehook = _retry_lost_interrupt
@@ -57,7 +59,7 @@ def interruptible() -> Iterator[None]:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    global _exit_after_s
+    global _exit_after_s, _last_signal
     now_s = time.monotonic()
     if now_s > _exit_after_s:
         with suppress(OSError):
@@ -65,11 +67,11 @@ def _handle(number: int, frame: FrameType | None) -> None:
         os._exit(INTERRUPTED_STATUS)
     if _exit_after_s < _NEVER:
         return  # the command cleans up
-    signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(number))
+    _last_signal = number
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             # Modules of other libraries catch every exception while they are imported.
-            signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
+            _retry_later()
             return
         frame = frame.f_back
     _exit_after_s = now_s + _CLEANUP_S
@@ -83,4 +85,16 @@ def _retry_lost_interrupt(lost: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(lost)
     elif _exit_after_s > _AT_ONCE:
         _exit_after_s = _NEVER
+        _retry_later()
+
+
+def _retry_later() -> None:
+    """Raise the last signal again in a moment."""
+    if hasattr(signal, "setitimer"):
+        signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(_last_signal))
         signal.setitimer(signal.ITIMER_REAL, _RETRY_S)
+    else:  # Windows
+        import _thread
+        import threading
+
+        threading.Timer(_RETRY_S, _thread.interrupt_main, (_last_signal,)).start()

@@ -1,6 +1,5 @@
 """Checks of serial ports: their list, permissions, and programs that use them."""
 
-import grp
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -57,6 +56,10 @@ def check_access(name: str, device: str) -> Check:
     if os.access(device, os.R_OK | os.W_OK):
         return Check(name, "ok", f"{device} may be read and written")
     status = Path(device).stat()
+    try:
+        import grp
+    except ImportError:  # Windows, whose files have no groups
+        return Check(name, "fault", f"{device}: you may not read and write it", "ask for access")
     try:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:

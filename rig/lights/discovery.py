@@ -9,6 +9,7 @@ from rig.errors import LightControllerError
 
 from .link import ControllerIdentity, ControllerLink
 from .port_holders import port_holders
+from .ports import pyserial
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 
 _BY_ID = Path("/dev/serial/by-id")
@@ -73,7 +74,8 @@ Ask = Callable[[str], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
-    """List all serial ports of the system, sorted by name."""
+    """List all serial ports of the system, sorted by name; `ConfigError` if it has none."""
+    pyserial()
     from serial.tools.list_ports import comports
 
     names = {path.resolve(): str(path) for path in sorted(_BY_ID.glob("*"))}

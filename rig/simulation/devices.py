@@ -5,7 +5,7 @@ Any program can open the other end of the line and the loopback device as a rig.
 
 from collections.abc import Callable
 
-from firmware_sim import Server, SimulatedController, serve_pty, serve_tty
+from firmware_sim import Server, SimulatedController, serve_local, serve_tty
 from rig.config.camera import PIXEL_FORMAT_BITS, CameraConfig, ReplayCameraConfig, V4l2CameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import ConfigError, LightControllerError
@@ -133,11 +133,15 @@ def _pixel_format(camera: CameraConfig) -> str:
 
 def _served_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:
     if serial is None:
-        return serve_pty
+        return serve_local
 
     def serve(controller: SimulatedController) -> Server:
         try:
             return serve_tty(controller, serial, config.lights.baud)
+        except ImportError as error:
+            raise ConfigError(
+                f"{serial}: serial devices are served on Linux only ({error}); leave --serial out"
+            ) from error
         except BlockingIOError as error:
             raise LightControllerError(f"{serial}: in use by another program") from error
         except OSError as error:

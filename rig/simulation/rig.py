@@ -11,7 +11,7 @@ from firmware_sim import (
     SimulatedBoard,
     SimulatedController,
     VirtualClock,
-    serve_pty,
+    serve_local,
 )
 from firmware_sim.faults import FaultyLine, faulty_leds
 from firmware_sim.led import Led
@@ -61,7 +61,7 @@ class Simulation:
     """
 
     def __init__(
-        self, config: RigConfig, serve: Callable[[SimulatedController], Server] = serve_pty
+        self, config: RigConfig, serve: Callable[[SimulatedController], Server] = serve_local
     ) -> None:
         self._config = config
         self._serve = serve

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import mmap
 import os
 from typing import NoReturn
 
-from rig.errors import CameraError
+from rig.errors import CameraError, ConfigError
 
 from . import abi
 
@@ -23,11 +22,21 @@ class VideoNode:
     ------
     CameraError
         If it is missing or not permitted.
+    ConfigError
+        If this system is not Linux.
     """
 
     def __init__(self, path: str, stream: int) -> None:
         self.path = path
         self._stream = stream
+        try:
+            import fcntl
+        except ImportError as error:
+            raise ConfigError(
+                f"{path}: V4L2 devices need Linux; set camera.kind = 'opencv' for a camera of this "
+                "system"
+            ) from error
+        self._ioctl = fcntl.ioctl
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
@@ -46,7 +55,7 @@ class VideoNode:
             raise CameraError(f"{self.path}: the camera is closed")
         while True:
             try:
-                fcntl.ioctl(self._fd, request, argument, True)
+                self._ioctl(self._fd, request, argument, True)
             except InterruptedError:
                 continue
             return

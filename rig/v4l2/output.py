@@ -1,7 +1,6 @@
 """Write frames into a V4L2 loopback device, which other programs read as a camera."""
 
 import ctypes
-import fcntl
 import mmap
 
 from rig.errors import CameraError
@@ -83,6 +82,8 @@ class V4l2Output(VideoNode):
                 f"{self.path}: {abi.text(capability.card)} takes no frames; give a loopback "
                 "device, which modprobe v4l2loopback makes"
             )
+        import fcntl
+
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

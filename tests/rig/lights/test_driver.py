@@ -170,7 +170,7 @@ import os, sys
 sys.path[:] = {path!r}
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig.lights.driver import LightController
-import serial, serial.serialposix
+import firmware_sim.terminals, serial, serial.serialposix
 if os.getuid() == 0:
     os.setuid(65534)  # the kernel does not exclude the superuser
 clock = VirtualClock()
