@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from classify.durable_file import durable_file
 from classify.errors import InputError
@@ -47,6 +47,10 @@ class SetMeasures(_Record):
     warnings: tuple[str, ...] = ()
 
 
+def _with_slashes(file: str) -> str:
+    return PureWindowsPath(file).as_posix()  # also of a journal that was written on Windows
+
+
 class SetEntry(_Record):
     """A planned set that has its file, or was left out.
 
@@ -63,7 +67,7 @@ class SetEntry(_Record):
     specimen: str
     orientation_deg: FiniteFloat
     repeat: int = Field(ge=1)
-    file: str | None = None
+    file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None
     captured_utc: str | None = None
     measures: SetMeasures | None = None

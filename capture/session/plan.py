@@ -1,5 +1,6 @@
 """The plan of a session: which specimens are captured, at which orientations, and how."""
 
+import os
 import re
 import shlex
 from collections import Counter
@@ -59,6 +60,15 @@ def _exposure(value: object) -> object:
     if isinstance(value, str) and value != SEARCH:
         raise ValueError(f"{value!r}: give milliseconds, or {SEARCH!r}")
     return value
+
+
+def _words(command: str) -> list[str]:
+    """Split a command as a shell does. The backslashes of Windows separate folders."""
+    split = shlex.shlex(command, posix=True, punctuation_chars=False)
+    split.whitespace_split, split.commenters = True, ""
+    if os.name == "nt" or re.match(r"\W?[A-Za-z]:\\", command):
+        split.escape = ""
+    return list(split)
 
 
 Name = Annotated[str, AfterValidator(_file_name)]
@@ -162,7 +172,7 @@ class SessionPlan(Section):
         if command is None:
             return None
         try:
-            words = shlex.split(command)
+            words = _words(command)
         except ValueError as error:
             raise ValueError(f"turntable = {command!r}: {error}") from error
         if not any(_PLACE in word for word in words[1:]):
@@ -218,7 +228,7 @@ class SessionPlan(Section):
 
     def turntable_command(self, orientation_deg: float) -> list[str]:
         """Words of the command that turns the specimen."""
-        words = shlex.split(self.turntable or "")
+        words = _words(self.turntable or "")
         return [word.replace(_PLACE, f"{orientation_deg:g}") for word in words]
 
 

@@ -177,7 +177,8 @@ class _Runner:
             shape = captured.images.shape[1:]
             found = calibration_of(path, captured.metadata, shape)
             entry = self._entry(planned, LoadedSet(captured, found))
-            entry = entry.model_copy(update={"file": str(path.relative_to(self._folder.path))})
+            file = path.relative_to(self._folder.path).as_posix()
+            entry = entry.model_copy(update={"file": file})
             self._folder.update(self._folder.journal.with_entry(entry))
             self._publish(SetAdopted(entry))
 

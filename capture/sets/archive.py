@@ -41,14 +41,19 @@ def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
     Raises
     ------
     InputError
-        As `find_sets`.
+        As `find_sets`, or if the places are on different drives.
     """
     sets = find_sets(places)
     if len(sets) == 1 and sets == list(places):
         return {sets[0]: output}
-    top = os.path.commonpath(
-        [_absolute(place if place.is_dir() else place.parent) for place in places]
-    )
+    try:
+        top = os.path.commonpath(
+            [_absolute(place if place.is_dir() else place.parent) for place in places]
+        )
+    except ValueError as error:  # of Windows
+        raise InputError(
+            "sets of several drives; name those of each drive by themselves"
+        ) from error
     return {
         path: output / _absolute(path).relative_to(top).with_name(path.name.removesuffix(SUFFIX))
         for path in sets
