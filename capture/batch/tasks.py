@@ -67,7 +67,7 @@ def read_header(
     """
     metadata, shape = ome_tiff.read_header(path)
     found = calibration_of(path, metadata, shape, calibration)
-    with _named(path):
+    with named(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
         segment_px = segment_for(shape)
@@ -161,7 +161,7 @@ def observe_set(
         If the set cannot be read or solved.
     """
     loaded = LoadedSet.of(path, calibration)
-    with _named(path):
+    with named(path):
         return observe(loaded.solve_texture(method, planar=PLANAR), segment_px, classifier)
 
 
@@ -200,7 +200,7 @@ def classify_set(
     captured, metadata = loaded.captured, loaded.captured.metadata
     about = library.stat()
     trained = _loaded(library, about.st_mtime_ns, about.st_size)
-    with _named(path):
+    with named(path):
         if label_required:
             _usable_label(metadata.label)
         if method is None and trained.method and suits(trained.method, len(captured.images)):
@@ -298,7 +298,7 @@ def solve_set(
     else:
         loaded = LoadedSet.of(task.path, calibration)
     captured, known = loaded.captured, loaded.calibration
-    with _named(task.path):
+    with named(task.path):
         surface = captured.solve(method, planar=planar, calibration=known, on_progress=on_progress)
         raw_residual = None
         if known is not None:
@@ -367,7 +367,7 @@ def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def named(path: Path) -> Iterator[None]:
     """Put the name of the file in front of the message of an `InputError`."""
     try:
         yield

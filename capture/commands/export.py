@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,10 +12,9 @@ from classify.errors import InputError
 
 from . import options
 
-if TYPE_CHECKING:
-    from capture.batch.tasks import LoadedSet
-
-_ARRAYS, _MESHES = ".npz", (".ply", ".stl")
+_ARRAYS, _PLY, _STL, _X3P, _SUR = ".npz", ".ply", ".stl", ".x3p", ".sur"
+_HEIGHTS = (_PLY, _STL, _X3P, _SUR)
+_SUFFIXES = (_ARRAYS, *_HEIGHTS)
 
 
 @reported
@@ -25,30 +24,38 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="NAME.npz with all arrays, NAME.ply or NAME.stl with the height as a mesh, or a "
-            "folder for 16-bit TIFF files and lights.lp.",
+            help="NAME.npz with all arrays; NAME.ply or NAME.stl with the height as a mesh; "
+            "NAME.x3p or NAME.sur with the height for programs that measure roughness, which needs "
+            "a calibrated scale; or a folder for 16-bit TIFF files and lights.lp.",
         ),
     ],
+    maps: Annotated[
+        bool, typer.Option("--maps", help="Write the maps to the folder, as ps4rig solve does.")
+    ] = False,
     force: options.Force = False,
     json: options.Json = False,
 ) -> None:
     """Write a captured set, or its height, for other programs."""
-    from capture.batch.tasks import LoadedSet
+    from capture.batch.tasks import SolveTask, solve_set
     from capture.exchange.light_folder import write_light_folder
     from capture.exchange.numpy_file import write_numpy_file
     from capture.outputs import check_output
     from capture.sets.captured_set import CapturedSet
 
     suffix = output.suffix.lower()
-    if suffix and suffix not in (_ARRAYS, *_MESHES):
-        raise InputError(
-            f"{output}: end the name in {_ARRAYS}, {' or '.join(_MESHES)}, or name a folder"
-        )
+    if suffix and (maps or suffix not in _SUFFIXES):
+        *some, last = _SUFFIXES
+        wrong = "--maps writes a folder; leave out the end of the name"
+        if not maps:
+            wrong = f"end the name in {', '.join(some)} or {last}, or name a folder"
+        raise InputError(f"{output}: {wrong}")
     if suffix:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
-    said = {"set": str(captured_set), "output": str(output)}
-    if suffix in _MESHES:
-        said["unit"] = _write_mesh(LoadedSet.of(captured_set), output)
+    said: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
+    if maps:
+        said["files"] = solve_set(SolveTask(captured_set, output), None).files
+    elif suffix in _HEIGHTS:
+        said["unit"] = _write_height(captured_set, output)
     elif suffix:
         write_numpy_file(CapturedSet.load(captured_set), output)
     else:
@@ -62,17 +69,31 @@ def export(
         out.print(f"back again: ps4rig import {said['import_options']} OUT.ome.tif", soft_wrap=True)
 
 
-def _write_mesh(loaded: LoadedSet, output: Path) -> str:
-    """Write the height of a set as a mesh; return the unit of its lengths."""
+def _write_height(captured_set: Path, output: Path) -> str:
+    """Write the height of a set as a measured surface or a mesh; return the unit of its lengths."""
+    from capture.batch.tasks import LoadedSet, named
+    from capture.exchange.digital_surf import write_sur
+    from capture.exchange.height_map import HeightMap
     from capture.exchange.mesh import write_ply, write_stl
+    from capture.exchange.x3p import write_x3p
     from classify import integrate_gradients
 
-    surface = loaded.captured.solve(calibration=loaded.calibration)
-    scale = None if loaded.calibration is None else loaded.calibration.scale
-    per_px, unit = (1.0, "px, relative") if scale is None else (scale.mm_per_px, "mm")
+    suffix = output.suffix.lower()
+    if suffix == _X3P:
+        write_x3p(output, HeightMap.of(captured_set))
+        return "m"
+    if suffix == _SUR:
+        write_sur(output, HeightMap.of(captured_set))
+        return "mm"
+    loaded = LoadedSet.of(captured_set)
+    known = loaded.calibration
+    with named(captured_set):
+        surface = loaded.captured.solve(calibration=known)
+    mm_per_px = None if known is None else known.mm_per_px
+    per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
     height = integrate_gradients(surface.p, surface.q)
     height *= per_px
-    if output.suffix.lower() == ".ply":
+    if suffix == _PLY:
         write_ply(output, height, surface.albedo, per_px, unit)
     else:
         write_stl(output, height, per_px, unit)

@@ -104,7 +104,7 @@ def test_a_set_becomes_a_mesh(ps4rig: Command, in_folder: Path, name: str, eleme
 @pytest.mark.parametrize(
     ("output", "message"),
     [
-        ("a.obj", "a.obj: end the name in .npz, .ply or .stl, or name a folder"),
+        ("a.obj", "a.obj: end the name in .npz, .ply, .stl, .x3p or .sur, or name a folder"),
         ("full", "full: exists and is not empty; choose another name"),
         ("full/a.npz", "full/a.npz: exists already; choose another name or give --force"),
         ("none/a.npz", "none/a.npz: cannot be written: there is no folder none"),

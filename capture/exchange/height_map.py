@@ -1,0 +1,100 @@
+"""The heights of a captured set in mm, with what files of measured surfaces say about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from capture.batch.tasks import LoadedSet, named
+from capture.errors import SetRejected
+from capture.sets.metadata import SetMetadata
+from classify import integrate_gradients
+from classify.errors import InputError
+from classify.surface.estimate import FloatMap
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Heights on the grid of the pixels, rows from the top of the image.
+
+    Attributes
+    ----------
+    heights_mm
+        (H, W) float32, NaN where no slope is known.
+    mm_per_px, scale_date
+        The calibrated scale, and when it was measured.
+    captured_at
+        Time of the capture.
+    metadata, method
+        Of the captured set, and the solver.
+    """
+
+    heights_mm: FloatMap
+    mm_per_px: float
+    scale_date: str
+    captured_at: datetime
+    metadata: SetMetadata
+    method: str
+
+    @classmethod
+    def of(cls, path: Path) -> HeightMap:
+        """Solve a set with the calibration that it names, and integrate its slopes.
+
+        Raises
+        ------
+        InputError
+            If the set cannot be read or solved, or has no calibrated scale.
+        SetRejected
+            If no pixel can be solved.
+        """
+        loaded = LoadedSet.of(path)
+        with named(path):
+            return cls._of(loaded)
+
+    @classmethod
+    def _of(cls, loaded: LoadedSet) -> HeightMap:
+        metadata = loaded.captured.metadata
+        found, known = loaded.found, loaded.calibration
+        if found is None or known is None or known.mm_per_px is None:
+            raise InputError(
+                "has no calibrated scale, and the file holds lengths; measure it with "
+                "ps4rig calibrate scale, or export to .ply or .stl"
+            )
+        try:
+            captured_at = datetime.fromisoformat(metadata.created_utc)
+        except ValueError:
+            raise InputError(
+                f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "
+                "part again, or export to .ply or .stl"
+            ) from None
+        surface = loaded.captured.solve(calibration=known)
+        if not surface.valid.any():
+            raise SetRejected("no pixel can be solved; check exposure and lights")
+        heights_mm = integrate_gradients(surface.p, surface.q)
+        heights_mm *= known.mm_per_px
+        heights_mm[~surface.valid] = np.nan
+        return cls(
+            heights_mm=heights_mm,
+            mm_per_px=known.mm_per_px,
+            scale_date=found.file.records["scale"].date,
+            captured_at=captured_at,
+            metadata=metadata,
+            method=surface.method,
+        )
+
+    @property
+    def comment(self) -> str:
+        """What the set is, and where its heights come from."""
+        about = self.metadata
+        said = (
+            "SIMULATED." if about.simulated else None,
+            about.label and f"Label {about.label}.",
+            about.specimen and f"Specimen {about.specimen}.",
+            f"Heights by photometric stereo ({self.method}), integrated from slopes:",
+            "errors of form grow with distance.",
+            f"Pixels SHA-256 {about.pixels_sha256}.",
+        )
+        return " ".join(filter(None, said))
