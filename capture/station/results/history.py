@@ -2,8 +2,8 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 from sqlalchemy import ColumnElement, Connection, func, select
 
@@ -74,6 +74,10 @@ class Selection:
     label: str | None = None
     recipe: str | None = None
     simulated: bool | None = None
+
+    def without_simulated(self) -> Self:
+        """Return the same selection of production alone."""
+        return replace(self, simulated=False)
 
 
 EVERY_PART = Selection()

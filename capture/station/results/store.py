@@ -32,11 +32,12 @@ from .database import (
     unavailable_if_failing,
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
-from .migrations import migrate
+from .migrations import migrate, stored_version
 from .part_id import made_part_id, require_given_part_id
 from .part_result import PartResult
 from .rows import row_of, storable
 from .schema import (
+    VERSION,
     begun_parts,
     overrides,
     refused_triggers,
@@ -90,6 +91,11 @@ class ResultStore:
         """Close all connections."""
         self._writer.engine.dispose()
         self._reader.dispose()
+
+    def has_present_version(self) -> bool:
+        """Whether the tables are of the version that this program writes."""
+        with self.reading() as connection:
+            return stored_version(connection) == VERSION
 
     def migrate(self, *, create: bool) -> None:
         """Bring the tables to the present version; `open_store` does it."""
@@ -373,7 +379,9 @@ def open_store(
         reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
     store = ResultStore(url, station, Writer(url, writer, patience_s), reader)
     try:
-        store.migrate(create=create)
+        # A program that only reads needs no leave to write.
+        if alone or not store.has_present_version():
+            store.migrate(create=create)
     except BaseException:
         store.close()
         raise

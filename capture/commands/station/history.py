@@ -1,0 +1,154 @@
+"""``ps4rig station history`` and ``ps4rig station override``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.commands import options
+from capture.console import new_table, out, print_table, reported
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+if TYPE_CHECKING:
+    from capture.station.results.history import Counters, HistoryEntry, Tally
+    from capture.station.results.store import ResultStore
+
+_SHOWN = 50  # parts in the table of a terminal
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
+
+
+@reported
+def history(
+    folder: Folder,
+    json: options.Json = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each part.")] = False,
+    since: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Parts triggered then or later: 2026-11-22T14:30, UTC."),
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(metavar="TIME", help="Parts triggered then or earlier; a date: all its day."),
+    ] = None,
+    verdict: Annotated[
+        Decision | None,
+        typer.Option(case_sensitive=False, help="The verdict that holds, after overrides."),
+    ] = None,
+    label: Annotated[
+        str | None, typer.Option("--class", metavar="CLASS", help="The texture that was found.")
+    ] = None,
+    recipe: Annotated[str | None, typer.Option(metavar="NAME", help="Name of the recipe.")] = None,
+    include_simulated: Annotated[
+        bool, typer.Option("--include-simulated", help="Parts of a simulated rig, too.")
+    ] = False,
+) -> None:
+    """Show the parts that a station has judged; a table has the last 50.
+
+    Parts of a simulated rig are no production: they are left out, or counted apart.
+    """
+    from capture.station.results.history import Selection
+    from capture.station.results.history_table import json_pieces, write_csv
+    from capture.station.results.utc import utc_bound
+
+    if json and csv:
+        raise InputError("--json and --csv: give one of them")
+    selection = Selection(
+        since_utc=None if since is None else utc_bound("--since", since),
+        until_utc=None if until is None else utc_bound("--until", until, is_end=True),
+        decision=verdict,
+        label=label,
+        recipe=recipe,
+    )
+    shown = selection if include_simulated else selection.without_simulated()
+    with _results_of(folder) as store:
+        if csv:
+            write_csv(store.parts(shown), sys.stdout)
+        elif json:
+            sys.stdout.writelines(
+                json_pieces(store.station, store.counters(selection), store.parts(shown))
+            )
+        else:
+            _show(store.station, store.counters(selection), include_simulated)
+            _show_parts(store.parts(shown, newest=_SHOWN))
+
+
+@reported
+def override(
+    folder: Folder,
+    part: Annotated[str, typer.Argument(metavar="PART", help="Id of the part.")],
+    verdict: Annotated[
+        Decision, typer.Option(case_sensitive=False, help="PASS or FAIL.", metavar="PASS|FAIL")
+    ],
+    by: Annotated[str, typer.Option(metavar="NAME", help="Who decides.")],
+    reason: Annotated[str, typer.Option(metavar="TEXT", help="Why.")],
+) -> None:
+    """Give a part another verdict; the station's own stays in the results beside it."""
+    from capture.process.utc_time import utc_text
+
+    with _results_of(folder) as store:
+        utc = utc_text(timespec="milliseconds")
+        store.override(part, decision=verdict, by=by, reason=reason, utc=utc)
+    out.print(f"{part}: {verdict}, by {by}: {reason}", soft_wrap=True)
+
+
+def _results_of(folder: Path) -> ResultStore:
+    from capture.station.folder import StationFolder
+    from capture.station.results.store import open_store
+
+    config = StationFolder(folder).config
+    return open_store(config.results_in(folder), config.name, alone=False)
+
+
+def _show(station: str, counters: Counters, include_simulated: bool) -> None:
+    out.print(f"{station}: {_words(counters.production)}", soft_wrap=True)
+    simulated = counters.simulated
+    if include_simulated:
+        out.print(f"{station}, SIMULATED: {_words(simulated)}", soft_wrap=True)
+    elif simulated.parts:
+        out.print(
+            f"parts of a simulated rig, left out: {simulated.parts} (--include-simulated)",
+            soft_wrap=True,
+        )
+
+
+def _words(tally: Tally) -> str:
+    if not tally.parts:
+        return f"no parts; triggers refused: {tally.refused_triggers}"
+    counts = ", ".join(f"{tally.in_force.get(each, 0)} {each}" for each in Decision)
+    passed = tally.in_force.get(Decision.PASS, 0) / tally.parts
+    before = ""
+    if tally.in_force != tally.by_station:
+        said = ", ".join(f"{tally.by_station.get(each, 0)} {each}" for each in Decision)
+        before = f"; before overrides {said}"
+    return (
+        f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}; "
+        f"triggers refused: {tally.refused_triggers}"
+    )
+
+
+def _show_parts(entries: Iterable[HistoryEntry]) -> None:
+    table = new_table("number", "part", "triggered (UTC)", "verdict", "reason", prose="reason")
+    for entry in entries:
+        result, decision = entry.result, str(entry.decision)
+        reason = result.verdict.reason
+        if entry.override is not None:
+            given = entry.override
+            decision += " *"
+            reason = f"{given.by}: {given.reason} (* station: {result.verdict.decision}, {reason})"
+        if entry.set_removed_utc is not None:
+            reason += f"; set removed {entry.set_removed_utc[:10]}"
+        table.add_row(
+            str(result.number),
+            result.part_id,
+            result.triggered_utc[:19].replace("T", " "),
+            f"{decision} SIMULATED" if result.simulated else decision,
+            reason,
+        )
+    if table.row_count:
+        print_table(table)

@@ -1,0 +1,68 @@
+"""A part of the history as a flat record, for CSV and JSON."""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from typing import Any, TextIO
+
+from .history import Counters, HistoryEntry, Tally
+from .rows import row_of
+from .schema import results
+
+_FIRST = (
+    "station", "number", "part_id", "triggered_utc", "verdict", "reason", "causes", "simulated",
+    "override", "set_removed_utc", "station_verdict",
+)  # fmt: skip
+_RENAMED = "decision"  # to verdict and station_verdict
+COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIRST, _RENAMED)))
+
+
+def record_of(entry: HistoryEntry) -> dict[str, Any]:
+    """Return the columns of the table ``results`` of a part, and what was said of it later.
+
+    ``verdict`` is the one that holds, and ``station_verdict`` that of the station. ``override`` is
+    None, or has ``decision``, ``by``, ``reason`` and ``utc``.
+    """
+    row = row_of(entry.result)
+    record = row | {
+        "verdict": entry.decision.value,
+        "station_verdict": row["decision"],
+        "override": None if entry.override is None else asdict(entry.override),
+        "set_removed_utc": entry.set_removed_utc,
+    }
+    return {name: record[name] for name in COLUMNS}
+
+
+def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
+    """Write a line for each part (RFC 4180); lists and objects are JSON in their cell."""
+    writer = csv.writer(file)
+    writer.writerow(COLUMNS)
+    for entry in entries:
+        writer.writerow(map(_cell, record_of(entry).values()))
+
+
+def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:
+    """Yield the JSON of a history in pieces, so that it never is in memory as a whole."""
+    about = {
+        "station": station,
+        "production": _tally(counters.production),
+        "simulated": _tally(counters.simulated),
+    }
+    yield json.dumps(about)[:-1] + ', "parts": ['
+    for position, entry in enumerate(entries):
+        yield (",\n" if position else "\n") + json.dumps(record_of(entry), allow_nan=False)
+    yield "\n]}\n"
+
+
+def _cell(value: Any) -> Any:
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
+
+
+def _tally(tally: Tally) -> dict[str, Any]:
+    return {
+        "parts": tally.parts,
+        "verdicts": {each.value: count for each, count in tally.in_force.items()},
+        "station_verdicts": {each.value: count for each, count in tally.by_station.items()},
+        "refused_triggers": tally.refused_triggers,
+    }

@@ -1,0 +1,126 @@
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from capture.cli import app
+from capture.station.results.history_table import COLUMNS
+from capture.station.results.store import open_store
+
+OLD = Path(__file__).parents[2] / "data" / "results" / "version-1.sqlite"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A station with five parts, one of them simulated and one overridden, and one begun."""
+    folder = tmp_path / "line-1"
+    CliRunner().invoke(app, ["station", "init", str(folder)])
+    shutil.copy(OLD, folder / "results.sqlite")
+    return folder
+
+
+@pytest.fixture
+def station(folder: Path) -> Callable[..., Result]:
+    def run(command: str, *arguments: str) -> Result:
+        return CliRunner().invoke(app, ["station", command, str(folder), *arguments])
+
+    return run
+
+
+Station = Callable[..., Result]
+
+
+def ids(station: Station, *options: str) -> list[str]:
+    said = station("history", "--json", *options)
+    assert said.exit_code == 0
+    return [part["part_id"] for part in json.loads(said.stdout)["parts"]]
+
+
+@pytest.mark.parametrize(
+    ("options", "numbers"),
+    [
+        ([], [1, 2, 3, 4]),
+        (["--include-simulated"], [1, 2, 3, 4, 5]),
+        (["--since", "2026-11-21"], [4]),
+        (["--until", "2026-11-20"], [1, 2, 3]),
+        (["--since", "2026-11-20T08:01:00+00:00", "--until", "2026-11-20T09:02:30+01:00"], [2, 3]),
+        (["--verdict", "pass"], [1, 2, 3]),
+        (["--verdict", "FAIL"], []),
+        (["--class", "oak", "--recipe", "oak"], [1, 2, 3, 4]),
+        (["--class", "ash"], []),
+        (["--recipe", "ash"], []),
+    ],
+)
+def test_options_select_parts(station: Station, options: list[str], numbers: list[int]) -> None:
+    names = {3: "A-17"}
+    assert ids(station, *options) == [names.get(each, f"part-{each:06d}") for each in numbers]
+
+
+def test_the_table_counts_production_and_says_what_it_leaves_out(station: Station) -> None:
+    said = station("history").stdout
+    assert "parts 4: 3 PASS, 0 FAIL, 1 UNKNOWN, 0 ERROR; 75.0% passed" in said
+    assert "before overrides 2 PASS, 1 FAIL, 1 UNKNOWN, 0 ERROR; triggers refused: 1" in said
+    assert "simulated rig, left out: 1" in said
+    assert "part-000005" not in said
+
+
+def test_simulated_parts_are_marked_and_counted_apart(station: Station) -> None:
+    said = station("history", "--include-simulated").stdout
+    assert "parts 4: 3 PASS" in said
+    assert "line-1, SIMULATED: parts 1: 1 PASS" in said
+    assert "PASS SIMULATED" in said
+
+
+def test_csv_and_json_have_the_same_values(station: Station) -> None:
+    lines = list(csv.DictReader(station("history", "--csv").stdout.splitlines()))
+    parts = json.loads(station("history", "--json").stdout)["parts"]
+    assert [tuple(line) for line in lines] == [COLUMNS] * 4
+    for line, part in zip(lines, parts, strict=True):
+        for name, value in part.items():
+            said = json.dumps(value, ensure_ascii=False)
+            assert line[name] == (
+                said if isinstance(value, dict | list) else "" if value is None else str(value)
+            )
+
+
+def test_csv_without_parts_has_its_header(station: Station) -> None:
+    assert station("history", "--csv", "--class", "ash").stdout.split(",")[:2] == [
+        "station",
+        "number",
+    ]
+
+
+def test_an_override_shows_both_verdicts(station: Station, folder: Path) -> None:
+    given = ["--verdict", "fail", "--by", "Jo", "--reason", "dull"]
+    assert station("override", "A-17", *given).exit_code == 0
+    part = json.loads(station("history", "--json", "--verdict", "FAIL").stdout)["parts"][0]
+    assert (part["verdict"], part["station_verdict"]) == ("FAIL", "PASS")
+    assert part["override"] | {"utc": ""} == {
+        "decision": "FAIL", "by": "Jo", "reason": "dull", "utc": "",
+    }  # fmt: skip
+    with open_store(str(folder / "results.sqlite"), "line-1") as store:
+        assert store.counters().production.parts == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["override", "A-99", "--verdict", "PASS", "--by", "Jo", "--reason", "x"], "no result"),
+        (["override", "A-17", "--verdict", "ERROR", "--by", "Jo", "--reason", "x"], "PASS or FAIL"),
+        (["override", "A-17", "--verdict", "PASS", "--by", "", "--reason", "x"], "a name and"),
+        (["history", "--since", "yesterday"], "--since yesterday"),
+        (["history", "--until", "0001-01-01T00:00+14:00"], "--until 0001"),
+        (["history", "--json", "--csv"], "one of them"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    station: Station, arguments: list[str], message: str
+) -> None:
+    said = station(*arguments)
+    assert said.exit_code == 2
+    assert message in said.stderr
+    assert len(said.stderr.splitlines()) == 1
