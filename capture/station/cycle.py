@@ -41,6 +41,8 @@ from .verdict import Decision
 
 # How often a thread that waits looks whether the station stops.
 _POLL_S = 0.2
+# Between two looks whether all parts in progress have their results.
+_PAUSE_S = 0.02
 # Between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
 # After a stop, how long a result waits for a database that does not answer. Parts that get no
@@ -228,10 +230,10 @@ class Station:
     def _become_ready(self) -> None:
         """Open the rig and test everything; an error at the start ends the run."""
         self._camera.close()
-        if self._was_ready and self._stopping.wait(self._config.reconnect_s):
-            return
         if self._waiting > 0:
-            self._stopping.wait(_RETRY_S)
+            self._stopping.wait(_PAUSE_S)
+            return
+        if self._was_ready and self._stopping.wait(self._config.reconnect_s):
             return
         checks: list[Check] = []
         try:
@@ -375,7 +377,7 @@ class Station:
         """Take the next trigger, if the camera and a buffer are free."""
         with self._lock:
             is_free = not self._exposing and self._waiting < self._config.buffers
-            if is_free and self._machine.state is State.EXECUTING:
+            if is_free and self._machine.state is State.EXECUTING and not self.is_stopping:
                 self._machine.change(Change.FREE)
 
     def _fail(self, reason: str) -> None:

@@ -13,6 +13,7 @@ from rig import HardwareError
 
 from .folder import set_file_of
 from .results.part_result import PartResult
+from .results.rows import row_of
 from .results.store import BegunPart
 from .station_clock import StationClock
 from .verdict import Cause, Decision, Verdict
@@ -156,7 +157,7 @@ class PartJudge:
 
     def _result(self, part: ExposedPart, fields: dict[str, Any]) -> PartResult:
         captured = part.captured
-        return PartResult(
+        result = PartResult(
             station=self._station,
             exposed_utc=part.exposed_utc,
             decided_utc=self._clock.now(),
@@ -172,6 +173,8 @@ class PartJudge:
             **self._recipe_fields,
             **fields,
         )
+        row_of(result)  # raises for what no row can hold
+        return result
 
 
 def interrupted_result(
