@@ -46,6 +46,7 @@ from .light_checks import (
     retake_reasons,
 )
 from .light_images import images_under
+from .part_sensor import ArrivedPart
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024
@@ -61,6 +62,7 @@ def capture_set(
     average: int = 1,
     calibration: CalibrationFile | None = None,
     is_target: bool = False,
+    part: ArrivedPart | None = None,
 ) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
@@ -83,6 +85,9 @@ def capture_set(
         the checks take its lights into account.
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
+    part
+        Part that the sensor saw, from `wait_for_part`, with `average` 1. There is one attempt: at a
+        second one another part may be there. A retake is compared, and so finds out if it moved.
 
     Raises
     ------
@@ -95,6 +100,8 @@ def capture_set(
     HardwareError
         If the controller or the camera fails.
     """
+    if part is not None and average != 1:
+        raise InputError(f"average is {average}; a part that the sensor saw has one frame an image")
     if not 1 <= average <= MAX_AVERAGE:
         raise InputError(f"average is {average}; it must be 1 to {MAX_AVERAGE} frames")
     if label is not None:
@@ -108,12 +115,12 @@ def capture_set(
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            captured = _attempt(rig, label, average, calibration, is_target, failures)
+            captured = _attempt(rig, label, average, calibration, is_target, failures, part)
             rig.lights.off()
             return captured
         except (SetRejected, HardwareError) as error:
             _leds_off(rig)
-            if len(failures) + 1 == MAX_ATTEMPTS:
+            if part is not None or len(failures) + 1 == MAX_ATTEMPTS:
                 raise
             failures.append(error)
             _flush(rig)
@@ -129,11 +136,12 @@ def _attempt(
     calibration: CalibrationFile | None,
     is_target: bool,
     failures: Sequence[Ps4rigError],
+    part: ArrivedPart | None,
 ) -> CapturedSet:
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(info.frame_period_s)
-    captured = _capture(rig, average, history)
+    captured = _capture(rig, average, history, part=part)
     lights = _light_images(captured)
     ambient, *later = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
@@ -203,7 +211,12 @@ def _check(
 
 
 def _capture(
-    rig: Rig, average: int, history: FrameHistory, *, retake: bool = False
+    rig: Rig,
+    average: int,
+    history: FrameHistory,
+    *,
+    retake: bool = False,
+    part: ArrivedPart | None = None,
 ) -> list[SetImage]:
     """Ambient and light images in the order of their capture; a retake may lack ambient images.
 
@@ -212,7 +225,7 @@ def _capture(
     the redundancy residual or in the ambient images.
     """
     if rig.config.sequence_plan is not None:
-        return images_in_sequence(rig, average)
+        return images_in_sequence(rig, average, part)
     first, second = like_signed(rig.lighting)
     order = (*first, *second)[::-1] if retake else (None, *first, None, *second)
     return images_under(rig, order, average, history)

@@ -11,9 +11,7 @@ import numpy as np
 from capture.errors import SetRejected
 from capture.sets.metadata import ImageRecord
 from rig import (
-    CameraError,
     Frame,
-    FrameFlag,
     LightStep,
     Rig,
     RunningSequence,
@@ -22,10 +20,11 @@ from rig import (
 )
 from rig.config.camera import StampedCameraConfig
 from rig.frame_time import start_known_to_s
-from rig.lights.sequence import exposure_left_s
 
-from .frame_mean import FrameMean, SetImage, check_frame
+from .frame_mean import FrameMean, SetImage
 from .fresh_frames import light_name
+from .part_sensor import ArrivedPart
+from .sequence_frames import SPARE_S, SequenceFrames, let_exposure_end
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
@@ -38,12 +37,12 @@ _PULSE_TOLERANCE = 0.02
 _PULSE_TOLERANCE_US = 100
 # Interval of asking whether a sequence is over once all frames are received.
 _POLL_S = 0.001
-# Time to wait beyond what the plan and the camera's queue explain, as in `fresh_frames`.
-_SPARE_S = 0.5
 
 
-def images_in_sequence(rig: Rig, average: int) -> list[SetImage]:
+def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
     """Capture the ambient image and one image under each light, averaged over `average` sequences.
+
+    The part sensor may have started the first sequence already, for the `part` that it saw.
 
     Raises
     ------
@@ -60,7 +59,7 @@ def images_in_sequence(rig: Rig, average: int) -> list[SetImage]:
     steps: list[list[LightStep]] = [[] for _ in plan.lights]
     acknowledged_s: list[float] = []
     for _ in range(average):
-        frames, report = _run(rig, plan)
+        frames, report = _run(rig, plan, part)
         acknowledged_s = [report.clock.on_rig_s(step.lit_us) for step in report.steps]
         for index, (frame, step) in enumerate(zip(frames, report.steps, strict=True)):
             means[index].add(frame)
@@ -89,14 +88,17 @@ def images_in_sequence(rig: Rig, average: int) -> list[SetImage]:
     ]
 
 
-def _run(rig: Rig, plan: SequencePlan) -> tuple[list[Frame], SequenceReport]:
+def _run(
+    rig: Rig, plan: SequencePlan, part: ArrivedPart | None
+) -> tuple[list[Frame], SequenceReport]:
     """Run one sequence; return the frame of each step, and the controller's report."""
-    if plan.triggers:
-        # An aborted sequence may have left an exposure running: no trigger during that.
-        rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
-    deadline_s = rig.clock.now_s() + plan.duration_s + _SPARE_S
-    sequence = RunningSequence(rig.lights, plan)
-    frames = _Frames(rig, sequence.asked_s, deadline_s)
+    if part is None:
+        let_exposure_end(rig, plan)
+        deadline_s = rig.clock.now_s() + plan.duration_s + SPARE_S
+        sequence = RunningSequence(rig.lights, plan)
+        frames = SequenceFrames(rig, sequence.asked_s, deadline_s)
+    else:
+        sequence, frames = part.sequence, part.frames
     wanted = plan.frames_per_step * len(plan.lights)
     while len(frames.received) < wanted or sequence.is_running():
         if plan.triggers and len(frames.received) == wanted:
@@ -143,67 +145,6 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
     return min(most_s, start_known_to_s(camera) + _TOLERANCE_S) + report.clock.uncertainty_s
-
-
-class _Frames:
-    """The frames `received` that were exposed after a sequence was started."""
-
-    def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
-        self._rig = rig
-        self._since_s = since_s
-        self._deadline_s = deadline_s
-        self._previous: int | None = None
-        self.received: list[Frame] = []
-
-    def take(self) -> bool:
-        """Read one more frame; return False if none arrives in time.
-
-        Raises
-        ------
-        SetRejected
-            If a frame was lost or repeated.
-        CameraError
-            If the camera delivered none at all.
-        """
-        camera, clock = self._rig.camera, self._rig.clock
-        try:
-            frame = camera.read(max(0.0, self._deadline_s - clock.now_s()))
-        except CameraError:
-            if not self.received:
-                raise
-            return False
-        check_frame(frame, camera.info, clock.now_s())
-        if self._previous is not None:
-            if frame.sequence <= self._previous:
-                raise SetRejected(
-                    f"set rejected: frame {frame.sequence} came twice: the camera repeats frames; "
-                    "check its cable"
-                )
-            if self.received and frame.sequence > self._previous + 1:
-                raise SetRejected(
-                    f"set rejected: frame {self._previous + 1} was lost; check the camera's cable "
-                    "and the computer's load"
-                )
-        self._previous = frame.sequence
-        if frame.exposure_end_s >= self._since_s:
-            self.received.append(frame)
-        return True
-
-    def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
-        """The good frame whose exposure began at `begun_s`."""
-        near = [f for f in self.received if abs(f.exposure_start_s - begun_s) <= tolerance_s]
-        if len(near) != 1:
-            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self.received), key=abs)
-            raise SetRejected(
-                f"set rejected: {len(near)} of {len(self.received)} frames fit the exposure under "
-                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run "
-                "ps4rig rig latency"
-            )
-        if near[0].flags != FrameFlag.GOOD:
-            raise SetRejected(
-                f"set rejected: the frame under {name} is corrupt; check the camera's cable"
-            )
-        return near[0]
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:

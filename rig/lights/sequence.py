@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from firmware_sim.firmware import DARK, MESSAGES
@@ -12,6 +14,8 @@ from .driver import Answer, LightController
 
 # Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4
+# Of a sequence that waits for hours only the latest exchanges relate the clocks.
+_EXCHANGES = 1000
 
 
 def start_command(plan: SequencePlan) -> str:
@@ -43,7 +47,7 @@ class ClockRelation:
     uncertainty_s: float
 
     @classmethod
-    def of(cls, answers: list[tuple[int, Answer]]) -> ClockRelation:
+    def of(cls, answers: Sequence[tuple[int, Answer]]) -> ClockRelation:
         """Relate the clocks by exchanges that contain the controller's time in microseconds.
 
         Raises
@@ -100,19 +104,26 @@ class SequenceReport:
 class RunningSequence:
     """A sequence that the controller runs; constructing it starts the sequence.
 
+    With `part_delay_s` it waits until the part sensor has seen a part and this time has passed.
+    `is_running` has to be called meanwhile, or the watchdog ends the wait.
+
     Raises
     ------
     LightControllerError
         If the controller refuses because an LED must rest or another sequence runs.
     """
 
-    def __init__(self, lights: LightController, plan: SequencePlan) -> None:
+    def __init__(
+        self, lights: LightController, plan: SequencePlan, *, part_delay_s: float | None = None
+    ) -> None:
         self._lights = lights
         self._plan = plan
+        if part_delay_s is not None:
+            lights.ask(f"PART:WAIT {round(1e6 * part_delay_s)}", 1)
         answer = lights.ask(start_command(plan), 1)
         self.asked_s = answer.sent_s
         self._started_us = answer.numbers[0]
-        self._stamped = [(self._started_us, answer)]
+        self._stamped = deque([(self._started_us, answer)], _EXCHANGES)
         self._status: tuple[int, ...] = ()
 
     def is_running(self) -> bool:
@@ -126,6 +137,15 @@ class RunningSequence:
                 "did it restart?"
             )
         return bool(answer.numbers[0])
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether its first light was lit, as of the last `is_running`."""
+        return bool(self._status and self._status[1])
+
+    def begun_s(self) -> float:
+        """When its first light was lit, on the rig's clock."""
+        return ClockRelation.of(self._stamped).on_rig_s(self._step(0).lit_us)
 
     def report(self) -> SequenceReport:
         """Return the record as of the last `is_running`."""

@@ -126,6 +126,11 @@ class Simulation:
         self.camera.replace_scene(self._renderer.render(placement), placement.seed)
         self.placement = placement
 
+    def see_part(self, in_s: float = 0.0) -> None:
+        """Let the part sensor see a part after some time."""
+        at_s = self.clock.now_s() + in_s
+        self.clock.call_at(at_s, lambda: self.controller.see_part(at_s))
+
     def unplug_lights(self) -> None:
         """Unplug the controller: its LEDs go out, and its port disappears."""
         self._server.stop()

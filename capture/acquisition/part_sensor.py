@@ -1,0 +1,74 @@
+"""The part sensor: the controller begins a set by itself when a part arrives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from classify.errors import InputError
+from rig import Rig, RunningSequence
+
+from .sequence_frames import SPARE_S, SequenceFrames, let_exposure_end
+
+# Interval of asking whether the part has come: the controller does not wait for the answer.
+_POLL_S = 0.005
+
+
+@dataclass(frozen=True)
+class ArrivedPart:
+    """A part whose first light is lit already; `capture_set` captures the rest of its set."""
+
+    sequence: RunningSequence
+    frames: SequenceFrames
+
+
+def wait_for_part(
+    rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
+) -> ArrivedPart | None:
+    """Wait until the part sensor has seen a part and the controller has begun its set.
+
+    Parameters
+    ----------
+    rig
+        An open rig with `lights.synchronisation` strobe or trigger.
+    delay_s
+        Time from the sensor's edge to the first light.
+    is_stopping
+        Asked again and again; True ends the wait.
+
+    Returns
+    -------
+    ArrivedPart or None
+        To be given to `capture_set` at once; None if `is_stopping` ended the wait.
+
+    Raises
+    ------
+    InputError
+        If the rig is synchronised by software.
+    HardwareError
+        If the controller or the camera fails, or the firmware is older than 2.1.
+    """
+    plan = rig.config.sequence_plan
+    if plan is None:
+        raise InputError(
+            "a part sensor needs lights.synchronisation = 'strobe' or 'trigger' in rig.toml"
+        )
+    rig.lights.recover()
+    let_exposure_end(rig, plan)
+    sequence = RunningSequence(rig.lights, plan, part_delay_s=delay_s)
+    frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
+    kept = plan.frames_per_step * len(plan.lights)
+    while sequence.is_running() and not sequence.has_begun:
+        if is_stopping():
+            rig.lights.off()
+            return None
+        if plan.triggers:
+            rig.clock.sleep_s(_POLL_S)
+            continue
+        # The camera runs freely. The set may have begun during the latest frames.
+        deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SPARE_S
+        frames.begin(sequence.asked_s, deadline_s)
+        frames.take()
+        del frames.received[:-kept]
+    if sequence.has_begun:
+        begun_s = sequence.begun_s()
+        frames.begin(begun_s, begun_s + plan.duration_s + SPARE_S)
+    return ArrivedPart(sequence, frames)
