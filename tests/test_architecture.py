@@ -26,7 +26,7 @@ NEVER = {
 STOREYS = {
     "classify": (
         {"errors", "methods", "compiling", "shadow_rule"},
-        {"durable_file", "labels", "lighting", "regular_file", "threads"},
+        {"confidence", "durable_file", "labels", "lighting", "regular_file", "threads"},
         {"array_archive", "durable_folder"},
         {"images"},
         {"lights"},

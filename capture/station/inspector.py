@@ -147,17 +147,23 @@ class Inspector:
         recipe = read_recipe(files.file)
         if recipe.taught is None:
             raise RecipeError(f"{files.file}: was never taught; run ps4rig station teach")
-        taught = read_taught(files.taught)
-        _check_unchanged(recipe, files.taught, taught.sha256, recipe.taught)
-        _check_unchanged(recipe, files.library, file_sha256(files.library), taught.library_sha256)
+        made = files.version(recipe.version)
+        taught = read_taught(made.taught)
+        _check_unchanged(recipe, made.taught, taught.sha256, recipe.taught)
+        _check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
+        if taught.region != recipe.region:
+            raise RecipeError(
+                f"{files.file}: region is {recipe.region or 'the whole image'}, taught was "
+                f"{taught.region or 'the whole image'}; run ps4rig station teach"
+            )
         missing = next((name for name in recipe.passes if name not in taught.textures), None)
         if missing is not None or not recipe.passes:
             named = "is empty" if missing is None else f"names {missing!r}, which was not taught"
             raise RecipeError(
                 f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}"
             )
-        models = {name: _defect_model(files, recipe, taught, name) for name in recipe.passes}
-        library = TextureLibrary.load(files.library)
+        models = {name: _defect_model(made, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(made.library)
         found = None
         if calibration is not None:
             found = FoundCalibration(calibration, read_calibration(calibration), ())
@@ -290,10 +296,10 @@ def _defect_model(files: RecipeFolder, recipe: Recipe, taught: Taught, texture: 
     about = taught.textures[texture]
     if about.defects_file is None or about.defects_sha256 is None:
         raise RecipeError(
-            f"{files.file}: pass names {texture!r}, which was taught as a bad texture; run ps4rig "
-            "station teach"
+            f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
+            "ps4rig station teach"
         )
-    path = files.folder / about.defects_file
+    path = made.folder / about.defects_file
     model = DefectModel.load(path)
     _check_unchanged(recipe, path, model.sha256, about.defects_sha256)
     return model

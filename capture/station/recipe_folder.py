@@ -14,7 +14,9 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class RecipeFolder:
-    """``recipes/NAME.toml`` and what teaching made for it in ``recipes/NAME``.
+    """``recipes/NAME.toml`` and ``recipes/NAME``, which teaching fills.
+
+    Each version has its own folder, so that the file of the recipe alone decides what is in use.
 
     Attributes
     ----------
@@ -28,14 +30,9 @@ class RecipeFolder:
     folder: Path
 
     @property
-    def library(self) -> Path:
-        """The texture library."""
-        return self.folder / "textures.ps4lib"
-
-    @property
-    def taught(self) -> Path:
-        """What teaching measured."""
-        return self.folder / "taught.json"
+    def name(self) -> str:
+        """Name of the recipe."""
+        return self.folder.name
 
     @property
     def sets(self) -> Path:
@@ -47,10 +44,41 @@ class RecipeFolder:
         """Folder of the challenge set."""
         return self.folder / "challenge"
 
+    def version(self, version: int) -> "TaughtFiles":
+        """Return the files of a version of the recipe."""
+        return TaughtFiles(self.folder / f"version-{version}")
+
+
+@dataclass(frozen=True)
+class TaughtFiles:
+    """What teaching made for one version of a recipe.
+
+    Attributes
+    ----------
+    folder
+        ``recipes/NAME/version-N``.
+    """
+
+    folder: Path
+
+    @property
+    def library(self) -> Path:
+        """The texture library."""
+        return self.folder / "textures.ps4lib"
+
+    @property
+    def taught(self) -> Path:
+        """What teaching measured."""
+        return self.folder / "taught.json"
+
     @property
     def report(self) -> Path:
         """What teaching found, for people."""
         return self.folder / "teaching.html"
+
+    def defects(self, number: int) -> Path:
+        """Return the defect model of the nth texture that passes, from 1."""
+        return self.folder / f"defects-{number}.ps4def"
 
 
 def file_sha256(path: Path) -> str:

@@ -17,7 +17,7 @@ from classify.regular_file import read_regular_file
 from rig.set_file import fields_sha256
 
 from .errors import RecipeError
-from .recipe import Sha256
+from .recipe import Region, Sha256
 
 # 10,000 parts with their hashes take 2 MB.
 _MAX_BYTES = 1 << 24
@@ -30,14 +30,15 @@ class _Record(BaseModel):
 class TaughtSet(_Record):
     """A captured set that was taught: its file in the folder ``sets``, the hash of its pixels.
 
-    `distance` and `is_recognised` are of a library that was taught all sets but this one; None
-    where the set is the only one of its texture.
+    The other fields are of a library that was taught all sets but this one: the texture that it
+    named, None for unknown, the nearest one, and the distance to that.
     """
 
     file: Name
     pixels_sha256: Sha256
+    found: Label | None = None
+    nearest: Label | None = None
     distance: FiniteFloat | None = None
-    is_recognised: bool | None = None
 
 
 class TaughtTexture(_Record):
@@ -66,6 +67,8 @@ class Taught(_Record):
     ----------
     setting
         Setting of the rig; a set of another setting cannot be judged.
+    region
+        Region of the recipe, within which everything was measured.
     has_calibration
         Whether the parts were captured with a calibration.
     library_sha256
@@ -77,6 +80,7 @@ class Taught(_Record):
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     setting: Setting
+    region: Region | None = None
     has_calibration: bool
     library_sha256: Sha256
     textures: Mapping[Label, TaughtTexture] = Field(min_length=1)

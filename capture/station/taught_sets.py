@@ -1,0 +1,59 @@
+"""The captured sets of a recipe: copied into its folder, read from there."""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.batch.tasks import LoadedSet
+from capture.calibration.lookup import keep_beside
+from capture.sets.ome_tiff import SUFFIX
+from classify.durable_file import durable_file, make_folder
+from classify.errors import InputError
+from classify.labels import checked_label
+
+# Digits of the hash of the pixels in the name of a file.
+_DIGITS = 16
+
+
+@dataclass(frozen=True)
+class KeptSet:
+    """A captured set in the folder of a recipe: its texture, file, and hash of its pixels."""
+
+    texture: str
+    path: Path
+    pixels_sha256: str
+
+
+def keep_sets(
+    paths: Sequence[Path], folder: Path, texture: str | None, default: str
+) -> list[KeptSet]:
+    """Copy sets with their calibrations into a folder; one that is there stays as it is.
+
+    Parameters
+    ----------
+    texture
+        Texture of all sets; None for the label of each, or `default` where it has none.
+
+    Raises
+    ------
+    InputError
+        If a set cannot be read or copied, or its label names no texture.
+    """
+    make_folder(folder)
+    kept = []
+    for path in paths:
+        loaded = LoadedSet.of(path)
+        about = loaded.captured.metadata
+        copy = folder / f"{about.pixels_sha256[:_DIGITS]}{SUFFIX}"
+        if not copy.exists():
+            with durable_file(copy) as temporary:
+                shutil.copyfile(path, temporary)
+        if loaded.found is not None:
+            keep_beside(loaded.found.path, loaded.found.file, copy)
+        try:
+            name = checked_label(texture or about.label or default)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        kept.append(KeptSet(name, copy, about.pixels_sha256))
+    return kept

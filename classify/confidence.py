@@ -1,0 +1,65 @@
+"""What a number of trials shows: exact bounds of shares, and tolerance limits of measurements."""
+
+import math
+
+import numpy as np
+from scipy.special import betaincinv, nctdtrit, ndtri
+
+from .errors import InputError
+
+CONFIDENCE = 0.95
+"""Confidence of one-sided bounds unless another is given, as usual in studies of gauges."""
+
+
+def share_at_most(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
+    """Return the exact upper bound of a share, after Clopper and Pearson (1934).
+
+    Of processes in which the event is more frequent, fewer than 1 - `confidence` show so few of
+    them; 1 without trials.
+
+    >>> round(share_at_most(0, 149), 3)
+    0.02
+    """
+    _check(events, trials)
+    return 1.0 if events == trials else float(betaincinv(events + 1, trials - events, confidence))
+
+
+def share_at_least(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
+    """Return the exact lower bound of a share; 0 without trials. See `share_at_most`."""
+    return 1.0 - share_at_most(trials - events, trials, confidence)
+
+
+def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
+    """Return how many trials without an event show that it happens in at most this `share`.
+
+    >>> trials_to_show(0.02)
+    149
+    """
+    if not 0.0 < share < 1.0:
+        raise InputError(f"a share of {share}: give one between 0 and 1")
+    return math.ceil(math.log(1.0 - confidence) / math.log(1.0 - share))
+
+
+def tolerance_limit(
+    values: list[float], coverage: float = 0.99, confidence: float = CONFIDENCE
+) -> float:
+    """Return an upper limit below which a share `coverage` of further normal values lies.
+
+    Mean + k standard deviations, with the k of Owen (1968) that holds with `confidence` for so few
+    values: 10.6 for 3 values, 3.06 for 30. Minus the limit of the negative values is a lower limit.
+
+    Raises
+    ------
+    InputError
+        For fewer than two values.
+    """
+    count = len(values)
+    if count < 2:
+        raise InputError(f"{count} values have no spread; give two or more")
+    factor = nctdtrit(count - 1, ndtri(coverage) * math.sqrt(count), confidence) / math.sqrt(count)
+    return float(np.mean(values) + factor * np.std(values, ddof=1))
+
+
+def _check(events: int, trials: int) -> None:
+    if not 0 <= events <= trials:
+        raise InputError(f"{events} events in {trials} trials: give a count from 0 to the trials")

@@ -1,0 +1,51 @@
+"""Match every training set with a library of all others."""
+
+from collections.abc import Sequence
+
+from classify.classifiers import Observation, classifier_named
+from classify.methods import DEFAULT_CLASSIFIER
+
+from .match import Match
+from .texture_library import TextureLibrary
+from .training import TrainingRow
+
+
+def leave_one_out(
+    rows: Sequence[TrainingRow],
+    tests: Sequence[Observation],
+    segment_px: int,
+    classifier: str = DEFAULT_CLASSIFIER,
+    rounds: int = 30,
+) -> list[Match | None]:
+    """Return the match of each set with a library that was not trained on it.
+
+    Up to `rounds` sets are left out one by one, more in so many groups: each round trains a
+    library, in 0.3 s of one core for ten sets.
+
+    Parameters
+    ----------
+    rows
+        The training sets.
+    tests
+        Observations of the same sets by `Classifier.observe`, as of sets to be matched.
+
+    Returns
+    -------
+    The match of each set, in order; None where no set is left. The only set of a class is matched
+    with the other classes.
+    """
+    named = classifier_named(classifier)
+    # Sets of one class follow each other: every group has some of each.
+    groups = [number % rounds for number in range(len(rows))]
+    matches: dict[int, Match | None] = {}
+    for group in range(min(rounds, len(rows))):
+        others = [row for row, other in zip(rows, groups, strict=True) if other != group]
+        library = None
+        if others:
+            library = TextureLibrary.from_observations(others, segment_px, classifier)
+        for number in range(group, len(rows), rounds):
+            match = None
+            if library is not None:
+                match = library.match(named.signature(tests[number], library.parameters))
+            matches[number] = match
+    return [matches[number] for number in range(len(rows))]

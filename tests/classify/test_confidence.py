@@ -1,0 +1,55 @@
+"""Tests of exact bounds and tolerance limits."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from classify.confidence import share_at_least, share_at_most, tolerance_limit, trials_to_show
+from classify.errors import InputError
+
+
+def tail(events: int, trials: int, share: float) -> float:
+    """Probability of at most `events` in `trials`, summed term by term."""
+    return math.fsum(
+        math.comb(trials, k) * share**k * (1.0 - share) ** (trials - k) for k in range(events + 1)
+    )
+
+
+@given(st.integers(1, 200).flatmap(lambda n: st.tuples(st.integers(0, n - 1), st.just(n))))
+def test_at_the_bound_so_few_events_have_a_chance_of_five_percent(counts: tuple[int, int]) -> None:
+    events, trials = counts
+    assert tail(events, trials, share_at_most(events, trials)) == pytest.approx(0.05, rel=1e-6)
+
+
+@given(st.integers(0, 100), st.integers(0, 100))
+def test_the_bounds_enclose_the_share(events: int, others: int) -> None:
+    trials = events + others
+    assert 0.0 <= share_at_least(events, trials) <= share_at_most(events, trials) <= 1.0
+    if trials:
+        assert share_at_least(events, trials) <= events / trials <= share_at_most(events, trials)
+
+
+def test_149_parts_without_a_miss_show_two_percent() -> None:
+    assert trials_to_show(0.02) == 149
+    assert share_at_most(0, 149) <= 0.02 < share_at_most(0, 148)
+    assert share_at_most(0, 0) == 1.0
+
+
+@pytest.mark.parametrize(("count", "factor"), [(3, 10.553), (10, 3.981), (30, 3.064)])
+def test_a_tolerance_limit_has_the_factors_of_the_tables(count: int, factor: float) -> None:
+    # NIST Handbook 1 / ISO 16269-6, one-sided, coverage 99 %, confidence 95 %.
+    values = np.linspace(-1.0, 1.0, count)
+    values /= values.std(ddof=1)
+    assert tolerance_limit(values.tolist()) == pytest.approx(factor, abs=0.002)
+
+
+def test_counts_and_values_that_show_nothing_are_refused() -> None:
+    with pytest.raises(InputError, match="3 events in 2 trials"):
+        share_at_most(3, 2)
+    with pytest.raises(InputError, match="1 values have no spread"):
+        tolerance_limit([1.0])
+    with pytest.raises(InputError, match="between 0 and 1"):
+        trials_to_show(0.0)
