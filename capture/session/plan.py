@@ -47,7 +47,8 @@ def _usable_text(text: str, about: ValidationInfo) -> str:
         raise ValueError(str(error)) from error
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
+    """Return a name that can be that of a file on every system; ValueError for another."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name):
         raise ValueError(
             f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
@@ -71,7 +72,7 @@ def _words(command: str) -> list[str]:
     return list(split)
 
 
-Name = Annotated[str, AfterValidator(_file_name)]
+Name = Annotated[str, AfterValidator(file_name)]
 Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
 Text = Annotated[str, AfterValidator(_usable_text)]
 Label = Annotated[str, AfterValidator(_usable_label)]
@@ -163,7 +164,7 @@ class SessionPlan(Section):
             if place not in pattern:
                 raise ValueError(f"file_name = {pattern!r}: {place} is missing")
             rest = rest.replace(place, "0")
-        _file_name(rest)
+        file_name(rest)
         return pattern
 
     @field_validator("turntable")

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,7 +28,7 @@ from .judge import Finding, Measures, invalid, verdict_of
 from .measured_surface import MeasuredSurface, fits
 from .recipe import Recipe
 from .recipe_file import read_recipe
-from .recipe_folder import RecipeFolder, file_sha256
+from .recipe_folder import RecipeFolder, TaughtFiles, file_sha256
 from .results.part_result import DefectRecord
 from .taught import Taught, read_taught
 from .verdict import Cause, Verdict
@@ -230,10 +231,7 @@ class Inspector:
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Why the set cannot be judged, whatever is on it."""
-        setting, taught = Setting.of_set(captured), self._taught
-        for difference in dict.fromkeys(
-            text for part in _WHOLE_SETTING for text in taught.setting.differences(setting, part)
-        ):
+        for difference in setting_differences(self._taught.setting, Setting.of_set(captured)):
             yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
         if not fits(self.recipe.region, captured):
             yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")
@@ -285,6 +283,12 @@ class Inspector:
         )
 
 
+def setting_differences(taught: Setting, other: Setting) -> list[str]:
+    """Return how another setting differs from the taught one, in words."""
+    each = (taught.differences(other, part) for part in _WHOLE_SETTING)
+    return list(dict.fromkeys(chain.from_iterable(each)))
+
+
 def _check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
     if found != taught:
         raise RecipeError(
@@ -292,7 +296,7 @@ def _check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> Non
         )
 
 
-def _defect_model(files: RecipeFolder, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
+def _defect_model(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
     about = taught.textures[texture]
     if about.defects_file is None or about.defects_sha256 is None:
         raise RecipeError(

@@ -1,7 +1,6 @@
 """`Recipe`: which textures pass, with which limits; a file that people read, change and approve."""
 
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, FiniteFloat, model_validator
@@ -174,9 +173,9 @@ class Recipe(Section):
             raise ValueError(f"limits_of.{other}: is not in pass; leave these limits out")
         return self
 
-    @cached_property
+    @property
     def sha256(self) -> str:
-        """Hash of everything but the approval."""
+        """Hash of everything but the approval. Not cached: `model_copy` would copy it too."""
         return fields_sha256(self.model_dump(mode="json", by_alias=True, exclude={"approval"}))
 
     @property

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
@@ -85,7 +84,7 @@ class Taught(_Record):
     library_sha256: Sha256
     textures: Mapping[Label, TaughtTexture] = Field(min_length=1)
 
-    @cached_property
+    @property
     def sha256(self) -> str:
         """Hash of all fields, which the recipe names."""
         return fields_sha256(self.model_dump(mode="json"))

@@ -1,7 +1,7 @@
 """The captured sets of a recipe: copied into its folder, read from there."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,10 @@ from capture.sets.ome_tiff import SUFFIX
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 from classify.labels import checked_label
+
+from .recipe import Recipe
+from .recipe_folder import RecipeFolder
+from .taught import read_taught
 
 # Digits of the hash of the pixels in the name of a file.
 _DIGITS = 16
@@ -23,6 +27,23 @@ class KeptSet:
     texture: str
     path: Path
     pixels_sha256: str
+
+
+def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
+    """Yield the sets that a recipe was taught, but for those whose file was removed.
+
+    Raises
+    ------
+    RecipeError
+        If what teaching measured cannot be read.
+    """
+    if recipe.taught is None:
+        return
+    for texture, about in read_taught(files.version(recipe.version).taught).textures.items():
+        for each in about.sets:
+            path = files.sets / each.file
+            if path.is_file():
+                yield KeptSet(texture, path, each.pixels_sha256)
 
 
 def keep_sets(

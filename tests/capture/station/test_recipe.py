@@ -68,7 +68,7 @@ def test_any_change_needs_a_new_approval() -> None:
     approval = Approval(by="Ada", utc="2026-01-01T00:00:00Z", sha256=recipe.sha256)
     changed = recipe.model_copy(update={"limits": GeneralLimits(defect=2.0), "approval": approval})
     with pytest.raises(RecipeError, match="sheet, version 1, was changed since it was approved"):
-        require_approved(Recipe.model_validate(changed.model_dump()))
+        require_approved(changed)
     with pytest.raises(RecipeError, match="is not approved"):
         require_approved(recipe)
 

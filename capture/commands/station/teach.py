@@ -1,0 +1,94 @@
+"""``ps4rig station teach`` and ``approve``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capture.commands import options
+from capture.console import complain, out, print_json, reported
+
+Station = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
+RecipeName = Annotated[
+    str | None,
+    typer.Option("--recipe", help="The recipe.", show_default="that of station.toml"),
+]
+
+
+@reported
+def teach(
+    folder: Station,
+    sets: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[SET...]",
+            help="Captured sets of good parts, and folders of them; none teaches the known sets "
+            "again, after a change of the region.",
+        ),
+    ] = None,
+    recipe: RecipeName = None,
+    bad: Annotated[
+        str | None,
+        typer.Option("--as", help="These are bad parts, of this texture.", metavar="TEXTURE"),
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Teach good and bad parts: a new version of the recipe, which somebody must approve.
+
+    The texture of good parts is the label of their set, or the name of the recipe.
+    """
+    from capture.sets.archive import find_sets
+    from capture.station.folder import StationFolder
+    from capture.station.recipe_folder import recipe_files
+    from capture.station.teaching import teach as teach_sets
+    from capture.station.teaching_page import teaching_page
+    from classify.durable_file import durable_file
+
+    files = recipe_files(StationFolder(folder), recipe)
+    teaching = teach_sets(files, find_sets(sets) if sets else [], bad)
+    with durable_file(teaching.files.report) as temporary:
+        temporary.write_text(teaching_page(teaching), encoding="utf-8")
+    made = teaching.recipe
+    if json:
+        print_json(
+            {
+                "recipe": made.name,
+                "version": made.version,
+                "sha256": made.sha256,
+                "sets": {name: len(each.sets) for name, each in teaching.taught.textures.items()},
+                "overlaps": [
+                    {"texture": each.texture, "other": each.other, "sets": len(each.sets)}
+                    for each in teaching.overlaps
+                ],
+                "remarks": list(teaching.remarks),
+                "promises": list(teaching.promises()),
+                "report": str(teaching.files.report),
+            }
+        )
+        return
+    for remark in teaching.remarks:
+        complain(f"warning: {remark}")
+    for promise in teaching.promises():
+        out.print(promise, soft_wrap=True)
+    out.print(
+        f"{files.file}: version {made.version}, not approved; see {teaching.files.report}, then "
+        f"run ps4rig station approve {folder} --recipe {made.name} --by NAME",
+        soft_wrap=True,
+    )
+
+
+@reported
+def approve(
+    folder: Station,
+    by: Annotated[str, typer.Option(help="Who approves it.", metavar="NAME")],
+    recipe: RecipeName = None,
+) -> None:
+    """Approve a recipe as it is now; any later change of it needs a new approval."""
+    from capture.station.approval import approve as approve_recipe
+    from capture.station.folder import StationFolder
+    from capture.station.recipe_folder import recipe_files
+
+    approved = approve_recipe(recipe_files(StationFolder(folder), recipe), by)
+    out.print(f"recipe {approved.name}, version {approved.version}: approved by {by}")

@@ -1,0 +1,262 @@
+"""Teach a recipe: from captured sets of good and bad parts to a new version, not yet approved."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from capture.batch.tasks import PLANAR, LoadedSet
+from capture.console import progress
+from capture.process.folder_lock import folder_lock
+from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.classifiers import classifier_named
+from classify.defects.defect_model import DefectModel
+from classify.defects.learning import LEAST_PARTS, learn_defects
+from classify.durable_file import make_folder
+from classify.library.leave_one_out import leave_one_out
+from classify.library.training import common_lighting
+from classify.methods import default_method
+
+from .errors import RecipeError
+from .inspector import Inspection, Inspector
+from .recipe import Limits, Recipe
+from .recipe_file import read_recipe, write_recipe
+from .recipe_folder import RecipeFolder, TaughtFiles, file_sha256
+from .taught import Taught, TaughtSet, TaughtTexture, write_taught
+from .taught_part import TaughtPart, check_alike, solved, taught_part
+from .taught_sets import KeptSet, keep_sets, known_sets
+from .teaching_limits import general_limits, limits_of_texture, with_unjudged
+from .teaching_result import Teaching
+
+_LOCK = "teaching.lock"
+
+
+def teach(files: RecipeFolder, paths: Sequence[Path], bad_texture: str | None = None) -> Teaching:
+    """Add sets to those that were taught, and make a new version of the recipe from all of them.
+
+    The file of the recipe is written last: until then the version before it holds.
+
+    Parameters
+    ----------
+    files
+        Where the recipe is, or will be. Sets whose file was removed from there are left out.
+    paths
+        Captured sets. Their texture is their label, or the name of the recipe.
+    bad_texture
+        Texture of all these sets, if they are of bad parts; None for good parts.
+
+    Raises
+    ------
+    RecipeError
+        If a texture is good and bad, has too few good parts, or the sets are of several settings.
+    InputError
+        If a set cannot be used.
+    """
+    make_folder(files.folder)
+    with folder_lock(files.folder, _LOCK):
+        before = read_recipe(files.file) if files.file.exists() else None
+        known = [] if before is None else list(known_sets(files, before))
+        given = keep_sets(paths, files.sets, bad_texture, files.name)
+        sets = _by_texture([*known, *given])
+        textures = list(dict.fromkeys(each.texture for each in given))
+        recipe = _next_version(files.name, before, textures, bad=bad_texture is not None)
+        _check_good_parts(recipe, sets)
+        teaching = _taught(files, recipe, sets)
+        write_taught(teaching.files.taught, teaching.taught)
+        write_recipe(files.file, teaching.recipe)
+        return teaching
+
+
+def _by_texture(sets: Sequence[KeptSet]) -> list[KeptSet]:
+    """All different sets, ordered by texture."""
+    by_pixels: dict[str, KeptSet] = {}
+    for each in sets:
+        other = by_pixels.setdefault(each.pixels_sha256, each)
+        if other.texture != each.texture:
+            raise RecipeError(
+                f"{each.path}: was taught as {other.texture!r} and cannot be {each.texture!r} too; "
+                "remove the file to teach it anew"
+            )
+    return sorted(by_pixels.values(), key=lambda each: each.texture)
+
+
+def _next_version(
+    name: str, before: Recipe | None, textures: Sequence[str], *, bad: bool
+) -> Recipe:
+    """The next version of a recipe with further textures, good or bad ones."""
+    passes, fails = ((), ()) if before is None else (before.passes, before.fails)
+    for texture in textures:
+        if texture in (passes if bad else fails):
+            raise RecipeError(
+                f"{texture!r} is a {'good' if bad else 'bad'} texture of recipe {name}; give "
+                f"another name, or move it between pass and fail in {name}.toml"
+            )
+    if bad:
+        fails = tuple(dict.fromkeys([*fails, *textures]))
+    else:
+        passes = tuple(dict.fromkeys([*passes, *textures]))
+    if not passes:
+        raise RecipeError(f"recipe {name} has no good parts yet; teach these first")
+    changes = {"passes": passes, "fails": fails, "approval": None}
+    if before is None:
+        return Recipe.model_validate({"name": name, **changes})
+    version = before.version + (before.taught is not None)
+    return Recipe.model_validate({**dict(before), **changes, "version": version})
+
+
+def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
+    for texture in recipe.passes:
+        count = sum(each.texture == texture for each in sets)
+        if count < LEAST_PARTS:
+            raise RecipeError(
+                f"{count} good parts of {texture!r}; give {LEAST_PARTS} or more, 30 are better"
+            )
+
+
+def _taught(files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet]) -> Teaching:
+    measured = (taught_part(each, recipe.region) for each in sets)
+    parts = list(progress(measured, len(sets), "solve"))
+    check_alike(parts)
+    made = files.version(recipe.version)
+    make_folder(made.folder)
+    library = _library(parts)
+    library.save(made.library)
+    segment_px = library.segment_px
+    matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
+    models = {name: _defect_model(parts, name, library, recipe) for name in recipe.passes}
+    textures = {
+        name: _texture(name, parts, matches, made, recipe, models) for name in library.classes
+    }
+    taught = Taught(
+        setting=parts[0].setting,
+        region=recipe.region,
+        has_calibration=parts[0].has_calibration,
+        library_sha256=file_sha256(made.library),
+        textures=textures,
+    )
+    recipe = _with_limits(recipe, parts, matches, taught)
+    inspections = _inspections(recipe, taught, library, models, parts)
+    limits_of = {
+        name: with_unjudged(
+            limits,
+            recipe.limits,
+            [
+                each.measures.unjudged_px or 0
+                for part, each in zip(parts, inspections, strict=True)
+                if part.kept.texture == name
+            ],
+        )
+        for name, limits in recipe.limits_of.items()
+    }
+    if limits_of != recipe.limits_of:
+        recipe = recipe.model_copy(update={"limits_of": limits_of})
+        inspections = _inspections(recipe, taught, library, models, parts)
+    bounds = {name: model.false_alarm_bound for name, model in models.items()}
+    return Teaching(recipe, taught, made, tuple(parts), tuple(matches), tuple(inspections), bounds)
+
+
+def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
+    return TextureLibrary.from_observations(
+        [part.row for part in parts],
+        parts[0].segment_px,
+        lighting=common_lighting([part.lighting for part in parts]),
+        method=default_method(len(parts[0].light_signals)),
+        planar=PLANAR,
+        simulated=parts[0].setting.simulated,
+        sources=[(f"../sets/{part.kept.path.name}", part.kept.pixels_sha256) for part in parts],
+    )
+
+
+def _defect_model(
+    parts: Sequence[TaughtPart], texture: str, library: TextureLibrary, recipe: Recipe
+) -> DefectModel:
+    good = [part for part in parts if part.kept.texture == texture]
+    named = classifier_named(library.classifier)
+    matches = [library.match(named.signature(part.test, library.parameters)) for part in good]
+
+    def surfaces() -> Iterator[SurfaceEstimate]:
+        for part in progress(good, len(good), f"defects of {texture}"):
+            yield solved(part.kept, recipe.region)[1].surface
+
+    return learn_defects(surfaces(), [match.orientation_deg for match in matches])
+
+
+def _texture(
+    texture: str,
+    parts: Sequence[TaughtPart],
+    matches: Sequence[Match | None],
+    made: TaughtFiles,
+    recipe: Recipe,
+    models: Mapping[str, DefectModel],
+) -> TaughtTexture:
+    own = [
+        (part, match)
+        for part, match in zip(parts, matches, strict=True)
+        if part.kept.texture == texture
+    ]
+    signals = [part.light_signals for part, _ in own]
+    means = tuple(sum(each) / len(own) for each in zip(*signals, strict=True))
+    about = TaughtTexture(
+        sets=tuple(_set(part.kept, match) for part, match in own), light_signals=means
+    )
+    if texture not in models:
+        return about
+    path = made.defects(recipe.passes.index(texture) + 1)
+    models[texture].save(path)
+    changes = {"defects_file": path.name, "defects_sha256": models[texture].sha256}
+    return about.model_copy(update=changes)
+
+
+def _set(kept: KeptSet, match: Match | None) -> TaughtSet:
+    if match is None:
+        return TaughtSet(file=kept.path.name, pixels_sha256=kept.pixels_sha256)
+    return TaughtSet(
+        file=kept.path.name,
+        pixels_sha256=kept.pixels_sha256,
+        found=match.label,
+        nearest=match.nearest,
+        distance=match.distance,
+    )
+
+
+def _with_limits(
+    recipe: Recipe, parts: Sequence[TaughtPart], matches: Sequence[Match | None], taught: Taught
+) -> Recipe:
+    """The recipe with what was measured on the good parts of each texture as limits."""
+    limits_of: dict[str, Limits] = {}
+    for texture in recipe.passes:
+        own = [n for n, part in enumerate(parts) if part.kept.texture == texture]
+        found = (matches[n] for n in own)
+        limits_of[texture] = limits_of_texture(
+            [match.distance for match in found if match is not None and match.nearest == texture],
+            [parts[n].sdq for n in own],
+            [parts[n].shadow_fraction for n in own],
+            [parts[n].unmeasured_fraction for n in own],
+        )
+    exposure_ms = taught.setting.exposure_ms
+    required = recipe.calibration.required or taught.has_calibration
+    return recipe.model_copy(
+        update={
+            "limits": general_limits(recipe.limits, limits_of),
+            "limits_of": limits_of,
+            "light": recipe.light.model_copy(update={"exposure_ms": exposure_ms}),
+            "calibration": recipe.calibration.model_copy(update={"required": required}),
+            "taught": taught.sha256,
+        }
+    )
+
+
+def _inspections(
+    recipe: Recipe,
+    taught: Taught,
+    library: TextureLibrary,
+    models: Mapping[str, DefectModel],
+    parts: Sequence[TaughtPart],
+) -> list[Inspection]:
+    """Verdicts of the recipe on its own sets, each with its own calibration."""
+
+    def inspections() -> Iterator[Inspection]:
+        for part in parts:
+            loaded = LoadedSet.of(part.kept.path)
+            inspector = Inspector(recipe, taught, library, models, loaded.found)
+            yield inspector.inspect(loaded.captured)
+
+    return list(progress(inspections(), len(parts), "inspect"))

@@ -1,0 +1,72 @@
+"""Limits of a texture from what its good parts showed, for the next good part to stay within."""
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+
+from classify.confidence import tolerance_factor
+
+from .recipe import GeneralLimits, Limits
+
+# Least relative spread of Sdq and shadow between good parts: different patches of one simulated
+# texture differ by that much (tests/capture/station/test_teaching.py). Parts that are one part,
+# captured again, would else give limits that the next part exceeds.
+_LEAST_SPREAD = 0.01
+# A share of pixels that is 0 on all good parts may be this on the next.
+_LEAST_SHARE = 0.005
+# Cells of a defect map come in groups; twice what good parts show is something else.
+_MORE_UNJUDGED = 2
+# Logarithm of a distance of 1000. A limit beyond, of three parts that differ much, is none; the
+# library has its own.
+_NO_LIMIT = math.log(1000.0)
+
+
+def limits_of_texture(
+    distances: Sequence[float],
+    sdqs: Sequence[float],
+    shadow_fractions: Sequence[float],
+    unmeasured_fractions: Sequence[float],
+) -> Limits:
+    """Return limits within which 99 % of good parts lie, with 95 % confidence.
+
+    They are tolerance limits of a normal distribution, of the logarithm for distances. Few parts
+    give wide limits, since they leave open how much parts differ: see `tolerance_factor`.
+
+    Parameters
+    ----------
+    distances
+        Of each good part to the texture, by a library without that part.
+    sdqs, shadow_fractions, unmeasured_fractions
+        Of each of three good parts or more.
+    """
+    logs = [math.log(distance) for distance in distances if distance > 0.0]
+    log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
+    least = max(0.0, -_limit([-sdq for sdq in sdqs]))
+    return Limits(
+        distance=math.exp(log_limit) if log_limit < _NO_LIMIT else None,
+        sdq=(least, _limit(sdqs)),
+        shadow_fraction=min(1.0, _LEAST_SHARE + _limit(shadow_fractions)),
+        unmeasured_fraction=min(1.0, _LEAST_SHARE + _limit(unmeasured_fractions)),
+    )
+
+
+def with_unjudged(limits: Limits, general: GeneralLimits, found_px: Sequence[int]) -> Limits:
+    """Return `limits` that accept the largest area without a score that a good part shows."""
+    most_px = max(found_px, default=0)
+    if most_px <= general.unjudged_px:
+        return limits
+    return limits.model_copy(update={"unjudged_px": _MORE_UNJUDGED * most_px})
+
+
+def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> GeneralLimits:
+    """Return general limits that let every texture be judged by its own."""
+    shares = [each.unmeasured_fraction or 0.0 for each in of_textures.values()]
+    most = max([limits.unmeasured_fraction, *shares])
+    return limits.model_copy(update={"unmeasured_fraction": most})
+
+
+def _limit(values: Sequence[float], least_spread: float = _LEAST_SPREAD) -> float:
+    """Upper tolerance limit of values that spread by a share of their mean or more."""
+    mean = statistics.fmean(values)
+    spread = max(statistics.stdev(values), least_spread * abs(mean))
+    return mean + tolerance_factor(len(values)) * spread

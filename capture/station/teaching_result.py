@@ -1,0 +1,127 @@
+"""`Teaching`: what was taught, which textures overlap, and what so few parts promise."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from classify import Match
+from classify.confidence import CONFIDENCE, share_at_most, trials_to_show
+from classify.library.match import LEAST_MARGIN
+
+from .inspector import Inspection
+from .recipe import Recipe
+from .recipe_folder import TaughtFiles
+from .taught import Taught
+from .taught_part import TaughtPart
+from .taught_sets import KeptSet
+from .verdict import Decision
+
+# Largest share of bad parts that may pass, and of good parts that may be rejected (AIAG,
+# Measurement Systems Analysis, 4th edition: acceptable for an appraiser of attributes).
+MOST_MISSES, MOST_FALSE_ALARMS = 0.02, 0.05
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Sets of a texture that are as near to another one: taken for it, or too near to decide."""
+
+    texture: str
+    other: str
+    sets: tuple[KeptSet, ...]
+    parts: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.texture} and {self.other} overlap: {len(self.sets)} of {self.parts} parts of "
+            f"{self.texture} are as near to {self.other}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Teaching:
+    """The outcome of teaching.
+
+    Attributes
+    ----------
+    recipe, taught, files
+        The new version of the recipe, what was measured for it, and where that is.
+    parts, matches
+        The sets, and their matches with a library of all others; None where none was left.
+    inspections
+        Verdict of the new recipe on each set, by the same order. The recipe knows these sets.
+    false_alarm_bounds
+        For each texture that passes, the largest share of good parts that the defect map rejects.
+    """
+
+    recipe: Recipe
+    taught: Taught
+    files: TaughtFiles
+    parts: tuple[TaughtPart, ...]
+    matches: tuple[Match | None, ...]
+    inspections: tuple[Inspection, ...]
+    false_alarm_bounds: Mapping[str, float]
+
+    @property
+    def overlaps(self) -> tuple[Overlap, ...]:
+        """Pairs of textures that overlap."""
+        return tuple(_overlaps([part.kept for part in self.parts], self.matches))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should look at before approving the recipe."""
+        return (*map(str, self.overlaps), *self._odd_verdicts())
+
+    def promises(self) -> Iterator[str]:
+        """Say what the parts show, in the words of a gauge study."""
+        for texture in (*self.recipe.passes, *self.recipe.fails):
+            found = [
+                match
+                for part, match in zip(self.parts, self.matches, strict=True)
+                if part.kept.texture == texture and match is not None
+            ]
+            if not found:
+                continue
+            good = texture in self.recipe.passes
+            if good:
+                events = sum(match.label != texture for match in found)
+                limit, event = MOST_FALSE_ALARMS, "rejected"
+            else:
+                events = sum(match.label in self.recipe.passes for match in found)
+                limit, event = MOST_MISSES, "passed"
+            kind = "good" if good else "bad"
+            yield (
+                f"{texture}: {events} of {len(found)} {kind} parts were {event} by their texture "
+                f"when they were left out. With {CONFIDENCE:.0%} confidence at most "
+                f"{share_at_most(events, len(found)):.1%} are; {trials_to_show(limit)} parts "
+                f"without one {event} would show {limit:.0%}"
+            )
+        for texture, bound in self.false_alarm_bounds.items():
+            yield (
+                f"{texture}: the defect map rejects at most {bound:.1%} of good parts, with "
+                f"{CONFIDENCE:.0%} confidence"
+            )
+
+    def _odd_verdicts(self) -> Iterator[str]:
+        for part, inspection in zip(self.parts, self.inspections, strict=True):
+            good = part.kept.texture in self.recipe.passes
+            if good != (inspection.verdict.decision is Decision.PASS):
+                verdict = inspection.verdict
+                yield (
+                    f"{part.kept.path.name}, a {'good' if good else 'bad'} part of "
+                    f"{part.kept.texture}, is {verdict.decision}: {verdict.reason}"
+                )
+
+
+def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[Overlap]:
+    textures = [each.texture for each in sets]
+    pairs: dict[tuple[str, str], list[KeptSet]] = {}
+    for each, match in zip(sets, matches, strict=True):
+        if match is None:
+            continue
+        other = match.nearest if match.nearest != each.texture else match.runner_up
+        undecided = match.margin is not None and match.margin < LEAST_MARGIN
+        # A texture of one set is not in the library that this set is matched with.
+        confused = match.nearest != each.texture and textures.count(each.texture) > 1
+        if other is not None and (confused or undecided or match.label == other):
+            pairs.setdefault((each.texture, other), []).append(each)
+    for (texture, other), found in pairs.items():
+        yield Overlap(texture, other, tuple(found), textures.count(texture))
