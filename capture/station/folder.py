@@ -6,11 +6,13 @@ from pathlib import Path
 
 from capture.process.folder_lock import folder_lock
 from capture.process.utc_time import utc_text
+from capture.session.plan import file_name
 from capture.sets.ome_tiff import SUFFIX
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
 
 from .config import CONFIG, StationConfig, example_config, read_config
+from .errors import RecipeError
 from .recipe_folder import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
@@ -39,17 +41,19 @@ class StationFolder:
         """Folder of the captured sets of all parts, with one folder for each day."""
         return self.path / PARTS
 
-    def recipe_file(self, recipe: str | None = None) -> Path:
-        """Path of a recipe, by default the configured one: ``recipes/NAME.toml``."""
-        return self.path / RECIPES / f"{recipe or self.config.recipe}.toml"
-
-    def recipe_folder(self, recipe: str | None = None) -> Path:
-        """Folder of what teaching made for a recipe: ``recipes/NAME``."""
-        return self.path / RECIPES / (recipe or self.config.recipe)
-
     def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
-        """Return the files of a recipe, by default those of the configured one."""
-        return RecipeFolder(self.recipe_file(recipe), self.recipe_folder(recipe))
+        """Return the files of a recipe, by default those of the configured one.
+
+        Raises
+        ------
+        RecipeError
+            If the name cannot be that of a file.
+        """
+        try:
+            name = file_name(recipe or self.config.recipe)
+        except ValueError as error:
+            raise RecipeError(f"recipe {error}") from error
+        return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
 
     def log(self, line: str) -> None:
         """Append a line with the time to ``station.log``; a full one becomes ``station.log.1``.

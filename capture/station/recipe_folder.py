@@ -4,12 +4,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture.session.plan import file_name
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
-
-from .errors import RecipeError
-from .folder import StationFolder
 
 # A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34
@@ -83,21 +79,6 @@ class TaughtFiles:
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""
         return self.folder / f"defects-{number}.ps4def"
-
-
-def recipe_files(station: StationFolder, recipe: str | None = None) -> RecipeFolder:
-    """Return where a recipe of a station is, by default the one that it runs.
-
-    Raises
-    ------
-    RecipeError
-        If the name cannot be that of a file.
-    """
-    try:
-        file_name(recipe or station.config.recipe)
-    except ValueError as error:
-        raise RecipeError(f"recipe {error}") from error
-    return RecipeFolder(station.recipe_file(recipe), station.recipe_folder(recipe))
 
 
 def file_sha256(path: Path) -> str:

@@ -2,12 +2,14 @@
 
 from capture.commands.group import command_group
 
-from . import history, init, run
+from . import history, init, run, teach
 
 __all__ = ["station_app"]
 
 station_app = command_group("Inspect parts with a rig, one after the other, and keep every result.")
 station_app.command()(init.init)
+station_app.command()(teach.teach)
+station_app.command()(teach.approve)
 station_app.command()(run.run)
 station_app.command()(history.history)
 station_app.command()(history.override)

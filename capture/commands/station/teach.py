@@ -41,12 +41,11 @@ def teach(
     """
     from capture.sets.archive import find_sets
     from capture.station.folder import StationFolder
-    from capture.station.recipe_folder import recipe_files
     from capture.station.teaching import teach as teach_sets
     from capture.station.teaching_page import teaching_page
     from classify.durable_file import durable_file
 
-    files = recipe_files(StationFolder(folder), recipe)
+    files = StationFolder(folder).recipe_files(recipe)
     teaching = teach_sets(files, find_sets(sets) if sets else [], bad)
     with durable_file(teaching.files.report) as temporary:
         temporary.write_text(teaching_page(teaching), encoding="utf-8")
@@ -88,7 +87,6 @@ def approve(
     """Approve a recipe as it is now; any later change of it needs a new approval."""
     from capture.station.approval import approve as approve_recipe
     from capture.station.folder import StationFolder
-    from capture.station.recipe_folder import recipe_files
 
-    approved = approve_recipe(recipe_files(StationFolder(folder), recipe), by)
+    approved = approve_recipe(StationFolder(folder).recipe_files(recipe), by)
     out.print(f"recipe {approved.name}, version {approved.version}: approved by {by}")
