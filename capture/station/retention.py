@@ -1,6 +1,7 @@
 """Which captured sets stay on the disk of a station, and how many more fit on it."""
 
 import hashlib
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime, timedelta
 from itertools import islice
@@ -29,7 +30,13 @@ def is_sample(station: str, part_id: str, pass_every: int) -> bool:
     return int.from_bytes(digest[:8]) % pass_every == 0
 
 
-def remove_old_sets(folder: Path, store: ResultStore, retention: Retention, now: datetime) -> int:
+def remove_old_sets(
+    folder: Path,
+    store: ResultStore,
+    retention: Retention,
+    now: datetime,
+    stop: Callable[[], bool] = lambda: False,
+) -> int:
     """Remove set files that the retention does not keep; return how many.
 
     Removed are those of parts that passed more than `Retention.pass_days` ago, are not in the
@@ -43,6 +50,8 @@ def remove_old_sets(folder: Path, store: ResultStore, retention: Retention, now:
         The folder of the station.
     now
         The present time with its zone.
+    stop
+        Whether to leave the rest to the next call; asked between two batches.
 
     Raises
     ------
@@ -58,7 +67,7 @@ def remove_old_sets(folder: Path, store: ResultStore, retention: Retention, now:
         for part_id, set_file in passed_sets(store, until_utc)
         if not is_sample(store.station, part_id, retention.pass_every)
     )
-    while batch := dict(islice(unwanted, _BATCH)):
+    while not stop() and (batch := dict(islice(unwanted, _BATCH))):
         record_removals(store, batch, _text(now))
         removed += _remove(folder, list(batch.values()))
     return removed

@@ -18,6 +18,7 @@ from .outcome import PartJudge
 from .recipe import require_approved
 from .recovery import damaged_sets, finish_interrupted, unknown_files
 from .results.store import ResultStore, open_store
+from .retention_thread import retention_in_background
 from .self_test import check_calibration_age, check_disk, check_results
 from .station_clock import StationClock
 from .station_rig import StationRig
@@ -67,9 +68,16 @@ def run_station(
     recipe, fingerprint = inspector.recipe, inspector.fingerprint
     require_approved(recipe)
     rig = StationRig(config, rig_config, recipe)
-    with open_store(config.results_in(folder.path), config.name, create=True) as store:
+
+    def warn(text: str) -> None:
+        publisher.publish(Warned(text))
+
+    with (
+        open_store(config.results_in(folder.path), config.name, create=True) as store,
+        retention_in_background(folder.path, store, config.retention, warn),
+    ):
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
-            publisher.publish(Warned(warning))
+            warn(warning)
 
         def prepare() -> list[Check]:
             return list(_checks(folder, store, publisher, clock, rig, inspector))

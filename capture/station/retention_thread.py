@@ -1,0 +1,44 @@
+"""Removal of old set files beside a running station."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from classify.errors import Ps4rigError
+
+from .config import Retention
+from .results.store import ResultStore
+from .retention import remove_old_sets
+
+# A day's sets become old hour by hour, so that one removal is short.
+_PERIOD_S = 3600.0
+
+
+@contextmanager
+def retention_in_background(
+    folder: Path, store: ResultStore, retention: Retention, warn: Callable[[str], None]
+) -> Iterator[None]:
+    """Remove old set files of a station now and every hour, until the block ends.
+
+    What fails is said to `warn`, and tried again an hour later: no part is concerned.
+    """
+    ended = threading.Event()
+
+    def keep_removing() -> None:
+        while True:
+            try:
+                remove_old_sets(folder, store, retention, datetime.now(UTC), stop=ended.is_set)
+            except Ps4rigError as error:
+                warn(f"old sets are not removed: {error}")
+            if ended.wait(_PERIOD_S):
+                return
+
+    thread = threading.Thread(target=keep_removing, name="station retention")
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
