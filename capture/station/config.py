@@ -36,11 +36,12 @@ class Retention(Section):
     pass_every
         Of the parts that passed, one in so many keeps its file; all others keep theirs, too, if 1.
     pass_days
-        Days until the files of the other parts that passed are removed.
+        Days until the files of the other parts that passed are removed. With one day or more, no
+        folder is removed into which a part is written.
     """
 
     pass_every: int = Field(default=20, ge=1, le=1_000_000)
-    pass_days: float = Field(default=7.0, ge=0.0, le=36_500.0)
+    pass_days: float = Field(default=7.0, ge=1.0, le=36_500.0)
 
 
 class SimulatedParts(Section):
