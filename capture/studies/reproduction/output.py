@@ -22,8 +22,8 @@ _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.
 _SHOWN_ROWS = 60
 _QUICK = (
-    " <b>Quick version:</b> fewer textures and orientations, smaller frames than "
-    "<code>ps4rig reproduce</code> without <code>--quick</code>; one percent is one or two tests."
+    " <b>Quick version:</b> fewer textures and tests, or smaller frames, than without "
+    "<code>--quick</code>; one percent may be a single test."
 )
 
 

@@ -1,0 +1,44 @@
+"""Measurement of detected defects, and its files."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from pathlib import Path
+
+from capture.batch.runner import Batch
+from capture.console import progress
+from capture.studies.reproduction.output import About, write_page
+from classify.durable_file import make_folder
+
+from .exhibits import defect_exhibits
+from .measure import measure
+from .plan import DefectPlan
+
+
+def reproduce_defects(
+    plan: DefectPlan, output: Path, workers: int | None = None, scheduler: str | None = None
+) -> Path:
+    """Measure all textures of a plan and write all files; returns the page.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written to, a material is too small, or no scheduler
+        answers.
+    """
+    make_folder(output)
+    started_s = time.monotonic()
+    tasks = [(plan, place) for place in range(len(plan.textures))]
+    with Batch(workers, scheduler) as batch:
+        results = list(progress(batch.map(measure, tasks), len(tasks), "textures"))
+    facts = {
+        "textures": ", ".join(texture.name for texture in plan.textures),
+        "parts": f"{max(plan.taught)} taught, {plan.good} good and {len(list(plan.cases))} "
+        "defective ones of each texture",
+        "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
+        f"{platform.machine()}",
+    }
+    about = About("defects", "defects", simulated=True, quick=plan.quick)
+    return write_page(list(defect_exhibits(plan, results)), facts, about, output)
