@@ -46,7 +46,7 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
         If the file is missing, truncated, changed since it was written, compressed, not a captured
         set, or of a later version.
     """
-    with _opened(path) as tiff:
+    with opened_tiff(path) as tiff:
         fields, _ = _header(tiff, path)
         planes: Planes = np.stack([page.asarray() for page in tiff.pages])
     if pixels_sha256(planes) != fields.get("pixels_sha256"):
@@ -59,7 +59,7 @@ def read_set_file(path: Path) -> tuple[Planes, dict[str, Any]]:
 
 def read_set_header(path: Path) -> tuple[dict[str, Any], tuple[int, int, int]]:
     """Read the metadata fields and (pages, H, W), but no pixel. Errors as `read_set_file`."""
-    with _opened(path) as tiff:
+    with opened_tiff(path) as tiff:
         return _header(tiff, path)
 
 
@@ -92,7 +92,8 @@ def fields_sha256(fields: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
+def opened_tiff(path: Path) -> Iterator[tifffile.TiffFile]:
+    """Open a TIFF of bounded size; any error in reading it becomes an `InputError`."""
     with open_regular_file(path, _MAX_BYTES) as file:
         try:
             with tifffile.TiffFile(file) as tiff:

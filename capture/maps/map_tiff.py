@@ -11,6 +11,8 @@ import numpy.typing as npt
 import tifffile
 
 from capture.sets.ome_tiff import resolution
+from classify.errors import InputError
+from rig.set_file import opened_tiff
 
 Description = dict[str, Any]
 
@@ -52,17 +54,42 @@ def write_channels(
     )  # fmt: skip
 
 
-def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
-    """Read a map that ps4rig wrote: (H, W) or (C, H, W), and its description.
+def read_description(path: Path) -> Description:
+    """Read the description of a map that ps4rig wrote.
 
     Raises
     ------
-    ValueError
-        If the file is not such a map; tifffile may raise further errors for a damaged one.
+    InputError
+        If the file cannot be read, or is no such map.
     """
-    with tifffile.TiffFile(path) as tiff:
-        info = (
-            tiff.imagej_metadata["Info"] if tiff.imagej_metadata else tiff.pages.first.description
-        )
-        about = json.loads(info)
-        return tiff.asarray(), about
+    with opened_tiff(path) as tiff:
+        return _description(tiff, path)
+
+
+def read_map(path: Path) -> tuple[npt.NDArray[Any], Description]:
+    """Read a map, (H, W) or (C, H, W), and its description.
+
+    Raises
+    ------
+    InputError
+        As `read_description`, or if pixels are missing.
+    """
+    with opened_tiff(path) as tiff:
+        about = _description(tiff, path)
+        if tiff.series[0].nbytes > tiff.filehandle.size:
+            raise InputError(f"{path}: declares more pixels than it holds; solve the set again")
+        values = tiff.asarray()
+        # Normals were interleaved, (H, W, 3), before ImageJ had to open them.
+        return np.moveaxis(values, -1, 0) if tiff.series[0].axes == "YXS" else values, about
+
+
+def _description(tiff: tifffile.TiffFile, path: Path) -> Description:
+    hyperstack = tiff.imagej_metadata
+    text = tiff.pages.first.description if hyperstack is None else hyperstack.get("Info", "")
+    try:
+        about = json.loads(text)
+    except (ValueError, RecursionError):
+        about = None
+    if not isinstance(about, dict) or "pixels_sha256" not in about:
+        raise InputError(f"{path}: a TIFF, but not a map of ps4rig; ps4rig solve writes maps")
+    return about

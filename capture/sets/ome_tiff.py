@@ -54,7 +54,7 @@ def write(
     planes = np.stack(pages(images, ambient, mask))
     channels = _channels(metadata)
     # ImageJ without Bio-Formats does not read the OME-XML, but its own tags and the resolution.
-    labels = tifffile.imagej_metadata_tag({"Labels": [name for name, _ in channels]}, "<")
+    labels = tifffile.imagej_metadata_tag({"Labels": list(page_names(metadata))}, "<")
     with durable_file(path) as temporary:
         tifffile.imwrite(
             temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
@@ -116,6 +116,11 @@ def resolution(mm_per_px: float | None) -> dict[str, Any]:
         return {}
     per_cm = 10.0 / mm_per_px
     return {"resolution": (per_cm, per_cm), "resolutionunit": "CENTIMETER"}
+
+
+def page_names(metadata: SetMetadata) -> tuple[str, ...]:
+    """Return the names of the pages: the tilts of the lights, then ``ambient`` and ``mask``."""
+    return tuple(name for name, _ in _channels(metadata))
 
 
 def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:

@@ -1,0 +1,102 @@
+"""The reader that napari calls for captured sets and folders of maps; ps4rig needs no napari."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from capture.maps.map_tiff import read_description, read_map
+from capture.sets import ome_tiff
+from classify.errors import InputError
+
+# Values, arguments of the layer, and its kind, as napari asks for.
+Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
+Reader = Callable[[str], list[Layer]]
+_RECOGNISED_BY = "p.tif"  # in every folder of maps
+# Pages and maps with two values; the others are images.
+_MASKS = {"mask", "specular", "valid"}
+_SHOWN_MAP = "albedo"
+
+
+def get_reader(path: str | list[str]) -> Reader | None:
+    """Return a reader for a captured set or a folder of maps, or None for anything else.
+
+    Several files are not stacked: sets may differ in size and lights.
+    """
+    if not isinstance(path, str):
+        return None
+    try:
+        if Path(path).is_dir():
+            read_description(Path(path) / _RECOGNISED_BY)
+            return read_map_layers
+        ome_tiff.read_header(Path(path))
+    except InputError:
+        return None
+    return read_set_layers
+
+
+def read_set_layers(path: str) -> list[Layer]:
+    """Read the pages of a captured set, the first light shown; its metadata go with each.
+
+    Raises
+    ------
+    InputError
+        If the set was changed or damaged.
+    """
+    images, ambient, metadata, mask = ome_tiff.read(Path(path))
+    pages = [*images] + [each for each in (ambient, mask) if each is not None]
+    about = metadata.model_dump(mode="json", by_alias=True)
+    return [
+        _layer(name, page, metadata.mm_per_px, about, (0, metadata.full_scale), shown=index == 0)
+        for index, (name, page) in enumerate(zip(ome_tiff.page_names(metadata), pages, strict=True))
+    ]
+
+
+def read_map_layers(path: str) -> list[Layer]:
+    """Read the maps in a folder, the albedo shown; the description of each goes with it.
+
+    Raises
+    ------
+    InputError
+        If a map is damaged.
+    """
+    return list(_map_layers(Path(path)))
+
+
+def _map_layers(folder: Path) -> Iterator[Layer]:
+    for file in sorted(folder.glob("*.tif")):
+        try:
+            read_description(file)
+        except InputError:  # a file of someone else
+            continue
+        values, about = read_map(file)
+        channels = values if values.ndim == 3 else values[None]
+        names = [file.stem] if values.ndim == 2 else [f"{file.stem} {axis}" for axis in "xyz"]
+        for name, channel in zip(names, channels, strict=True):
+            yield _layer(name, channel, about.get("mm_per_px"), about, shown=name == _SHOWN_MAP)
+
+
+def _layer(
+    name: str,
+    values: npt.NDArray[Any],
+    mm_per_px: float | None,
+    about: dict[str, Any],
+    limits: tuple[float, float] | None = None,
+    *,
+    shown: bool,
+) -> Layer:
+    arguments: dict[str, Any] = {
+        "name": name,
+        "visible": shown,
+        "metadata": {"ps4rig": about, "unit": "px" if mm_per_px is None else "mm"},
+    }
+    if mm_per_px is not None:
+        arguments["scale"] = (mm_per_px, mm_per_px)
+    if name in _MASKS:
+        return (values > 0).astype("u1"), arguments, "labels"
+    if limits is not None:
+        arguments["contrast_limits"] = limits
+    return values, arguments, "image"
