@@ -8,12 +8,14 @@ from rig.config.defect import Defect
 
 from .config import SimulatedParts
 
-# Surfaces are periodic and some hundred px wide: any shift is as likely as any other.
+# Surfaces are periodic: within this, any patch is as likely as any other.
 _LARGEST_SHIFT_PX = 4096.0
 # Share of the frame that a defect fills: from what a person just sees to what nobody overlooks.
 _SIZE_SHARES = (0.08, 0.3)
 # Of the relief of a defect: up to a slope of about 1 at its flanks.
 _DEPTH_PER_SIZE = (0.05, 0.25)
+# Limits of `Defect`, which tiny and huge frames reach.
+_SIZES_PX, _DEEPEST_PX = (2.0, 2048.0), 256.0
 _CONTRASTS = (0.2, 0.6)
 # The middle of a defect stays within this share of the frame around its centre.
 _MIDDLE_SHARE = 0.6
@@ -64,7 +66,8 @@ def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> Simulat
         surface=surface,
         rotate_deg=draw.choice(parts.orientations_deg) if parts.orientations_deg else any_deg,
         shift_px=shift_px,
-        seed=draw.getrandbits(62),
+        # One realisation of a synthetic surface: a new one takes ten times as long to render.
+        seed=parts.seed,
         defects=defects,
     )
     return SimulatedPart(placement, is_other)
@@ -79,7 +82,7 @@ def _defect(
 ) -> Defect:
     """A defect within the frame, which shows the part around `shift_px`."""
     kind = draw.choice(parts.defects)
-    size_px = frame_px * draw.uniform(*_SIZE_SHARES)
+    size_px = min(max(frame_px * draw.uniform(*_SIZE_SHARES), _SIZES_PX[0]), _SIZES_PX[1])
     half_px = frame_px * _MIDDLE_SHARE / 2.0
     strangers = [each for each in (*parts.others, *parts.surfaces) if each != surface]
     if kind == "foreign" and not strangers:
@@ -89,7 +92,7 @@ def _defect(
         x_px=shift_px[0] + _symmetric(draw, half_px),
         y_px=shift_px[1] + _symmetric(draw, half_px),
         size_px=size_px,
-        depth_px=size_px * draw.uniform(*_DEPTH_PER_SIZE),
+        depth_px=min(size_px * draw.uniform(*_DEPTH_PER_SIZE), _DEEPEST_PX),
         angle_deg=draw.uniform(0.0, 180.0),
         contrast=draw.uniform(*_CONTRASTS),
         surface=draw.choice(strangers) if kind == "foreign" else None,
