@@ -1,4 +1,4 @@
-"""The feed of a simulated rig: repeatable, within the frame, with the shares that were asked for."""
+"""The feed of a simulated rig: repeatable, within the frame, with the shares asked for."""
 
 import pytest
 from hypothesis import given
