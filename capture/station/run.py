@@ -13,7 +13,6 @@ from rig.doctor.check import Check
 from .cycle import Parts, Station
 from .events import PartRecovered, Publisher, StationStopped, Warned
 from .folder import StationFolder
-from .housekeeping import housekeeping
 from .inspector import Inspector
 from .outcome import PartJudge
 from .recipe import require_approved
@@ -98,8 +97,7 @@ def run_station(
             clock,
         )
         parts = Parts(rig, judge, store, prepare, clock, publisher)
-        with housekeeping(folder.path, store, config.retention, publisher.publish):
-            return Station(folder.path, config, parts, options.parts).run(source)
+        return Station(folder.path, config, parts, options.parts).run(source)
 
 
 def _checks(
