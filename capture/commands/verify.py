@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from capture.console import out, print_json, progress, reported
 
 from . import options
+
+if TYPE_CHECKING:
+    from capture.session.verification import Finding
 
 
 @reported
@@ -20,17 +23,24 @@ def verify(
     ],
     json: options.Json = False,
 ) -> None:
-    """Check that sets, libraries, calibrations and sessions are whole and unaltered.
+    """Check that sets, libraries, calibrations, sessions and stations are whole and unaltered.
 
-    Every file is read and hashed anew. The exit status is 1 if something is missing, altered,
-    without its calibration, or of a schema without a hash.
+    Every file is read and hashed anew, and the sets of a station are compared with its results. The
+    exit status is 1 if something is missing, altered, without its calibration, or of a schema
+    without a hash.
     """
     from capture.session.verification import files_below, verify_file
+    from capture.station.config import CONFIG
 
-    paths = [path for folder in folders for path in files_below(folder)]
-    findings = [
-        finding for path in progress(paths, len(paths), "verify") for finding in verify_file(path)
-    ]
+    paths = [path for folder in folders for path in files_below(folder, CONFIG)]
+    findings: list[Finding] = []
+    for path in progress(paths, len(paths), "verify"):
+        if path.name == CONFIG:
+            from capture.station.verification import verify_station
+
+            findings += verify_station(path.parent)
+        else:
+            findings += verify_file(path)
     wrong = [finding for finding in findings if finding.state != "good"]
     if json:
         print_json(

@@ -14,13 +14,23 @@ from capture.sets.metadata import UNPROTECTED
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.sets.ome_tiff import read_header
 from classify import TextureLibrary
+from classify.defects.defect_model import DefectModel
+from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.errors import InputError
 
 from .folder import JOURNAL, SessionFolder
 
-State = Literal["good", "missing", "altered", "old schema", "without calibration", "not in journal"]
+State = Literal[
+    "good",
+    "missing",
+    "altered",
+    "old schema",
+    "without calibration",
+    "not in journal",
+    "not in results",
+]
 _LIBRARY_SUFFIX = ".ps4lib"
-_SUFFIXES = (SET_SUFFIX, _LIBRARY_SUFFIX, CALIBRATION_SUFFIX, JOURNAL)
+_SUFFIXES = (SET_SUFFIX, _LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
 
 
 @dataclass(frozen=True)
@@ -32,8 +42,13 @@ class Finding:
     said: str = ""
 
 
-def files_below(folder: Path) -> list[Path]:
+def files_below(folder: Path, *names: str) -> list[Path]:
     """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
+
+    Parameters
+    ----------
+    names
+        Names of further files.
 
     Raises
     ------
@@ -45,10 +60,14 @@ def files_below(folder: Path) -> list[Path]:
     found = sorted(
         path
         for path in folder.rglob("*")
-        if path.name.endswith(_SUFFIXES) and path.is_file() and not path.name.startswith(".")
+        if (path.name.endswith(_SUFFIXES) or path.name in (JOURNAL, *names))
+        and path.is_file()
+        and not path.name.startswith(".")
     )
     if not found:
-        raise InputError(f"{folder}: holds no captured sets, libraries, calibrations or sessions")
+        raise InputError(
+            f"{folder}: holds no captured sets, libraries, calibrations, sessions or stations"
+        )
     return found
 
 
@@ -62,6 +81,9 @@ def verify_file(path: Path) -> Iterator[Finding]:
         elif path.name.endswith(_LIBRARY_SUFFIX):
             # Only arrays that are read, not mapped, are compared with their checksums.
             TextureLibrary.load(path, map_from_bytes=sys.maxsize)
+            yield Finding(path, "good")
+        elif path.name.endswith(DEFECTS_SUFFIX):
+            DefectModel.load(path)
             yield Finding(path, "good")
         else:
             CalibrationFile.read(path)

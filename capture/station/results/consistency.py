@@ -1,0 +1,31 @@
+"""Contradictions within the results of a station, which no run of the program leaves behind."""
+
+from collections.abc import Iterator
+
+from sqlalchemy import func, select
+
+from .schema import begun_parts
+from .store import ResultStore
+
+
+def contradictions(store: ResultStore) -> Iterator[str]:
+    """Say what is wrong with the rows of a station: missing numbers, a damaged SQLite file.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    statement = select(func.count(), func.coalesce(func.max(begun_parts.c.number), 0)).where(
+        begun_parts.c.station == store.station
+    )
+    with store.reading() as connection:
+        count, last = connection.execute(statement).one()
+        if count != last:
+            yield f"{last - count} of {last} numbers of parts are missing"
+        if connection.dialect.name == "sqlite":
+            for (said,) in connection.exec_driver_sql("PRAGMA integrity_check"):
+                if said != "ok":
+                    yield said
+            for table, row, of, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
+                yield f"row {row} of {table} has no row of {of}"

@@ -1,0 +1,63 @@
+"""What is wrong between the results of a station and its set files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from capture.session.verification import Finding
+from capture.sets.ome_tiff import SUFFIX, read_header
+from classify.errors import InputError, Ps4rigError
+
+from .config import CONFIG
+from .folder import PARTS, StationFolder
+from .results.consistency import contradictions
+from .results.history import HistoryEntry
+from .results.store import ResultStore, open_store
+
+
+def verify_station(folder: Path) -> Iterator[Finding]:
+    """Compare the results of a station with its set files, which `verify_file` reads whole.
+
+    Its configuration stands for the results: it is good, or a finding says what is wrong with them.
+    """
+    try:
+        config = StationFolder(folder).config
+        with open_store(config.results_in(folder), config.name, alone=False) as store:
+            yield from _results(folder, store)
+    except Ps4rigError as error:
+        yield Finding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
+
+
+def _results(folder: Path, store: ResultStore) -> Iterator[Finding]:
+    wrong = [f"results: {said}; restore a backup" for said in contradictions(store)]
+    if unfinished := store.unfinished():
+        first = unfinished[0].part_id
+        wrong.append(
+            f"parts without a result: {len(unfinished)}, the first {first}; the station runs, or "
+            "its next start ends them"
+        )
+    for said in wrong:
+        yield Finding(folder / CONFIG, "altered", said)
+    if not wrong:
+        yield Finding(folder / CONFIG, "good")
+    named = set()
+    for entry in store.parts():
+        if entry.result.set_file is not None:
+            path = folder / entry.result.set_file
+            named.add(path)
+            yield from _set_file(path, entry)
+    for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")):
+        if path not in named:
+            yield Finding(path, "not in results", "no result of the station names it")
+
+
+def _set_file(path: Path, entry: HistoryEntry) -> Iterator[Finding]:
+    if not path.is_file():
+        if entry.set_removed_utc is None:
+            yield Finding(path, "missing", f"it is in the results, {entry.result.verdict.decision}")
+        return
+    try:
+        metadata, _ = read_header(path)
+    except InputError:
+        return  # as a set it is a finding too
+    if metadata.pixels_sha256 != entry.result.set_sha256:
+        yield Finding(path, "altered", "its pixels are not those that the results name")
