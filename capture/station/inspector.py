@@ -14,6 +14,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict
 
 from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
@@ -40,9 +41,10 @@ _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin
 _MOST_DEFECTS = 50
 
 
-@dataclass(frozen=True)
-class Fingerprint:
+class Fingerprint(BaseModel):
     """Hashes of all that a verdict depends on beside the part."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     recipe_sha256: str
     library_sha256: str
@@ -106,6 +108,8 @@ class Inspector:
     ----------
     recipe
         The recipe.
+    calibration
+        As given.
     fingerprint
         What its verdicts depend on.
     """
@@ -122,16 +126,16 @@ class Inspector:
         self._taught = taught
         self._library = library
         self._defect_models = defect_models
-        self._calibration = calibration
+        self.calibration = calibration
         self._signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
         self.fingerprint = Fingerprint(
-            recipe.sha256,
-            taught.library_sha256,
-            tuple(model.sha256 for model in defect_models.values()),
-            None if calibration is None else calibration.file.hash,
-            version("ps4rig"),
+            recipe_sha256=recipe.sha256,
+            library_sha256=taught.library_sha256,
+            defects_sha256=tuple(model.sha256 for model in defect_models.values()),
+            calibration_sha256=None if calibration is None else calibration.file.hash,
+            software_version=version("ps4rig"),
         )
 
     @classmethod
@@ -182,7 +186,7 @@ class Inspector:
         timings_ms: dict[str, float] = {}
         with _timed(timings_ms, "solve"):
             measured = MeasuredSurface.of(
-                captured, self.recipe.region, self._calibration, self._library.method
+                captured, self.recipe.region, self.calibration, self._library.method
             )
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
@@ -239,7 +243,7 @@ class Inspector:
 
     def _calibration_faults(self, captured: CapturedSet) -> Iterator[Finding]:
         named, rule = captured.metadata.calibration_ids, self.recipe.calibration
-        if self._calibration is None:
+        if self.calibration is None:
             if named:
                 yield Finding(
                     Cause.CALIBRATION, "the set names a calibration, the station has none"
@@ -247,7 +251,7 @@ class Inspector:
             if rule.required or self._taught.has_calibration:
                 yield Finding(Cause.CALIBRATION, "the recipe needs a calibration; give the rig one")
             return
-        file = self._calibration.file
+        file = self.calibration.file
         if file.hash not in named:
             yield Finding(Cause.CALIBRATION, "the set does not name the calibration of the station")
         if not self._taught.has_calibration:

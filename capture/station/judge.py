@@ -75,9 +75,8 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     faults
         What makes the set unusable before anything is measured; each has a cause of ERROR.
     """
-    findings = [*faults, *invalid(recipe, measures)]
-    if not findings:
-        findings = list(_of_the_texture(recipe, measures))
+    findings = list(faults) or list(invalid(recipe, measures))
+    findings = findings or list(_of_the_texture(recipe, measures))
     match = measures.match
     if findings or match is None or match.label not in recipe.passes:
         findings = findings or [Finding(Cause.UNFORESEEN, "the part was not matched")]

@@ -44,6 +44,11 @@ class RecipeFolder:
         """Folder of the challenge set."""
         return self.folder / "challenge"
 
+    @property
+    def replay(self) -> Path:
+        """Outcome of the last replay of the challenge set."""
+        return self.folder / "challenge.json"
+
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
         return TaughtFiles(self.folder / f"version-{version}")

@@ -10,6 +10,7 @@ from classify.durable_file import make_folder
 from rig import RigConfig
 from rig.doctor.check import Check
 
+from .challenge import require_challenge
 from .cycle import Parts, Station
 from .events import PartRecovered, Publisher, StationStopped, Warned
 from .folder import StationFolder
@@ -54,7 +55,9 @@ def run_station(
     ------
     InputError
         If recipe, library, calibration or results cannot be used, or the recipe is not approved or
-        its challenge set has not passed.
+        has no challenge set.
+    ChallengeFailed
+        If a part of the challenge set gets another verdict than it must.
     HardwareError
         If the rig cannot be opened, or the self-test finds a fault.
     ResultsUnavailable
@@ -64,9 +67,11 @@ def run_station(
     """
     config, clock = folder.config, StationClock()
     calibration = None if rig_config.calibration is None else Path(rig_config.calibration)
-    inspector = Inspector.load(folder.recipe_files(), calibration)
+    files = folder.recipe_files()
+    inspector = Inspector.load(files, calibration)
     recipe, fingerprint = inspector.recipe, inspector.fingerprint
     require_approved(recipe)
+    require_challenge(files, inspector)
     rig = StationRig(config, rig_config, recipe)
 
     def warn(text: str) -> None:

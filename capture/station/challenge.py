@@ -1,0 +1,140 @@
+"""Replay the challenge set of a recipe, and require that before the recipe runs."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from capture.calibration.lookup import named_by
+from capture.process.utc_time import utc_text
+from capture.sets.captured_set import CapturedSet
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+
+from .challenge_set import ChallengeSet, Expected, read_challenge
+from .errors import ChallengeFailed
+from .inspector import Fingerprint, Inspector
+from .outcome import error_verdict
+from .recipe_folder import RecipeFolder
+from .verdict import Decision, Verdict
+
+# 10,000 parts of 500 bytes.
+_MAX_BYTES = 1 << 23
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PartOutcome(_Record):
+    """The verdict on a part of a challenge, and the one that it must get."""
+
+    file: str
+    pixels_sha256: str | None
+    expected: Expected
+    found: Decision
+    reason: str
+
+    @property
+    def is_regression(self) -> bool:
+        """Whether the verdict is another one."""
+        return self.found != self.expected
+
+    def __str__(self) -> str:
+        return f"{self.file} must be {self.expected} and is {self.found}: {self.reason}"
+
+
+class Replay(_Record):
+    """The outcome of a replay; `fingerprint` is of all that the verdicts depend on."""
+
+    format: Literal["ps4rig-challenge"] = "ps4rig-challenge"
+    version: Literal[1] = 1
+    utc: str
+    fingerprint: Fingerprint
+    parts: tuple[PartOutcome, ...]
+
+    @property
+    def regressions(self) -> tuple[PartOutcome, ...]:
+        """Parts with another verdict than they must get."""
+        return tuple(part for part in self.parts if part.is_regression)
+
+
+def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[PartOutcome]:
+    """Judge every part of the challenge as if it were captured now with the present calibration.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    for file, expected in read_challenge(files.challenge).sets.items():
+        verdict, pixels_sha256 = _replayed(files.challenge / file, inspector)
+        yield PartOutcome(
+            file=file,
+            pixels_sha256=pixels_sha256,
+            expected=expected,
+            found=verdict.decision,
+            reason=verdict.reason,
+        )
+
+
+def keep_replay(
+    files: RecipeFolder, inspector: Inspector, parts: tuple[PartOutcome, ...]
+) -> Replay:
+    """Write the outcome of a replay; raises InputError if that cannot be done."""
+    replay = Replay(utc=utc_text(), fingerprint=inspector.fingerprint, parts=parts)
+    with durable_file(files.replay) as temporary:
+        temporary.write_text(replay.model_dump_json(indent=1), encoding="utf-8")
+    return replay
+
+
+def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
+    """Check that the challenge set was met by exactly what would run; replay it if it was not yet.
+
+    Raises
+    ------
+    ChallengeFailed
+        If a part gets another verdict than it must; the message names it.
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    replay = _last_replay(files)
+    if replay is None or not _is_of(replay, read_challenge(files.challenge), inspector):
+        replay = keep_replay(files, inspector, tuple(replay_challenge(files, inspector)))
+    if replay.regressions:
+        named = "; ".join(map(str, replay.regressions))
+        raise ChallengeFailed(
+            f"recipe {inspector.recipe.name} does not run: {len(replay.regressions)} of "
+            f"{len(replay.parts)} parts of its challenge set get another verdict: {named}"
+        )
+    return replay
+
+
+def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
+    pixels_sha256 = None
+    try:
+        captured = CapturedSet.load(path)
+        pixels_sha256 = captured.metadata.pixels_sha256
+        changes: dict[str, object] = {"created_utc": utc_text(), "calibration_ids": ()}
+        captured = replace(captured, metadata=captured.metadata.model_copy(update=changes))
+        if inspector.calibration is not None:
+            captured = named_by(captured, inspector.calibration.file)
+        return inspector.inspect(captured).verdict, pixels_sha256
+    except Exception as error:  # as in the cycle of the station: whatever it is, no PASS
+        return error_verdict(error), pixels_sha256
+
+
+def _last_replay(files: RecipeFolder) -> Replay | None:
+    try:
+        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
+    except (InputError, ValidationError):
+        return None
+
+
+def _is_of(replay: Replay, challenge: ChallengeSet, inspector: Inspector) -> bool:
+    """Whether a replay was of this challenge by this inspector."""
+    expected = {part.file: part.expected for part in replay.parts}
+    return replay.fingerprint == inspector.fingerprint and expected == dict(challenge.sets)

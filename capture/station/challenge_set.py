@@ -1,0 +1,90 @@
+"""The challenge set of a recipe: captured sets with the verdict that each must get."""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from capture.batch.tasks import LoadedSet
+from capture.session.plan import Name
+from classify.durable_file import durable_file, make_folder
+from rig.config.section import Section
+from rig.config.toml_file import read_toml_as
+
+from .errors import RecipeError
+from .verdict import Decision
+
+FILE = "challenge.toml"
+Expected = Literal["PASS", "FAIL", "UNKNOWN"]
+_MOST_SETS = 10_000
+
+_HEAD = """\
+# Captured sets in this folder, and the verdict that each must get before a changed recipe runs.
+# ps4rig station challenge DIR --add SET --expect PASS|FAIL|UNKNOWN adds one.
+
+[sets]
+"""
+
+
+class ChallengeSet(Section):
+    """The files of a challenge and the verdict that each must get."""
+
+    sets: Annotated[Mapping[Name, Expected], Field(max_length=_MOST_SETS)]
+
+
+def read_challenge(folder: Path) -> ChallengeSet:
+    """Read a challenge set.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or its list is damaged.
+    RecipeError
+        If it proves nothing: it takes a part that must pass, and one that must not.
+    """
+    missing = (
+        "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
+        "--expect PASS|FAIL|UNKNOWN"
+    )
+    found = read_toml_as(folder / FILE, ChallengeSet, missing)
+    passing = sum(expected == Decision.PASS for expected in found.sets.values())
+    if not 0 < passing < len(found.sets):
+        raise RecipeError(
+            f"{folder / FILE}: {passing} parts that must pass and {len(found.sets) - passing} that "
+            "must not: it takes one of each, because a station that passes or rejects everything "
+            "would meet the challenge"
+        )
+    return found
+
+
+def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) -> None:
+    """Copy sets into a challenge; one that is there already gets the new verdict.
+
+    Raises
+    ------
+    InputError
+        If a set cannot be read or copied.
+    RecipeError
+        If another set of this name is there, or the name cannot be kept.
+    """
+    make_folder(folder)
+    sets: dict[str, Expected] = {}
+    if (folder / FILE).exists():
+        sets.update(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+    for path in paths:
+        pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
+        copy = folder / path.name
+        if copy.exists():
+            if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
+                raise RecipeError(f"{copy}: is another set; rename {path} to add it")
+        else:
+            with durable_file(copy) as temporary:
+                shutil.copyfile(path, temporary)
+        sets[path.name] = expected
+    checked = ChallengeSet.model_validate({"sets": sets})
+    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in checked.sets.items())
+    with durable_file(folder / FILE) as temporary:
+        temporary.write_text(_HEAD + lines, encoding="utf-8")

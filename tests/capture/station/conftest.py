@@ -1,0 +1,40 @@
+"""A station that was taught rock as good and sand as bad, with its challenge set."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from capture.station.challenge_set import add_to_challenge
+from capture.station.folder import StationFolder, make_station
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.teaching import teach
+from capture.station.teaching_result import Teaching
+from tests.capture.station.teaching_sets import saved
+
+
+@pytest.fixture(scope="session")
+def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Teaching]:
+    """The folder of a taught station, not to be changed, and the outcome of teaching."""
+    sets = tmp_path_factory.mktemp("taught")
+    folder = sets / "station"
+    make_station(folder)
+    files = StationFolder(folder).recipe_files()
+    rock, sand = saved(sets, "rock", range(5)), saved(sets, "sand", range(3))
+    teach(files, rock[:4])
+    teaching = teach(files, sand[:2], "loose sand")
+    add_to_challenge(files.challenge, rock[3:4], "PASS")
+    add_to_challenge(files.challenge, sand[2:], "FAIL")
+    return folder, teaching
+
+
+@pytest.fixture
+def station(taught: tuple[Path, Teaching], tmp_path: Path) -> Path:
+    """A copy of the taught station."""
+    return shutil.copytree(taught[0], tmp_path / "station")
+
+
+@pytest.fixture
+def files(station: Path) -> RecipeFolder:
+    """The recipe of the copy."""
+    return StationFolder(station).recipe_files()

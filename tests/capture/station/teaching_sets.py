@@ -1,0 +1,37 @@
+"""Captured sets for tests of teaching: small patches of simulated textures."""
+
+from pathlib import Path
+
+import numpy as np
+
+from capture import CapturedSet, capture_set
+from rig import RigConfig, open_rig
+
+# The smallest frame that a defect model learns from.
+SIDE_PX = 256
+
+
+def patch(surface: str, number: int, **placement: object) -> CapturedSet:
+    """Capture one patch of a surface, at its own place, orientation and noise."""
+    draw = np.random.default_rng([number, *surface.encode()])
+    placed = {
+        "surface": surface,
+        "seed": number + 1,
+        "rotate_deg": float(draw.uniform(0.0, 360.0)),
+        "shift_px": tuple(draw.uniform(0.0, 400.0, 2).tolist()),
+    }
+    config = RigConfig().with_changes(
+        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        simulation={"placement": placed | placement},
+    )
+    with open_rig(config) as rig:
+        return capture_set(rig, label=surface)
+
+
+def saved(folder: Path, surface: str, numbers: range, **placement: object) -> list[Path]:
+    """Capture patches into files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{surface}-{number}.ome.tif" for number in numbers]
+    for path, number in zip(paths, numbers, strict=True):
+        patch(surface, number, **placement).save(path)
+    return paths

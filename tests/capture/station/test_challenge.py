@@ -1,0 +1,107 @@
+"""Tests of the challenge set: a changed recipe runs only if every part gets its verdict."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.station.challenge import replay_challenge, require_challenge
+from capture.station.challenge_set import FILE, add_to_challenge
+from capture.station.errors import ChallengeFailed, RecipeError
+from capture.station.inspector import Inspector
+from capture.station.recipe_file import read_recipe, write_recipe
+from capture.station.recipe_folder import RecipeFolder
+from classify.errors import InputError
+from tests.capture.station.teaching_sets import saved
+
+
+def changed(files: RecipeFolder) -> None:
+    """Change one limit so that good parts fail."""
+    recipe = read_recipe(files.file)
+    limits = recipe.limits_of["rock"].model_copy(update={"sdq": (0.1, 0.2)})
+    write_recipe(files.file, recipe.model_copy(update={"limits_of": {"rock": limits}}))
+
+
+def test_a_challenge_that_is_met_is_replayed_once(files: RecipeFolder) -> None:
+    replay = require_challenge(files, Inspector.load(files))
+    assert [(part.expected, part.found) for part in replay.parts] == [
+        ("PASS", "PASS"),
+        ("FAIL", "FAIL"),
+    ]
+    for path in files.challenge.glob("*.ome.tif"):
+        path.unlink()
+    assert require_challenge(files, Inspector.load(files)) == replay
+
+
+def test_a_changed_limit_blocks_and_the_part_is_named(files: RecipeFolder) -> None:
+    require_challenge(files, Inspector.load(files))
+    changed(files)
+    with pytest.raises(ChallengeFailed, match=r"rock-3.ome.tif must be PASS and is FAIL: Sdq 0"):
+        require_challenge(files, Inspector.load(files))
+    # It stays blocked without another replay.
+    with pytest.raises(ChallengeFailed, match=r"1 of 2 parts"):
+        require_challenge(files, Inspector.load(files))
+
+
+def test_a_part_that_cannot_be_judged_is_a_regression(files: RecipeFolder) -> None:
+    next(files.challenge.glob("rock-3*")).write_bytes(b"damaged")
+    outcomes = list(replay_challenge(files, Inspector.load(files)))
+    assert outcomes[0].is_regression
+    assert outcomes[0].found == "ERROR"
+
+
+def test_added_parts_need_another_replay(files: RecipeFolder, tmp_path: Path) -> None:
+    require_challenge(files, Inspector.load(files))
+    add_to_challenge(files.challenge, saved(tmp_path / "more", "malv", range(1)), "PASS")
+    with pytest.raises(ChallengeFailed, match=r"malv-0.ome.tif must be PASS and is UNKNOWN"):
+        require_challenge(files, Inspector.load(files))
+
+
+@pytest.mark.parametrize(("verdict", "counts"), [("PASS", "1 .* 0 "), ("FAIL", "0 .* 1 ")])
+def test_a_challenge_of_one_kind_of_parts_proves_nothing(
+    files: RecipeFolder, verdict: str, counts: str
+) -> None:
+    (files.challenge / FILE).write_text(f'[sets]\n"rock-3.ome.tif" = "{verdict}"\n')
+    with pytest.raises(RecipeError, match=f"{counts}that must not: it takes one of each"):
+        require_challenge(files, Inspector.load(files))
+
+
+def test_a_missing_challenge_says_how_to_make_one(files: RecipeFolder) -> None:
+    (files.challenge / FILE).unlink()
+    with pytest.raises(InputError, match="no challenge set; add parts with ps4rig station"):
+        require_challenge(files, Inspector.load(files))
+
+
+def test_another_set_of_the_same_name_is_refused(files: RecipeFolder, tmp_path: Path) -> None:
+    other = saved(tmp_path / "other", "malv", range(1))[0].rename(tmp_path / "rock-3.ome.tif")
+    with pytest.raises(RecipeError, match="is another set; rename"):
+        add_to_challenge(files.challenge, [other], "FAIL")
+
+
+def test_the_commands_teach_challenge_approve_and_run(
+    station: Path, files: RecipeFolder, tmp_path: Path, ps4rig: Callable[..., Any]
+) -> None:
+    frame = {"width_px": 256, "height_px": 256}
+    lines = "".join(f"{key} = {value}\n" for key, value in frame.items())
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{lines}')
+    config = (station / "station.toml").read_text()
+    (station / "station.toml").write_text(config.replace('rig = "sim"', f'rig = "{rig}"'))
+    run = ("station", "run", station, "--trigger", "timer", "--parts", 1)
+    refused = ps4rig(*run)
+    assert refused.exit_code == 2
+    assert "not approved" in refused.stderr
+    assert ps4rig("station", "approve", station, "--by", "Ada").exit_code == 0
+    replayed = ps4rig("station", "challenge", station, "--json")
+    assert json.loads(replayed.stdout)["passed"] is True
+    assert ps4rig(*run).exit_code in (0, 1)
+    changed(files)
+    assert ps4rig("station", "approve", station, "--by", "Ada").exit_code == 0
+    blocked = ps4rig(*run)
+    assert blocked.exit_code == 1
+    assert "rock-3.ome.tif must be PASS and is FAIL" in blocked.stderr
+    shown = ps4rig("station", "challenge", station)
+    assert shown.exit_code == 1
+    assert "REGRESSION" in shown.stdout

@@ -1,0 +1,174 @@
+"""Tests of teaching: what is learned, what is said, what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.station.approval import approve
+from capture.station.errors import RecipeError
+from capture.station.inspector import Inspector
+from capture.station.recipe import Region, require_approved
+from capture.station.recipe_file import read_recipe, write_recipe
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.teaching import teach
+from capture.station.teaching_limits import limits_of_texture
+from capture.station.teaching_page import teaching_page
+from capture.station.teaching_result import Teaching
+from capture.station.verdict import Cause, Decision
+from tests.capture.station.teaching_sets import patch, saved
+from tests.html_page import Page
+
+
+def test_good_parts_pass_and_bad_ones_fail(files: RecipeFolder) -> None:
+    inspector = Inspector.load(files)
+    assert inspector.inspect(CapturedSet.load(next(files.sets.glob("*")))).verdict
+    bad = inspector.inspect(patch("sand", 77))
+    assert (bad.verdict.decision, bad.verdict.causes[0]) == (Decision.FAIL, Cause.BAD_TEXTURE)
+    other = inspector.inspect(patch("malv", 1))
+    assert other.verdict.decision is Decision.UNKNOWN
+
+
+def test_teaching_makes_a_new_version_that_nobody_approved(files: RecipeFolder) -> None:
+    recipe = read_recipe(files.file)
+    assert (recipe.version, recipe.passes, recipe.fails) == (2, ("rock",), ("loose sand",))
+    with pytest.raises(RecipeError, match="is not approved"):
+        require_approved(recipe)
+    approved = approve(files, "Ada")
+    require_approved(read_recipe(files.file))
+    assert [each.name for each in files.version(2).folder.glob("approved-*")]
+    again = teach(files, [])
+    assert again.recipe.version == approved.version + 1
+    assert again.recipe.approval is None
+
+
+def test_what_few_parts_promise_is_said_in_words_of_a_gauge_study(
+    taught: tuple[Path, Teaching],
+) -> None:
+    promises = list(taught[1].promises())
+    assert promises[0].startswith("rock: 0 of 4 good parts were rejected")
+    # 1 - 0.05 ** (1 / 4) and 1 - 0.05 ** (1 / 2)
+    assert "at most 52.7% are; 59 parts without one rejected would show 5%" in promises[0]
+    assert "loose sand: 0 of 2 bad parts were passed" in promises[1]
+    assert "at most 77.6% are; 149 parts without one passed would show 2%" in promises[1]
+
+
+def test_the_page_shows_limits_sets_and_promises(taught: tuple[Path, Teaching]) -> None:
+    page = Page(teaching_page(taught[1])).text
+    assert "rock, distance" in page
+    assert "0 of 4 good parts" in page
+
+
+@pytest.mark.slow
+def test_textures_that_cannot_be_told_apart_are_named(files: RecipeFolder, tmp_path: Path) -> None:
+    more = saved(tmp_path / "more", "rock", range(10, 13))
+    teaching = teach(files, more, "painted rock")
+    pairs = {(each.texture, each.other) for each in teaching.overlaps}
+    assert ("rock", "painted rock") in pairs
+    assert ("painted rock", "rock") in pairs
+    assert any("rock and painted rock overlap" in remark for remark in teaching.remarks)
+    assert "overlap" in Page(teaching_page(teaching)).text
+
+
+def test_a_set_that_is_good_and_bad_is_refused(files: RecipeFolder, tmp_path: Path) -> None:
+    known = sorted(files.sets.glob("*.ome.tif"))
+    with pytest.raises(RecipeError, match="was taught as"):
+        teach(files, known, "rust")
+    with pytest.raises(RecipeError, match="'rock' is a good texture of recipe example"):
+        teach(files, saved(tmp_path, "malv", range(1)), "rock")
+
+
+def test_too_few_good_parts_are_refused(tmp_path: Path) -> None:
+    files = RecipeFolder(tmp_path / "new.toml", tmp_path / "new")
+    two = saved(tmp_path / "sets", "rock", range(2))
+    with pytest.raises(RecipeError, match="2 good parts of 'rock'; give 3 or more"):
+        teach(files, two)
+    assert not files.file.exists()
+    with pytest.raises(RecipeError, match="has no good parts yet"):
+        teach(files, two, "rust")
+
+
+@pytest.mark.slow
+def test_a_removed_file_is_no_longer_taught(files: RecipeFolder) -> None:
+    bad = read_recipe(files.file)
+    removed = {each.file for each in _taught_of(files)["loose sand"].sets}
+    for name in removed:
+        (files.sets / name).unlink()
+    teaching = teach(files, [])
+    assert "loose sand" not in teaching.taught.textures
+    assert teaching.recipe.version == bad.version + 1
+
+
+def test_what_was_changed_since_teaching_is_refused(files: RecipeFolder) -> None:
+    recipe = read_recipe(files.file)
+    region = Region(x=0, y=0, width=64, height=64)
+    write_recipe(files.file, recipe.model_copy(update={"region": region}))
+    with pytest.raises(RecipeError, match=r"region is 64 x 64 px .* taught was the whole image"):
+        Inspector.load(files)
+    write_recipe(files.file, recipe)
+    library = files.version(2).library
+    library.write_bytes(files.version(1).library.read_bytes())
+    with pytest.raises(RecipeError, match=r"textures.ps4lib: was changed since recipe example"):
+        Inspector.load(files)
+    files.version(2).taught.write_text("{}")
+    with pytest.raises(RecipeError, match=r"taught.json: .*run ps4rig station teach"):
+        Inspector.load(files)
+
+
+def test_a_set_of_another_setting_is_an_error(files: RecipeFolder) -> None:
+    captured = patch("rock", 3)
+    about = captured.metadata
+    assert about.camera is not None
+    camera = about.camera.model_copy(update={"exposure_ms": 10.0})
+    for changes, reason in (
+        ({"camera": camera}, "exposure 10 ms instead of 20 ms"),
+        ({"rig_name": "other"}, "rig 'other' instead of 'rig'"),
+        ({"simulated": False}, "one is simulated and the other is not"),
+        ({"calibration_ids": ("0" * 64,)}, "the station has none"),
+    ):
+        metadata = about.model_copy(update=changes)
+        changed = CapturedSet(captured.images, captured.ambient, metadata)
+        verdict = Inspector.load(files).inspect(changed).verdict
+        assert (verdict.decision, verdict.causes) == (Decision.ERROR, (Cause.CALIBRATION,))
+        assert reason in verdict.reason
+
+
+def test_a_weak_led_is_an_error_that_names_it(files: RecipeFolder) -> None:
+    captured = patch("rock", 3)
+    images = captured.images.astype(np.float64)
+    assert captured.ambient is not None
+    images[2] = captured.ambient + 0.61 * (images[2] - captured.ambient)
+    weak = CapturedSet(images.astype(np.uint16), captured.ambient, captured.metadata)
+    inspection = Inspector.load(files).inspect(weak)
+    assert inspection.verdict.causes == (Cause.RIG,)
+    assert "LED 180 at 6" in inspection.verdict.reason
+    assert inspection.led_levels[2] == pytest.approx(0.61, abs=0.03)
+
+
+def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
+    captured, inspector = patch("rock", 3), Inspector.load(files)
+    for images in (np.zeros_like(captured.images), np.full_like(captured.images, 4095)):
+        verdict = inspector.inspect(CapturedSet(images, None, captured.metadata)).verdict
+        assert verdict.decision is Decision.ERROR
+        assert verdict.causes[0] is Cause.CAPTURE
+
+
+def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(
+    taught: tuple[Path, Teaching],
+) -> None:
+    sdqs = [part.sdq for part in taught[1].parts if part.kept.texture == "rock"]
+    assert np.std(sdqs, ddof=1) < 0.01 * np.mean(sdqs)
+
+
+def test_limits_of_equal_parts_leave_room() -> None:
+    limits = limits_of_texture([0.4, 0.4, 0.4], [0.2] * 3, [0.0] * 3, [0.0] * 3)
+    assert limits.sdq is not None
+    assert limits.sdq[0] < 0.199 < 0.201 < limits.sdq[1]
+    assert limits.shadow_fraction == pytest.approx(0.005)
+
+
+def _taught_of(files: RecipeFolder) -> dict[str, object]:
+    from capture.station.taught import read_taught
+
+    return dict(read_taught(files.version(2).taught).textures)
