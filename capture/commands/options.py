@@ -77,6 +77,17 @@ ShiftPx = Annotated[
     tuple[float, float] | None,
     typer.Option(help="Shift of the patch to the right and up.", rich_help_panel=SIMULATION),
 ]
+Defects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--defect",
+        help="Defect of the part: scratch, dent, bump, stain, missing or foreign, X to the right "
+        "and Y up from its middle, length or diameter, all in pixels; then the depth in pixels, "
+        "the contrast of a stain, or the texture of a foreign patch. Repeat the option for more.",
+        rich_help_panel=SIMULATION,
+        metavar="KIND,X,Y,SIZE[,VALUE]",
+    ),
+]
 Seed = Annotated[
     int | None,
     typer.Option(help="Seed of the noise and of a synthetic surface.", rich_help_panel=SIMULATION),
@@ -88,6 +99,35 @@ Bits = Annotated[
 Size = Annotated[
     int | None, typer.Option(help="Side of the frame in pixels.", rich_help_panel=SIMULATION)
 ]
+
+
+def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
+    """Return the fields of `rig.Defect` for each --defect; None if there are none.
+
+    Raises
+    ------
+    InputError
+        For a text of another form; the values are checked with the configuration.
+    """
+    if texts is None:
+        return None
+    given = []
+    for text in texts:
+        kind, *values = (part.strip() for part in text.split(","))
+        value = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
+        names = ("x_px", "y_px", "size_px", value)
+        try:
+            fields = {
+                name: part if name == "surface" else float(part)
+                for name, part in zip(names[: max(len(values), 3)], values, strict=True)
+            }
+        except ValueError:
+            raise InputError(
+                f"--defect {text}: give KIND,X,Y,SIZE or KIND,X,Y,SIZE,VALUE, such as "
+                "scratch,0,20,40,1.5"
+            ) from None
+        given.append({"kind": kind, **fields})
+    return given
 
 
 def with_part(

@@ -62,6 +62,7 @@ def capture(
     ] = None,
     slant: options.Slant = None,
     shift_px: options.ShiftPx = None,
+    defect: options.Defects = None,
     seed: options.Seed = None,
     bits: options.Bits = None,
     size: options.Size = None,
@@ -84,14 +85,19 @@ def capture(
     paths = _numbered(output, len(orientations_deg) * count, replace=force)
     for path in paths:
         check_output(path, suffix=SUFFIX, inputs=replayed, force=force)
-    simulated_only = (surface, rotate, slant, shift_px, seed, bits, size)
+    simulated_only = (surface, rotate, slant, shift_px, defect, seed, bits, size)
     has_surface = config.is_simulated and config.camera.kind == "simulated"
     if not has_surface and any(value is not None for value in simulated_only):
         raise ConfigError(
             f"{rig}: not a simulated rig; leave out the options under "
             f"'{options.SIMULATION}' of --help"
         )
-    placement = {"surface": surface, "shift_px": shift_px, "seed": seed}
+    placement = {
+        "surface": surface,
+        "shift_px": shift_px,
+        "defects": options.defects(defect),
+        "seed": seed,
+    }
     # All configurations are checked before the first set is captured.
     configs = [
         options.with_part(config, placement | {"rotate_deg": rotate_deg}, slant, bits, size)

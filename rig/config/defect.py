@@ -48,10 +48,8 @@ class Defect(Section):
 
     @model_validator(mode="after")
     def _names_a_foreign_texture(self) -> Self:
-        if (self.kind == "foreign") != (self.surface is not None):
-            raise ValueError(
-                f"a {self.kind} defect "
-                + ("needs the texture" if self.kind == "foreign" else "has no texture;")
-                + " `surface`, which is for kind = 'foreign' alone"
-            )
+        if self.kind == "foreign" and self.surface is None:
+            raise ValueError("kind = 'foreign' needs `surface`, the texture of the patch")
+        if self.kind != "foreign" and self.surface is not None:
+            raise ValueError(f"kind = {self.kind!r} has no `surface`; only 'foreign' has one")
         return self

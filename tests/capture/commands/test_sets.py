@@ -15,6 +15,7 @@ import tifffile
 from capture import CapturedSet
 from classify import Lighting
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import Defect, Placement
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -39,15 +40,21 @@ def test_the_set_contains_the_options_of_the_simulated_rig(ps4rig: Command, tmp_
     result = ps4rig(
         "capture", "--rig", "sim", "--surface", "sand", "--rotate", 33, "--slant", 30, "--shift-px",
         5, -7, "--seed", 9, "--bits", 10, "--size", 96, "--average", 2, "--label", "sand 1",
-        "--json", out,
+        "--defect", "stain,3,-4,20,0.6", "--defect", "foreign, 0, 30, 12, rock", "--json", out,
     )  # fmt: skip
     assert json.loads(result.stdout) == [{"set": str(out), "simulated": True}]
     metadata = CapturedSet.load(out).metadata
     assert metadata.placement is not None
-    assert metadata.placement.model_dump() == {
-        "surface": "sand", "rotate_deg": 33.0, "shift_px": (5.0, -7.0), "seed": 9,
-        "size_mm": None,
-    }  # fmt: skip
+    assert metadata.placement == Placement(
+        surface="sand",
+        rotate_deg=33.0,
+        shift_px=(5.0, -7.0),
+        seed=9,
+        defects=(
+            Defect(kind="stain", x_px=3.0, y_px=-4.0, size_px=20.0, contrast=0.6),
+            Defect(kind="foreign", x_px=0.0, y_px=30.0, size_px=12.0, surface="rock"),
+        ),
+    )
     assert (metadata.label, metadata.orientation_deg, metadata.bit_depth) == ("sand 1", 33.0, 10)
     assert CapturedSet.load(out).lighting.slants_deg.tolist() == [30.0] * 4
     assert CapturedSet.load(out).images.shape == (4, 96, 96)
@@ -163,6 +170,10 @@ def test_a_rejected_set_is_status_1_and_a_wrong_configuration_status_2(
         (["--rotate", "0", "--rotate", "1e9", "a.ome.tif"], "placement.rotate_deg"),
         (["--rotate", "0", "--rotate", "nan", "a.ome.tif"], "placement.rotate_deg"),
         (["--shift-px", "nan", "0", "a.ome.tif"], "placement.shift_px"),
+        (["--defect", "dent,0,0", "a.ome.tif"], "--defect dent,0,0: give KIND,X,Y,SIZE or"),
+        (["--defect", "hole,0,0,9", "a.ome.tif"], "placement.defects.0.kind"),
+        (["--defect", "foreign,0,0,9", "a.ome.tif"], "kind = 'foreign' needs `surface`"),
+        (["--defect", "dent,0,0,9,1,1", "a.ome.tif"], "--defect dent,0,0,9,1,1: give KIND,X,Y"),
         (["--surface", "no/such", "a.ome.tif"], "neither a material folder nor one of rock, sand"),
         (["--size", "64", "--label", "a\nb", "a.ome.tif"], r"label 'a\nb': use printable"),
         (["none/a.ome.tif"], "none/a.ome.tif: cannot be written: there is no folder"),
