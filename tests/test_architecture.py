@@ -68,6 +68,10 @@ STOREYS = {
         {"__main__"},
     ),
 }
+# Modules that only POSIX has. A function that needs one imports it itself, or the import at the top
+# of the file may fail.
+POSIX_MODULES = {"fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty"}
+FOR_POSIX_ONLY = {"firmware_sim/terminals.py"}
 # What the program says about itself is no part of its work.
 ONLY_FOR_COMMANDS = {"studies"}
 UNSAFE_MODULES = {"pickle", "cPickle", "dill", "joblib", "marshal", "shelve"}
@@ -161,6 +165,14 @@ def test_a_file_imports_only_along_the_arrows() -> None:
         return upwards | tops & (NEVER[room] | UNSAFE_MODULES | {"", "tests"})
 
     assert_none(f"{name_of(path)} imports {name}" for path in FILES for name in violations(path))
+
+
+def test_a_file_needs_nothing_that_only_posix_has() -> None:
+    def violations(path: Path) -> set[str]:
+        return set(imported(parsed(text_of(path)).body, ())) & POSIX_MODULES
+
+    found = {name_of(path): violations(path) for path in FILES}
+    assert {name for name, modules in found.items() if modules} == FOR_POSIX_ONLY
 
 
 def test_a_file_imports_only_from_its_folder_and_from_storeys_below() -> None:

@@ -16,6 +16,7 @@ from .one_thread import call_in_one_thread
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
+_at_work = threading.Event()  # set while a worker process has an item
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -102,8 +103,9 @@ def _end_with(lifeline: Connection) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             return
         # On Windows os.kill ends the process at once, and no signal wakes a waiting thread.
-        _thread.interrupt_main(signal.SIGTERM)
-        time.sleep(_CLEANUP_S)
+        if _at_work.is_set():
+            _thread.interrupt_main(signal.SIGTERM)
+            time.sleep(_CLEANUP_S)
         os._exit(1)
 
 
@@ -116,8 +118,11 @@ def _end(*_: object) -> NoReturn:
 
 
 def _call(function: Callable[[Item], Result], item: Item) -> Result:
+    _at_work.set()
     try:
         return call_in_one_thread(function, item)
     except SystemExit:
         # The executor would return the exception as the item's result and continue.
         os._exit(1)
+    finally:
+        _at_work.clear()

@@ -1,14 +1,17 @@
 """Files are written whole or not at all."""
 
+import errno
 import os
 import stat
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
+import classify.durable_file as module
 from classify import InputError
 from classify.durable_file import durable_file
 
@@ -189,3 +192,51 @@ def test_the_file_of_a_writer_at_work_stays(tmp_path: Path) -> None:
             quick.write_text("quick")
         assert slow.exists()
     assert sorted(names(tmp_path)) == ["a.txt", "b.txt"]
+
+
+@pytest.mark.parametrize("code", [errno.EINVAL, errno.EACCES])
+def test_a_folder_that_cannot_be_synced_is_left_at_that(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    """EINVAL is the answer of some network file systems, EACCES that of Windows."""
+    call = "fsync" if code == errno.EINVAL else "open"
+    really = getattr(os, call)
+
+    def refuse_folders(what: object, *arguments: object) -> object:
+        about = os.fstat(what) if isinstance(what, int) else os.stat(what)  # noqa: PTH116
+        if stat.S_ISDIR(about.st_mode):
+            raise OSError(code, os.strerror(code))
+        return really(what, *arguments)
+
+    with durable_file(tmp_path / "a.txt") as temporary:
+        temporary.write_text("new")
+        monkeypatch.setattr(os, call, refuse_folders)
+    assert (tmp_path / "a.txt").read_text() == "new"
+
+
+def test_a_folder_whose_disk_fails_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with (
+        pytest.raises(InputError, match=r"a\.txt: cannot be written: Input/output error"),
+        durable_file(tmp_path / "a.txt"),
+    ):
+        pass
+
+
+def test_without_locks_the_file_of_a_killed_writer_is_removed_after_a_day(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "fcntl", None)
+    old, new = tmp_path / ".writing-old", tmp_path / ".writing-new"
+    for path, age_h in ((old, 25), (new, 23)):
+        path.touch()
+        os.utime(path, (time.time() - 3600.0 * age_h,) * 2)
+    with durable_file(tmp_path / "a.txt") as temporary:
+        temporary.write_text("new")
+    assert sorted(names(tmp_path)) == [".writing-new", "a.txt"]

@@ -18,10 +18,12 @@ from firmware_sim import (
     SimulatedBoard,
     SimulatedController,
     VirtualClock,
+    serve_local,
     serve_pty,
     serve_tcp,
     serve_tty,
     serve_unix,
+    terminals,
 )
 
 IDENTITY = b"PS4RIG,LED4,SIM-0001,2.1.0,2\n"
@@ -235,6 +237,19 @@ def test_an_exchange_is_quick():
         # Exchanges that wait for the server's poll interval would take milliseconds. On a busy
         # machine some stretch of 20 exchanges is undisturbed.
         assert any(median(exchange_s() for _ in range(20)) < 0.001 for _ in range(50))
+
+
+def test_without_a_free_terminal_a_port_of_this_machine_is_served(monkeypatch):
+    with serve_local(controller()) as server:
+        assert server.address.startswith("/dev/pts/")
+
+    def no_terminal():
+        raise OSError("out of pty devices")
+
+    monkeypatch.setattr(terminals, "openpty", no_terminal)
+    with serve_local(controller()) as server, opened(server.address) as port:
+        assert server.address.startswith("socket://127.0.0.1:")
+        assert ask(port, b"*IDN?") == OK_IDENTITY
 
 
 @pytest.mark.parametrize("serve", [serve_pty, serve_tcp])

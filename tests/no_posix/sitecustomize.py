@@ -6,6 +6,7 @@ The folder of this file comes first in ``PYTHONPATH``, so that worker processes 
 import errno
 import os
 import select
+import shutil
 import signal
 import socket
 import stat
@@ -28,7 +29,7 @@ POSIX_ONLY = """
     fchdir fchmod fchown fdatasync fork forkpty getegid geteuid getgid getgroups getloadavg getpgid
     getpgrp getpriority getresuid getsid getuid killpg lchown lockf mkfifo mknod nice openpty
     pathconf pipe2 posix_fadvise posix_fallocate pread preadv pwrite pwritev readv register_at_fork
-    sched_getaffinity sched_setaffinity sched_yield sendfile setegid seteuid setgid setpriority
+    sched_getaffinity sched_setaffinity sched_yield setegid seteuid setgid setpriority
     setsid setuid sync tcgetpgrp tcsetpgrp ttyname wait wait3 wait4 writev
 """
 for name in dir(signal):
@@ -43,8 +44,9 @@ for name in POSIX_ONLY.split():
 for name in ("epoll", "poll"):
     delattr(select, name)
 delattr(socket, "AF_UNIX")
-# On Linux it is removed while it is open.
+# On Linux the first is removed while it is open, and the second opens folders.
 tempfile.TemporaryFile = tempfile.NamedTemporaryFile
+shutil._use_fd_functions = False
 
 really_open, really_fsync, really_select = os.open, os.fsync, select.select
 opened_for_reading = set()

@@ -73,6 +73,22 @@ def test_a_wrong_plan_is_refused_by_name(tmp_path: Path, text: str, message: str
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (r"C:\tools\turn.exe {angle}", [r"C:\tools\turn.exe", "40"]),
+        (r'"D:\my tools\turn.exe" --to={angle}', [r"D:\my tools\turn.exe", "--to=40"]),
+        (r"my\ turn '{angle} deg' #1", ["my turn", "40 deg", "#1"]),
+    ],
+)
+def test_a_turntable_is_a_command_of_posix_or_of_windows(
+    tmp_path: Path, command: str, words: list[str]
+) -> None:
+    text = f'name = \'a\'\norientations_deg = [40]\nturntable = """{command!s}"""' + _SPECIMEN
+    plan = plan_of(tmp_path, text.replace("\\", "\\\\"))
+    assert plan.turntable_command(40.0) == words
+
+
 def test_a_missing_plan_names_the_command_that_writes_one(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="ps4rig session new"):
         read_plan(tmp_path / "none.toml")
