@@ -10,7 +10,9 @@ from pathlib import Path
 
 import jpype
 import numpy as np
+import tifffile
 
+SCHEMA = "released-schema/2016-06/ome.xsd"  # in the jar of Bio-Formats
 QUIET = Path(__file__).with_name("logback.xml")
 
 
@@ -66,6 +68,22 @@ def channel_names(name: str) -> list[str]:
     return names
 
 
+def schema_error(name: str) -> str | None:
+    """What the OME schema of 2016 says against the XML of a file."""
+    with tifffile.TiffFile(name) as tiff:
+        text = jpype.JClass("java.io.StringReader")(tiff.pages.first.description)
+    xsd = jpype.JClass("java.lang.ClassLoader").getSystemResource(SCHEMA)
+    factory = jpype.JClass("javax.xml.validation.SchemaFactory")
+    schema = factory.newInstance("http://www.w3.org/2001/XMLSchema").newSchema(xsd)
+    try:
+        schema.newValidator().validate(
+            jpype.JClass("javax.xml.transform.stream.StreamSource")(text)
+        )
+    except jpype.JException as error:
+        return str(error)
+    return None
+
+
 def main(imagej: str, bioformats: str, output: str, *names: str) -> None:
     jpype.startJVM(
         "-Djava.awt.headless=true",
@@ -80,7 +98,9 @@ def main(imagej: str, bioformats: str, output: str, *names: str) -> None:
                 about[f"{program}:{Path(name).name}"] = shown(image)
                 arrays[f"{program}:{Path(name).name}"] = pixels(image)
         if name.endswith(".ome.tif"):
-            about[f"bioformats:{Path(name).name}"]["names"] = channel_names(name)
+            shown_of_set = about[f"bioformats:{Path(name).name}"]
+            shown_of_set["names"] = channel_names(name)
+            shown_of_set["schema_error"] = schema_error(name)
     np.savez(output, **arrays)
     print(json.dumps(about))
 

@@ -72,6 +72,7 @@ def opened(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Opened:
 
 def test_bio_formats_gives_a_set_channels_with_names_colours_and_scale(opened: Opened) -> None:
     shown = opened[0]["bioformats:set.ome.tif"]
+    assert shown["schema_error"] is None
     assert (shown["bits"], shown["channels"], shown["names"]) == (16, 6, CHANNELS)
     assert shown["colours"] == [
         [255, 0, 0], [128, 255, 0], [0, 255, 255], [128, 0, 255], [255] * 3, [255] * 3,

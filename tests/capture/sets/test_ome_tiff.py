@@ -69,12 +69,23 @@ def with_metadata(path: Path, change: Callable[[dict[str, Any]], object], sign: 
 
 
 @settings(max_examples=60, deadline=None)
-@given(images=planes, with_ambient=st.booleans(), label=st.none() | printable)
+@given(
+    images=planes,
+    with_ambient=st.booleans(),
+    label=st.none() | printable,
+    mm_per_px=st.none() | st.floats(1e-6, 1e3),
+)
 def test_pixels_and_metadata_come_back_as_they_were(
-    folder: Path, made_set: MadeSet, images: Any, with_ambient: bool, label: str | None
+    folder: Path,
+    made_set: MadeSet,
+    images: Any,
+    with_ambient: bool,
+    label: str | None,
+    mm_per_px: float | None,
 ) -> None:
     ambient = images[-1] if with_ambient else None
-    written = made_set(images[:-1] if with_ambient else images, ambient, label=label)
+    lights = images[:-1] if with_ambient else images
+    written = made_set(lights, ambient, label=label, mm_per_px=mm_per_px)
     written.save(folder / "x.ome.tif")
     read = CapturedSet.load(folder / "x.ome.tif")
     assert read.metadata == written.metadata
