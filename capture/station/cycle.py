@@ -243,20 +243,24 @@ class Station:
             with self._lock:
                 self._machine.change(Change.OPENED)
             checks += self._camera.test(is_start=not self._was_ready)
+            self._tell_of(checks)
             require_no_fault(checks)
         except Exception as error:
+            self._tell_of(checks)
             self._fail(said(error))
             if not self._was_ready:
                 raise
-        else:
-            self._was_ready = True
-            with self._lock:
-                self._machine.change(Change.TESTED)
-        finally:
-            found = [f"{each.name} {each.status}" for each in checks]
-            if found != self._tested:
-                self._publish(SelfTestFinished(tuple(checks)))
-            self._tested = found
+            return
+        self._was_ready = True
+        with self._lock:
+            self._machine.change(Change.TESTED)
+
+    def _tell_of(self, checks: list[Check]) -> None:
+        """Publish a self-test that found something else than the one before."""
+        found = [f"{each.name} {each.status}" for each in checks]
+        if found != self._tested:
+            self._publish(SelfTestFinished(tuple(checks)))
+        self._tested = found
 
     def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
         captured, error = None, None

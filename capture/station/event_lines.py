@@ -16,12 +16,15 @@ from .events import (
 )
 from .folder import StationFolder
 from .results.part_result import PartResult
+from .states import Change, State
 from .verdict import Decision
 
 
 def text_lines(event: Event) -> list[str]:
     """Return what people are told of an event; often nothing."""
     match event:
+        case StateChanged(State.EXECUTING, _) | StateChanged(State.READY, Change.FREE):
+            return []  # of every part
         case StateChanged(state, reason):
             return [f"{state}: {reason}"]
         case SelfTestFinished(checks):
