@@ -1,6 +1,7 @@
 """What a session measures on a set right after its capture, against the first of its specimen."""
 
 import math
+from contextlib import suppress
 
 import numpy as np
 
@@ -15,8 +16,11 @@ from .journal import SetMeasures
 # A hand places a part within 2 degrees by the overlay of the preview and within 5 by eye; a wrong
 # digit is 10 degrees or more.
 _MAX_PLACEMENT_DEG = 8.0
-# Below this the orientation of a texture is not determined; see test_measures.py.
-LEAST_SHARPNESS = 0.3
+# Agreement with the first set below which a texture determines no orientation, and by how much the
+# entered orientation must agree less than the best: a weave agrees as well after a quarter turn.
+# tests/capture/session/test_orientation_flags.py has the rates of both on 54 textures.
+LEAST_SHARPNESS = 0.45
+_LEAST_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0
 # The sum of the light images of a matt surface does not depend on its orientation.
@@ -52,18 +56,8 @@ class SpecimenReference:
                 f"light changed by {signal / self._signal - 1.0:+.0%} since the first set of the "
                 "specimen"
             )
-        match = None
-        if self._library is not None:
-            try:
-                match = self._library.classify(surface)
-            except InputError:
-                match = None
-        if match is None:
-            return measures.model_copy(update={"warnings": tuple(warnings)})
-        estimated_deg = match.orientation_deg
-        if match.sharpness is None or match.sharpness < LEAST_SHARPNESS:
-            estimated_deg = None
-        entered_deg = captured.metadata.orientation_deg
+        entered_deg, blur_px = captured.metadata.orientation_deg, self._blur_px(surface)
+        estimated_deg = self.orientation_deg(surface, entered_deg)
         if estimated_deg is not None and entered_deg is not None:
             off_deg = (estimated_deg - entered_deg + 90.0) % 180.0 - 90.0
             if abs(off_deg) > _MAX_PLACEMENT_DEG:
@@ -71,10 +65,41 @@ class SpecimenReference:
                     f"the texture stands at {estimated_deg:.0f} degrees, "
                     f"{entered_deg % 180.0:g} were entered"
                 )
-        if match.blur_px is not None and match.blur_px > _MAX_BLUR_PX:
-            warnings.append(f"{match.blur_px:.1f} px blurrier than the first set of the specimen")
-        found = {"estimated_deg": estimated_deg, "blur_px": match.blur_px}
+        if blur_px is not None and blur_px > _MAX_BLUR_PX:
+            warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
+        found = {"estimated_deg": estimated_deg, "blur_px": blur_px}
         return measures.model_copy(update={**found, "warnings": tuple(warnings)})
+
+    def orientation_deg(
+        self, surface: SurfaceEstimate, entered_deg: float | None = None
+    ) -> float | None:
+        """Orientation of a surface of the same specimen, [0, 180); None where it determines none.
+
+        A texture that looks the same after a quarter turn has several; the one near `entered_deg`
+        counts, if it agrees as well as the best.
+        """
+        profile = None
+        if self._library is not None:
+            with suppress(InputError):
+                profile = self._library.orientation_profile(surface)
+        if profile is None:
+            return None
+        best_deg, agreement = profile.best()
+        if agreement < LEAST_SHARPNESS:
+            return None
+        if entered_deg is not None:
+            near_deg, there = profile.best(entered_deg, _MAX_PLACEMENT_DEG)
+            if agreement - there < _LEAST_DROP:
+                return near_deg
+        return best_deg
+
+    def _blur_px(self, surface: SurfaceEstimate) -> float | None:
+        if self._library is None:
+            return None
+        try:
+            return self._library.classify(surface).blur_px
+        except InputError:
+            return None
 
 
 def measures_of_first(loaded: LoadedSet) -> SetMeasures:

@@ -88,6 +88,9 @@ class Classifier(Generic[Tested, Trained]):
     bounds
         ((k,) invariants of a test, (n, k) of references, parameters) to (n,) numbers that do not
         exceed the distances.
+    agreement
+        (signature, (n, ...) references) to (n, 180): the share of the angular structure that agrees
+        at each orientation relative to the reference; None where the classifier finds none.
     without_heading
         (k, ...) references to the same references without a heading.
     from_images
@@ -113,6 +116,7 @@ class Classifier(Generic[Tested, Trained]):
     bounds: Callable[[FloatMap, FloatMap, Parameters], Bounds] = (
         lambda _test, references, _parameters: np.zeros(len(references))
     )
+    agreement: Callable[[FloatMap, FloatMap], npt.NDArray[np.float64]] | None = None
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     from_images: bool = False
 

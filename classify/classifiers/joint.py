@@ -8,11 +8,13 @@ reference the last number is the factor of its class's limit; in a test it divid
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap
 from classify.texture.angular_harmonics import (
     HARMONICS,
     Complex,
+    agreement_by_shift,
     least_error,
     shift_invariant_norms,
 )
@@ -118,6 +120,10 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
     return Comparison(total, found.shifts_deg, found.sharpness, headings, blurs_px)
 
 
+def _agreement(test: FloatMap, references: FloatMap) -> npt.NDArray[np.float64]:
+    return agreement_by_shift(_series_of(test[None])[0], _series_of(references))
+
+
 def _limits(
     labels: Sequence[str], sets: Sequence[int], references: FloatMap, parameters: Parameters
 ) -> dict[str, float]:
@@ -184,6 +190,7 @@ JOINT = Classifier(
     has_invariants=True,
     invariants=_invariants,
     bounds=bounds,
+    agreement=_agreement,
     added_parameters=frozenset([BLUR_BASIS, SPECTRAL_SHARE]),
     without_heading=_without_heading,
 )

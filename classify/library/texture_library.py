@@ -13,6 +13,7 @@ from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, METHODS, Method
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.blur import blurred_surface
+from classify.texture.orientation_profile import OrientationProfile
 from classify.texture.spectra import segment_for
 
 from . import ps4lib
@@ -187,6 +188,21 @@ class TextureLibrary(LibraryContents):
         for label, distance in zip(self.labels, found.tolist(), strict=True):
             nearest[label] = min(nearest[label], distance)
         return nearest
+
+    def orientation_profile(self, surface: SurfaceEstimate) -> OrientationProfile | None:
+        """How well a surface agrees with its nearest reference at each orientation.
+
+        None if the classifier finds no orientation. Raises as `observe`.
+        """
+        signature, classifier = self.observe(surface), classifier_named(self.classifier)
+        if classifier.agreement is None:
+            return None
+        indices, found = self.candidates(signature)
+        nearest = int(indices[np.argmin(found.distances)])
+        (agreement,) = classifier.agreement(signature, self.signatures[nearest : nearest + 1])
+        # From the zero of the reference to that of the training sets.
+        degrees = np.arange(180) - self.orientations_deg[nearest]
+        return OrientationProfile(np.interp(degrees, np.arange(180), agreement, period=180.0))
 
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
         """Compare the references that can be nearest or runner-up: their indices, the result."""

@@ -29,6 +29,7 @@ _STEP_DEG = 180.0 / _SHIFTS
 _LEAST_CURVATURE = 1e-9
 
 Complex = npt.NDArray[np.complex64]
+Floats = npt.NDArray[np.float64]
 
 
 class LeastError(NamedTuple):
@@ -67,6 +68,33 @@ def least_error(test: Complex, references: Complex) -> LeastError:
 
     All maps of a stack are shifted by the same angle.
     """
+    correlations, zeroth, energies = _correlations(test, references)
+    total = energies.sum(axis=1)
+    errors = total[:, None] - 2.0 * correlations
+    shifts, least = refined_minima(errors, _LEAST_CURVATURE * total)
+    sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
+    # The second modulo: a remainder of -1e-17 is rounded up to 180.
+    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
+    return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
+
+
+def agreement_by_shift(test: Complex, references: Complex) -> npt.NDArray[np.float64]:
+    """Share of the energy of all harmonics but 0 that agrees, (n, 180), at shifts of 0 to 179 deg.
+
+    The highest of a row is the sharpness of `least_error`; see there for the parameters.
+    """
+    correlations, zeroth, energies = _correlations(test, references)
+    return _agreed(correlations.T, zeroth, energies).T
+
+
+def _agreed(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
+    directional = np.maximum(energies[:, 1:].sum(axis=1), np.finfo(np.float64).tiny)
+    agreed: Floats = 2.0 * (correlations - zeroth) / directional
+    return agreed
+
+
+def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, Floats]:
+    """(n, 180) correlations by shift, (n,) their part of harmonic 0, and (n, 16) energies."""
     cross = np.empty((len(references), HARMONICS), np.complex128)
     energies = np.empty(cross.shape, np.float64)
     count, maps, length = references.shape
@@ -76,15 +104,7 @@ def least_error(test: Complex, references: Complex) -> LeastError:
     padded[:, 1:] *= 0.5
     correlations = scipy.fft.irfft(padded, n=_SHIFTS, norm="forward")
     energies += _squares(test).sum(axis=0, dtype=np.float64)
-    total = energies.sum(axis=1)
-    errors = total[:, None] - 2.0 * correlations
-    shifts, least = refined_minima(errors, _LEAST_CURVATURE * total)
-    directional = energies[:, 1:].sum(axis=1)
-    agreed = 2.0 * (correlations.max(axis=1) - cross[:, 0].real)
-    sharpness = np.clip(agreed / np.maximum(directional, np.finfo(np.float64).tiny), 0.0, 1.0)
-    # The second modulo: a remainder of -1e-17 is rounded up to 180.
-    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
-    return LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
+    return correlations, cross[:, 0].real, energies
 
 
 def shift_invariant_norms(series: Complex) -> FloatMap:

@@ -87,7 +87,7 @@ def of_match(**changes: object) -> Measures:
             of_match(sharpness=0.1),
             Decision.UNKNOWN,
             Cause.UNDECIDED,
-            "orientation of steel 0.10, at least 0.30",
+            "orientation of steel 0.10, at least 0.45",
         ),
         (of_match(orientation_deg=None), Decision.UNKNOWN, Cause.UNDECIDED, "not clear"),
         (of_match(label="rust", nearest="rust"), Decision.FAIL, Cause.BAD_TEXTURE, "rust is a bad"),

@@ -1,0 +1,128 @@
+"""How often a session flags mistyped and correct orientations, over many textures.
+
+The figures of capture/README.md, with scanned materials of a folder too:
+PS4RIG_MATERIALS=DIR PS4RIG_SETS=16 PS4RIG_SIDE_PX=512 pytest -s -m slow FILE
+"""
+
+import os
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture import CapturedSet
+from capture.batch.tasks import LoadedSet
+from capture.session.measures import LEAST_SHARPNESS, SpecimenReference
+from classify import Lighting, TextureLibrary
+from rig.scene.lens import Lens
+from rig.scene.material_folder import bundled_materials, load_material
+from rig.scene.render import render_frame
+from rig.scene.surfaces import PeriodicSurface
+from rig.scene.synthetic import SYNTHETIC_30, synthetic_surface, tile_side_px
+from rig.simulation.sensor import SensorModel
+
+MakeSet = Callable[..., CapturedSet]
+LIGHTING = Lighting.ring(45.0)
+SENSOR, EXPOSURE_MS = SensorModel(bit_depth=12), 20.0
+SETS = int(os.environ.get("PS4RIG_SETS", "3"))
+SIDE_PX = int(os.environ.get("PS4RIG_SIDE_PX", "256"))
+# A hand is off by up to so much; every second set is out of focus by up to 0.7 px.
+HAND_DEG, MOST_BLUR_PX = 2.0, 0.7
+MISTYPED_DEG = 20.0
+
+
+def textures() -> Iterator[tuple[str, Callable[[], PeriodicSurface]]]:
+    for name in SYNTHETIC_30:
+        yield name, partial(synthetic_surface, name, 1, tile_side_px(SIDE_PX))
+    folders = dict(bundled_materials())
+    given = os.environ.get("PS4RIG_MATERIALS")
+    if given is not None:
+        folders |= {path.name: path for path in Path(given).iterdir() if path.is_dir()}
+    for name, folder in sorted(folders.items()):
+        yield name, partial(load_material, folder)
+
+
+@dataclass(frozen=True)
+class Flags:
+    """What was flagged of one texture: shares of correct and of mistyped orientations."""
+
+    sharpness: float
+    correct: float
+    mistyped: float
+
+
+class Bench:
+    """Sets of a surface, each of another patch of it."""
+
+    def __init__(self, surface: PeriodicSurface, made_set: MakeSet, seed: int) -> None:
+        self._surface, self._made_set = surface, made_set
+        self.rng = np.random.default_rng(seed)
+
+    def captured(self, orientation_deg: float, blur_px: float) -> CapturedSet:
+        shift_px = tuple(self.rng.uniform(0.0, len(self._surface.height), 2))
+        scene = render_frame(self._surface, LIGHTING, SIDE_PX, orientation_deg, shift_px)
+        scene = Lens(blur_px, 0.0).images(scene)
+
+        def expose(light: np.ndarray) -> np.ndarray:
+            return SENSOR.expose(EXPOSURE_MS * light, self.rng)
+
+        pixels = np.stack([expose(light + scene.ambient) for light in scene.lights])
+        return self._made_set(
+            pixels, expose(scene.ambient), LIGHTING, bit_depth=12, full_scale=4095,
+            orientation_deg=orientation_deg,
+        )  # fmt: skip
+
+
+def entered(captured: CapturedSet, orientation_deg: float) -> LoadedSet:
+    about = captured.metadata.model_copy(update={"orientation_deg": orientation_deg})
+    return LoadedSet(CapturedSet(captured.images, captured.ambient, about), None)
+
+
+def flags_of(surface: PeriodicSurface, made_set: MakeSet, seed: int) -> Flags:
+    bench = Bench(surface, made_set, seed)
+    first = LoadedSet(bench.captured(0.0, 0.0), None)
+    reference = SpecimenReference(first)
+    library = TextureLibrary.train([("it", first.solve_texture(None, planar=True), 0.0)])
+    correct, mistyped, sharpness = [], [], []
+    for number in range(SETS):
+        true_deg = float(bench.rng.uniform(0.0, 180.0))
+        blur_px = float(bench.rng.uniform(0.0, MOST_BLUR_PX)) * (number % 2)
+        captured = bench.captured(true_deg, blur_px)
+        asked_deg = true_deg + float(bench.rng.uniform(-HAND_DEG, HAND_DEG))
+        surface_found = LoadedSet(captured, None).solve_texture(None, planar=True)
+        sharpness.append(library.classify(surface_found).sharpness or 0.0)
+        for offset_deg, flagged in (
+            (0.0, correct),
+            (MISTYPED_DEG, mistyped),
+            (-MISTYPED_DEG, mistyped),
+        ):
+            measures = reference.measures(entered(captured, asked_deg + offset_deg))
+            flagged.append(any("the texture stands at" in said for said in measures.warnings))
+    return Flags(float(np.median(sharpness)), float(np.mean(correct)), float(np.mean(mistyped)))
+
+
+@pytest.mark.slow
+def test_mistyped_orientations_are_flagged_and_correct_ones_are_not(made_set: MakeSet) -> None:
+    found = {
+        name: flags_of(make(), made_set, zlib.crc32(name.encode())) for name, make in textures()
+    }
+    for name, flags in sorted(found.items(), key=lambda item: item[1].sharpness):
+        print(
+            f"{name:24s} sharpness {flags.sharpness:.2f}, flagged: correct {flags.correct:.0%}, "
+            f"mistyped {flags.mistyped:.0%}"
+        )
+    directional = [flags for flags in found.values() if flags.sharpness >= LEAST_SHARPNESS]
+    caught = float(np.mean([flags.mistyped for flags in directional]))
+    false = float(np.mean([flags.correct for flags in found.values()]))
+    print(
+        f"{SETS} sets of {SIDE_PX} px of each of {len(found)} textures, {len(directional)} of them "
+        f"directional: {caught:.1%} of the mistyped flagged, {false:.2%} of all correct ones"
+    )
+    assert caught >= 0.95
+    assert false <= 0.01
+    # There are enough of both kinds.
+    assert 15 <= len(directional) <= len(found) - 15
