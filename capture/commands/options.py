@@ -18,6 +18,8 @@ _MANY_SETS = "With many sets"
 # Far more than any machine has cores; a typing error would exhaust its memory.
 _MAX_WORKERS = 1024
 
+PREVIEW_PORT = 8765
+
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace the output file if it exists already.")

@@ -2,16 +2,20 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig import HardwareError, Rig, RigConfig, open_rig
+from classify.errors import Ps4rigError
+from rig import Frame, HardwareError, Rig, RigConfig, open_rig
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
+from .layout import Places, places_of
+from .outline import Outline
 from .preview_image import PreviewImage, preview_image
 
+Measure = Callable[[Sequence[Frame]], str | None]
 # Time to plug in a cable again.
 _RETRY_S = 2.0
 # Processor time for the server and the browser.
@@ -40,6 +44,32 @@ class Preview:
     _lights: tuple[str, ...] = ()
     _images: dict[int, PreviewImage] = field(default_factory=dict)
     _error: str | None = None
+    _places: Places | None = None
+    _guide: str | None = None
+    _found: str | None = None
+    _captured: str | None = None
+    _overlays: tuple[str | None, int] = (None, 0)
+
+    def guide(self, text: str, outline: Outline | None) -> None:
+        """Show what to place, and over each image the outline that it should have."""
+        with self._lock:
+            self._guide, self._found = text, None
+            self._overlays = (None if outline is None else outline.svg(), self._overlays[1] + 1)
+
+    def found(self, text: str) -> None:
+        """Show what was measured on the part that lies there now."""
+        with self._lock:
+            self._found = text
+
+    def captured(self, text: str) -> None:
+        """Show what the set before was found to be."""
+        with self._lock:
+            self._captured, self._found = text, None
+
+    def overlay(self) -> bytes | None:
+        """Return the outline as an SVG image, None if there is none."""
+        svg, _ = self._overlays
+        return None if svg is None else svg.encode()
 
     def opened(self, rig: Rig) -> None:
         """Note that the rig was opened, for the first time or again."""
@@ -49,6 +79,7 @@ class Preview:
                 f"{info.name}, {info.width_px} x {info.height_px} px, {info.bit_depth} bit"
             )
             self._simulated = rig.simulation is not None
+            self._places = places_of(rig.lighting.directions)
             tilts_deg = rig.config.lights.tilts_deg
             self._lights = tuple(f"LED {k}, tilt {tilt:g}°" for k, tilt in enumerate(tilts_deg))
             # A fresh frame takes two or three periods.
@@ -61,7 +92,7 @@ class Preview:
             self._images[light] = image
             self._error = None
 
-    def failed(self, error: HardwareError) -> None:
+    def failed(self, error: Ps4rigError) -> None:
         """Note an error; the last images stay."""
         with self._lock:
             self._error = str(error)
@@ -76,11 +107,17 @@ class Preview:
         """Return everything but the images, as the page receives it."""
         with self._lock:
             images, now_s = dict(self._images), self.now_s()
+            svg, version = self._overlays
             return {
                 "camera": self._camera,
                 "simulated": self._simulated,
                 "error": self._error,
                 "stale_after_s": self.stale_after_s,
+                "places": None if self._places is None else self._places._asdict(),
+                "guide": self._guide,
+                "found": self._found,
+                "captured": self._captured,
+                "overlay": None if svg is None else version,
                 "max_saturated_share": MAX_SATURATED_SHARE,
                 "lights": [
                     _figures(name, images.get(k), now_s) for k, name in enumerate(self._lights)
@@ -88,10 +125,41 @@ class Preview:
             }
 
 
-def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) -> None:
+def show_lights(
+    rig: Rig, preview: Preview, stopping: threading.Event, measure: Measure | None = None
+) -> None:
+    """Show each light of an open rig in turn until `stopping` is set.
+
+    `measure` makes a text of the frames of each round, or None where there is nothing to say.
+
+    Raises
+    ------
+    HardwareError
+        If the rig fails.
+    """
+    preview.opened(rig)
+    while True:
+        frames = []
+        for light in range(len(rig.lighting)):
+            frames.append(fresh_frame(rig, light))
+            preview.shown(light, preview_image(frames[-1]))
+            if stopping.wait(_PAUSE_S):
+                return
+        said = None if measure is None else measure(frames)
+        if said is not None:
+            preview.found(said)
+
+
+def run_preview(
+    config: RigConfig,
+    preview: Preview,
+    stopping: threading.Event,
+    measure: Measure | None = None,
+) -> None:
     """Show each light in turn until `stopping` is set, then switch the LEDs off.
 
-    A hardware error is shown, and the rig is opened again two seconds later.
+    A hardware error is shown, and the rig is opened again two seconds later. For `measure` see
+    `show_lights`.
 
     Raises
     ------
@@ -104,12 +172,7 @@ def run_preview(config: RigConfig, preview: Preview, stopping: threading.Event) 
     while not stopping.is_set():
         try:
             with open_rig(config) as rig:
-                preview.opened(rig)
-                while not stopping.is_set():
-                    for light in range(len(rig.lighting)):
-                        preview.shown(light, preview_image(fresh_frame(rig, light)))
-                        if stopping.wait(_PAUSE_S):
-                            break
+                show_lights(rig, preview, stopping, measure)
         except HardwareError as error:
             preview.failed(error)
             stopping.wait(_RETRY_S)

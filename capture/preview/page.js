@@ -13,6 +13,36 @@ const byId = (id) => document.getElementById(id);
 // `age_s` is the age when the answer was sent.
 const age = (light) => light.age_s + (performance.now() - receivedMs) / 1000;
 
+// As the lights stand around the part; without places, in rows.
+function place() {
+  const { places } = state;
+  const area = byId("lights");
+  area.classList.toggle("placed", places !== null);
+  if (places === null) return;
+  const boxes = [...figures.map(({ figure }) => figure), byId("part")];
+  for (const box of boxes) box.style.width = `calc(${100 * places.size}% - 1rem)`;
+  const height = Math.max(...boxes.map((box) => box.offsetHeight)) + 16;
+  const corners = [...places.lights, places.part];
+  const lowest = Math.max(...corners.map(([, top]) => top));
+  const highest = Math.min(...corners.map(([, top]) => top));
+  boxes.forEach((box, index) => {
+    const [left, top] = corners[index];
+    box.style.left = `${100 * left}%`;
+    box.style.top = `${((top - highest) / places.size) * height}px`;
+  });
+  area.style.height = `${((lowest - highest) / places.size + 1) * height}px`;
+}
+
+function showGuide() {
+  for (const name of ["guide", "found", "captured"]) byId(name).textContent = state[name] ?? "";
+  for (const { figure } of figures) {
+    const overlay = figure.querySelector(".overlay");
+    overlay.hidden = state.overlay === null;
+    const address = `overlay.svg?${state.overlay}`;
+    if (!overlay.hidden && overlay.getAttribute("src") !== address) overlay.src = address;
+  }
+}
+
 function figureOf(index) {
   while (figures.length <= index) {
     const figure = byId("light").content.cloneNode(true).firstElementChild;
@@ -41,8 +71,8 @@ function show(light, index) {
   find(".name").textContent = light.name;
   if (light.sequence === null || light.sequence === entry.sequence) return;
   entry.sequence = light.sequence;
-  find("img").src = `light/${index}.png?${light.sequence}`;
-  find("img").alt = light.name;
+  find(".light").src = `light/${index}.png?${light.sequence}`;
+  find(".light").alt = light.name;
   drawHistogram(find("canvas"), light.histogram);
   find(".mean").textContent = `${(100 * light.mean_share).toFixed(1)} %`;
   find(".saturated").textContent = `${(100 * light.saturated_share).toFixed(2)} %`;
@@ -62,7 +92,7 @@ function refreshAges() {
     const stale = age(light) > state.stale_after_s;
     figure.classList.toggle("stale", stale);
     figure.querySelector(".age").textContent = `${age(light).toFixed(1)} s old`;
-    figure.querySelector("img").hidden = stale;
+    figure.querySelector(".light").hidden = stale;
     figure.querySelector("p").hidden = !stale;
     figure.querySelector("p").textContent = "no new image: the last one is too old to be shown";
   });
@@ -78,6 +108,8 @@ async function poll() {
     byId("camera").textContent = state.camera || "waiting for the rig";
     byId("simulated").hidden = !state.simulated;
     state.lights.forEach(show);
+    showGuide();
+    place();
   } catch (error) {
     linkError = "No answer from ps4rig: the preview has ended, or the computer is busy";
   }

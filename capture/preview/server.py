@@ -101,6 +101,8 @@ class _Request(BaseHTTPRequestHandler):
         elif path == "/state.json":
             state = json.dumps(self.server.preview.state(), allow_nan=False)
             self._answer(200, "application/json", state.encode())
+        elif path == "/overlay.svg" and (svg := self.server.preview.overlay()) is not None:
+            self._answer(200, "image/svg+xml", svg)
         elif light and (png := self.server.preview.png(int(light[1]))) is not None:
             self._answer(200, "image/png", png)
         else:

@@ -1,9 +1,10 @@
 """What happens in a session, as values that terminal and log subscribe to."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
+from rig import Rig
 from rig.doctor.check import Check
 
 from .journal import FinishReason, SetEntry
@@ -96,9 +97,13 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class PlaceSpecimen:
-    """Put the specimen below the camera; REPEAT captures the placement before once more."""
+    """Put the specimen below the camera; REPEAT captures the placement before once more.
+
+    `look` opens the rig, unless it is open, for live images until the answer.
+    """
 
     planned: PlannedSet
+    look: Callable[[], Rig] | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

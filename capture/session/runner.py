@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
@@ -206,7 +207,7 @@ class _Runner:
         while index < len(placements):
             first = placements[index][0]
             self._state(State.PLACING, first)
-            match self._ask(PlaceSpecimen(first)):
+            match self._ask(PlaceSpecimen(first, partial(self._look, first))):
                 case Answer.STOP:
                     raise _Stopped(Finish("stopped"))
                 case Answer.REPEAT:
@@ -359,6 +360,14 @@ class _Runner:
         simulation = self._rig.simulation
         if simulation is not None and placement is not None and simulation.placement != placement:
             simulation.place(placement)
+        return self._rig
+
+    def _look(self, planned: PlannedSet) -> Rig:
+        """The rig for live images; an exposure is not searched before the specimen is there."""
+        if self._folder.plan.exposure_ms != SEARCH or planned.specimen in self._exposures_ms:
+            return self._opened(planned)
+        if self._rig is None:
+            self._rig = self._closing.enter_context(open_rig(self._config))
         return self._rig
 
     def _config_for(self, specimen: str, placement: Placement | None) -> RigConfig:

@@ -1,6 +1,7 @@
 """`ps4rig rig preview`: images, server, page, and errors of the rig."""
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 
 from capture.preview.loop import Preview, run_preview
+from capture.preview.outline import Outline
 from capture.preview.preview_image import preview_image
 from capture.preview.server import MAX_REQUESTS, serving
 from classify.errors import InputError
@@ -182,6 +184,22 @@ def test_other_paths_are_not_served(shown: Preview, path: str) -> None:
         assert get(server.url + urllib.request.quote(path))[0] == 404
 
 
+def test_an_outline_is_served_where_there_is_one() -> None:
+    preview = preview_of_age(0.1)
+    with serving(preview, 0) as server:
+        assert get(server.url + "overlay.svg")[0] == 404
+        assert preview.state()["overlay"] is None
+        preview.guide("turn to 40 degrees", Outline(64, 48, (), is_of_part=True))
+        status, svg, headers = get(server.url + "overlay.svg?1")
+        assert (status, headers["Content-Type"]) == (200, "image/svg+xml")
+        assert svg.startswith(b"<svg")
+        state = json.loads(get(server.url + "state.json")[1])
+        assert (state["guide"], state["overlay"]) == ("turn to 40 degrees", 1)
+        assert state["places"]["size"] == pytest.approx(1 / 3, abs=1e-3)
+        preview.guide("first placement", None)
+        assert preview.state()["overlay"] is None
+
+
 def test_requests_for_another_host_are_refused(shown: Preview) -> None:
     with serving(shown, 0) as server:
         port = server.server_port
@@ -223,6 +241,20 @@ def test_a_port_in_use_is_named(shown: Preview) -> None:
 
 
 # the command
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--turn-to", 40), "with --outline SET"),
+        (("--outline", "a.ome.tif", "--turn-to", 400), "from -360 to 360"),
+        (("--outline", "a.ome.tif"), "a.ome.tif"),
+    ],
+)
+def test_a_wrong_outline_is_refused(
+    refused: Callable[..., str], in_folder: Path, options: tuple[object, ...], message: str
+) -> None:
+    assert message in refused("rig", "preview", "--rig", "sim", "--port", 0, *options)
 
 
 def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None:
@@ -282,6 +314,39 @@ def test_the_page_shows_live_images_in_a_browser(tmp_path: Path) -> None:
     page = cv2.imread(str(screenshot), cv2.IMREAD_GRAYSCALE)
     assert page is not None
     assert np.count_nonzero(page > 110) > 0.1 * page.size
+
+
+@pytest.mark.browser
+def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path) -> None:
+    shown = preview_of_age(0.1)
+    line = np.array([(8, 8), (55, 8), (55, 40), (8, 40)], np.float32)
+    shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,), is_of_part=True))
+    shown.found("now at 37.2 degrees: turn it by 3 anticlockwise")
+    with serving(shown, 0) as server:
+        dom = in_chromium(server.url, tmp_path, "--dump-dom", "--window-size=1200,1600")
+        screenshot = tmp_path / "page.png"
+        in_chromium(server.url, tmp_path, f"--screenshot={screenshot}", "--window-size=1200,1600")
+    assert "rock-1: turn to 40 degrees" in dom
+    assert "now at 37.2 degrees: turn it by 3 anticlockwise" in dom
+    assert dom.count('src="overlay.svg?1"') == 4
+    lefts, tops = (
+        [float(value) for value in re.findall(rf"<figure[^>]* {side}: ([\d.]+)(?:%|px)", dom)]
+        for side in ("left", "top")
+    )
+    east, north, west, south = zip(lefts, tops, strict=True)
+    assert west[0] == 0.0
+    assert north[0] == south[0] == pytest.approx(33.3, abs=0.1)
+    assert east[0] == pytest.approx(66.7, abs=0.1)
+    assert north[1] == 0.0
+    assert east[1] == west[1] == pytest.approx(south[1] / 2, rel=0.01)
+    # The outline is yellow, on each image.
+    page = cv2.imread(str(screenshot), cv2.IMREAD_COLOR)
+    assert page is not None
+    yellow = (page[..., 2] > 200) & (page[..., 1] > 170) & (page[..., 0] < 80)
+    left, middle, right = (np.count_nonzero(yellow[:, k : k + 400]) for k in (0, 400, 800))
+    assert left > 500
+    assert right == pytest.approx(left, rel=0.2)
+    assert middle > 1.8 * left
 
 
 @pytest.mark.browser

@@ -1,13 +1,13 @@
 """``ps4rig rig preview``."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from capture.commands import options
 from capture.console import out, reported
-
-_PORT = 8765
+from classify.errors import InputError
 
 
 @reported
@@ -15,23 +15,47 @@ def preview(
     rig: options.Rig = "rig.toml",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port of the page; 0 chooses a free one.")
-    ] = _PORT,
+    ] = options.PREVIEW_PORT,
+    outline: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SET",
+            help="Draw the outline of the part in this set over the images, and say at which "
+            "orientation the part lies now.",
+        ),
+    ] = None,
+    turn_to: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG", help="Orientation to which the outline is turned; without it, as in SET."
+        ),
+    ] = None,
 ) -> None:
-    """Show live images under each LED on a page of this machine.
+    """Show live images under each LED on a page of this machine, as the LEDs stand.
 
     Each image has a histogram, saturated pixels in red, a focus score and its age; an image that is
     too old is blanked. Errors of the rig are shown, and the rig is opened again. Ctrl-C ends the
     preview and switches the LEDs off.
     """
     import threading
+    from functools import partial
 
     from capture.preview.loop import Preview, run_preview
     from capture.preview.server import serving
+    from capture.session.placement_guide import PlacementGuide
     from rig.config.rig import config_of
 
     config = config_of(rig)
-    shown = Preview()
+    shown, measure = Preview(), None
+    if turn_to is not None and (outline is None or not -360.0 <= turn_to <= 360.0):
+        raise InputError(
+            f"--turn-to {turn_to:g}: give degrees from -360 to 360, with --outline SET"
+        )
+    if outline is not None:
+        guide = PlacementGuide.of(outline, turn_to)
+        shown.guide(f"turn to {guide.asked_deg:g} degrees", guide.outline)
+        measure = partial(guide.said_of, config.lights.lighting)
     with serving(shown, port) as server:
         out.print(f"{server.url} shows the rig; Ctrl-C ends it", soft_wrap=True)
         out.file.flush()
-        run_preview(config, shown, threading.Event())
+        run_preview(config, shown, threading.Event(), measure)

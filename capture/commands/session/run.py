@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +15,7 @@ from capture.console import out, print_json, reported
 from classify.errors import InputError
 
 if TYPE_CHECKING:
+    from capture.preview.loop import Preview
     from capture.session.folder import SessionFolder
     from capture.session.plan import SessionPlan
     from rig import RigConfig
@@ -102,6 +104,7 @@ def resume(
 
 def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> None:
     from capture.session.events import without_questions
+    from capture.session.live_view import LiveView
     from capture.session.runner import run_session
 
     from .terminal import SessionTerminal
@@ -109,8 +112,11 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
     if not yes and not _has_terminal():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
     _check_disk(folder.path, _needed_bytes(len(folder.missing()), config))
-    terminal = SessionTerminal(folder, quiet=json)
-    with terminal:
+    with ExitStack() as stack:
+        view = None if yes else LiveView(folder)
+        if view is not None and folder.missing():
+            _serve(view.preview, stack)
+        terminal = stack.enter_context(SessionTerminal(folder, quiet=json, view=view))
         finished = run_session(
             folder, config, without_questions if yes else terminal.ask, terminal.listen
         )
@@ -125,6 +131,17 @@ def _go(folder: SessionFolder, config: RigConfig, *, yes: bool, json: bool) -> N
         )
     if finished.missing:
         raise typer.Exit(1)
+
+
+def _serve(preview: Preview, stack: ExitStack) -> None:
+    """Serve the page of the placements on the port of ``rig preview``, or on a free one."""
+    from capture.preview.server import serving
+
+    try:
+        server = stack.enter_context(serving(preview, options.PREVIEW_PORT))
+    except InputError:
+        server = stack.enter_context(serving(preview, 0))
+    print(f"{server.url} shows how each specimen should lie, and how it lies", file=sys.stderr)
 
 
 def _has_terminal() -> bool:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from capture.session.folder import SessionFolder
     from capture.session.journal import SetEntry
+    from capture.session.live_view import LiveView
 
 _ANSWERS = {"": Answer.GO, "r": Answer.REPEAT, "s": Answer.SKIP, "q": Answer.STOP}
 
@@ -49,8 +50,8 @@ class SessionTerminal:
     Every event that is shown also goes into the log of the session.
     """
 
-    def __init__(self, folder: SessionFolder, *, quiet: bool) -> None:
-        self._folder, self._quiet = folder, quiet
+    def __init__(self, folder: SessionFolder, *, quiet: bool, view: LiveView | None = None) -> None:
+        self._folder, self._quiet, self._view = folder, quiet, view
         self._last_count = 0
         self._started_s = time.monotonic()
         console = Console(stderr=True)
@@ -81,6 +82,8 @@ class SessionTerminal:
         match event:
             case SetCaptured(entry):
                 self._say(_line_of(entry))
+                if self._view is not None:
+                    self._view.captured(entry)
                 self._bar.advance(self._task)
             case SetAdopted(entry):
                 self._say(f"{entry.file}: found from an earlier run, entered into the journal")
@@ -103,7 +106,16 @@ class SessionTerminal:
                 self._say(f"{finish}: {captured} sets captured in this run, {missing} missing")
 
     def ask(self, question: Question) -> Answer:
-        """Ask until there is an answer; no more input means stop."""
+        """Ask until there is an answer; no more input means stop.
+
+        While a specimen is placed, the page of the view shows it.
+        """
+        if isinstance(question, PlaceSpecimen) and self._view is not None:
+            with self._view.placing(question):
+                return self._answer(question)
+        return self._answer(question)
+
+    def _answer(self, question: Question) -> Answer:
         match question:
             case PlaceSpecimen(planned):
                 text = (

@@ -238,6 +238,7 @@ def test_an_operator_answers_on_a_terminal(
         os.close(primary)
         os.close(secondary)
     assert process.returncode == 1
+    assert "shows how each specimen should lie" in error.splitlines()[0]
     assert "rock-1, turn to 30 degrees, then Enter; r repeats the last, s skips, q stops" in error
     assert out.splitlines()[-1] == "stopped: 3 sets captured in this run, 2 missing"
     assert len(list((plan.parent / "fabrics" / "replaced").iterdir())) == 1

@@ -1,0 +1,139 @@
+"""The outline of a part in an image, turned about the middle of the frame and drawn as SVG."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.sets.captured_set import CapturedSet
+
+# A part that covers more of the frame, or touches more of its border, has no outline in it.
+_LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
+# Less is dust.
+_SMALLEST_SHARE = 0.01
+# Of the difference between part and ground that is more than their own variation (Otsu's
+# criterion: variance between the two over that of all; 0.64 is that of evenly spread values).
+_LEAST_SEPARATION = 0.75
+# The strongest edges that are drawn of a texture that fills the frame: more hide it.
+_EDGE_SHARE = 0.02
+# Small edges say nothing about the orientation.
+_LEAST_EDGE_PX = 12
+_MOST_LINES = 300
+# Distance of the drawn line from the true one; an outline is drawn 2 px wide.
+_TOLERANCE_PX = 0.7
+
+Line = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Lines over a frame.
+
+    Attributes
+    ----------
+    width_px, height_px
+        Size of the frame.
+    lines
+        Each closed, (n, 2): x to the right and y down, in pixels; the top left pixel is at 0, 0.
+    is_of_part
+        True for the outline of a part; False for the edges of a texture that fills the frame.
+    """
+
+    width_px: int
+    height_px: int
+    lines: tuple[Line, ...]
+    is_of_part: bool
+
+    def turned(self, angle_deg: float) -> "Outline":
+        """Turn the lines anticlockwise about the middle of the frame."""
+        middle = np.array([self.width_px - 1, self.height_px - 1]) / 2.0
+        angle = np.radians(angle_deg)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        # y points down: anticlockwise is x' = x cos + y sin, y' = y cos - x sin.
+        rotation = np.array([[cosine, -sine], [sine, cosine]])
+        lines = tuple(
+            ((line - middle) @ rotation + middle).astype(np.float32) for line in self.lines
+        )
+        return replace(self, lines=lines)
+
+    def svg(self) -> str:
+        """Return an SVG image of the size of the frame."""
+        paths = "".join(
+            "M" + "L".join(f"{x + 0.5:.1f} {y + 0.5:.1f}" for x, y in line.tolist()) + "Z"
+            for line in self.lines
+        )
+        style = 'fill="none" stroke-linejoin="round" vector-effect="non-scaling-stroke"'
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{self.width_px}" '
+            f'height="{self.height_px}" viewBox="0 0 {self.width_px} {self.height_px}">'
+            # Dark below bright is seen on any ground.
+            f'<path d="{paths}" stroke="#000" stroke-opacity="0.5" stroke-width="4" {style}/>'
+            f'<path d="{paths}" stroke="#ffd400" stroke-width="2" {style}/></svg>'
+        )
+
+
+def outline_of(captured: CapturedSet) -> Outline:
+    """Find the outline of the part in a set, or the strongest edges of a texture without one."""
+    images = captured.images.astype(np.float32)
+    if captured.ambient is not None:
+        images -= captured.ambient
+    # The mean of all lights has the least shading, and shows the part against its ground.
+    mean = cv2.GaussianBlur(images.mean(axis=0), (0, 0), 1.0)
+    rows, columns = mean.shape
+    part = captured.mask if captured.mask is not None else _part_in(mean)
+    if part is not None:
+        found, _ = cv2.findContours(part.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        lines = [max(found, key=cv2.contourArea)] if found else []
+        return Outline(columns, rows, _simplified(lines), is_of_part=True)
+    return Outline(columns, rows, _edges(images), is_of_part=False)
+
+
+def _part_in(mean: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_] | None:
+    """Pixels of the largest part that is brighter or darker than the ground; None without one."""
+    low, high = np.percentile(mean, (1, 99))
+    grey = np.clip((mean - low) * (255.0 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
+    level, _ = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
+    bright = grey > level
+    share = float(bright.mean())
+    if not 0.0 < share < 1.0:
+        return None
+    between = share * (1.0 - share) * (grey[bright].mean() - grey[~bright].mean()) ** 2
+    if between < _LEAST_SEPARATION * grey.var():
+        return None
+    border = np.concatenate([bright[0], bright[-1], bright[:, 0], bright[:, -1]])
+    part = ~bright if border.mean() > 0.5 else bright
+    # The relief of the part casts shadows, and its gloss shines: holes are closed.
+    radius = max(1, min(grey.shape) // 100)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    closed = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    count, labels, figures, _ = cv2.connectedComponentsWithStats(closed)
+    if count < 2:
+        return None
+    largest = labels == 1 + int(figures[1:, cv2.CC_STAT_AREA].argmax())
+    edge = np.concatenate([largest[0], largest[-1], largest[:, 0], largest[:, -1]])
+    if not _SMALLEST_SHARE < largest.mean() < _LARGEST_SHARE or edge.mean() > _MOST_BORDER:
+        return None
+    return np.asarray(largest, np.bool_)
+
+
+def _edges(images: npt.NDArray[np.float32]) -> tuple[Line, ...]:
+    """The strongest edges under all lights."""
+    strength = np.zeros(images.shape[1:], np.float32)
+    for image in images:
+        smooth = cv2.GaussianBlur(image, (0, 0), 2.0)
+        across, down = (cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
+        strength += cv2.magnitude(across, down)
+    strong = strength > np.quantile(strength, 1.0 - _EDGE_SHARE)
+    found, _ = cv2.findContours(strong.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    longest = sorted((line for line in found if len(line) >= _LEAST_EDGE_PX), key=len)
+    return _simplified(longest[-_MOST_LINES:])
+
+
+def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[Line, ...]:
+    return tuple(
+        cv2.approxPolyDP(line, _TOLERANCE_PX, True).reshape(-1, 2).astype(np.float32)
+        for line in lines
+    )

@@ -1,0 +1,80 @@
+"""How a specimen should lie, by the outline of its first placement, and how it lies now."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from capture.batch.tasks import LoadedSet
+from capture.preview.outline import Outline, outline_of
+from classify import Lighting, photometric_stereo
+from classify.errors import InputError
+from rig import Frame
+
+from .measures import SpecimenReference
+
+# A hand places a part within 2 degrees by the outline (tests/capture/preview/test_outline.py).
+_GOOD_DEG = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementGuide:
+    """The first set of a specimen, and the orientation that is asked for.
+
+    Attributes
+    ----------
+    outline
+        Outline of the first placement, turned to the asked orientation.
+    """
+
+    outline: Outline
+    reference: SpecimenReference
+    asked_deg: float
+
+    @classmethod
+    def of(cls, first: Path, asked_deg: float | None = None) -> Self:
+        """Make the guide for a specimen from its first set; None asks for the orientation of that.
+
+        Raises
+        ------
+        InputError
+            If the set or its calibration cannot be read.
+        """
+        changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
+        outline, reference, first_deg = _known(first, changed_ns)
+        asked_deg = first_deg if asked_deg is None else asked_deg
+        return cls(outline.turned(asked_deg - first_deg), reference, asked_deg)
+
+    def said_of(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
+        """Say at which orientation a part lies, from a frame under each light.
+
+        None where its texture determines no orientation.
+        """
+        images = np.stack([frame.pixels for frame in frames])
+        full_scale = (1 << frames[0].bit_depth) - 1
+        try:
+            surface = photometric_stereo(images, lighting, full_scale=full_scale, planar=True)
+        except InputError:
+            return None  # saturated or dark, which the page shows
+        now_deg = self.reference.orientation_deg(surface, self.asked_deg)
+        if now_deg is None:
+            return None
+        off_deg = (self.asked_deg - now_deg + 90.0) % 180.0 - 90.0
+        way = "anticlockwise" if off_deg > 0.0 else "clockwise"
+        todo = "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {way}"
+        # As many half turns from the asked angle as the texture cannot tell.
+        return f"now at {self.asked_deg - off_deg:.1f} degrees: {todo}"
+
+
+@lru_cache(maxsize=1)
+def _known(first: Path, _mtime_ns: int) -> tuple[Outline, SpecimenReference, float]:
+    """Outline, texture and orientation of the first placement, kept for the next one."""
+    loaded = LoadedSet.of(first)
+    return (
+        outline_of(loaded.captured),
+        SpecimenReference(loaded),
+        loaded.captured.metadata.orientation_deg or 0.0,
+    )
