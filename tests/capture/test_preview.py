@@ -251,8 +251,9 @@ def test_a_port_in_use_is_named(shown: Preview) -> None:
         (("--outline", "a.ome.tif"), "a.ome.tif"),
     ],
 )
+@pytest.mark.usefixtures("in_folder")
 def test_a_wrong_outline_is_refused(
-    refused: Callable[..., str], in_folder: Path, options: tuple[object, ...], message: str
+    refused: Callable[..., str], options: tuple[object, ...], message: str
 ) -> None:
     assert message in refused("rig", "preview", "--rig", "sim", "--port", 0, *options)
 
