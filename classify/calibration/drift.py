@@ -104,7 +104,7 @@ class Drift:
     @property
     def status(self) -> Status:
         """The worst status of the causes."""
-        return max((cause.status for cause in self.causes), key=_severity, default="ok")
+        return _worst(*(cause.status for cause in self.causes))
 
 
 def plate_drift(
@@ -214,6 +214,10 @@ def _block_sums(values: FloatArray) -> FloatArray:
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
 
 
+def _worst(*statuses: Status) -> Status:
+    return max(statuses, key=_severity, default="ok")
+
+
 def _severity(status: Status) -> int:
     return ("ok", "warning", "fault").index(status)
 
@@ -293,10 +297,8 @@ def _light_moved(cause: Cause, numbers: FloatArray, model: DriftModel) -> Iterat
 def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
     right, up = 0.5 * numbers[:2]
     turn_deg = math.degrees(numbers[2])
-    status = max(
-        _status(math.hypot(right, up), _CAMERA_SHIFT),
-        _status(abs(turn_deg), _CAMERA_TURN_DEG),
-        key=_severity,
+    status = _worst(
+        _status(math.hypot(right, up), _CAMERA_SHIFT), _status(abs(turn_deg), _CAMERA_TURN_DEG)
     )
     if status != "ok":
         seen = (
@@ -311,10 +313,8 @@ def _camera_moved(numbers: FloatArray) -> Iterator[DriftCause]:
 def _lens(numbers: FloatArray) -> Iterator[DriftCause]:
     magnification = math.exp(numbers[0])
     corner = math.expm1(numbers[1] + numbers[2])
-    status = max(
-        _status(abs(magnification - 1.0), _MAGNIFICATION),
-        _status(abs(corner), _VIGNETTING),
-        key=_severity,
+    status = _worst(
+        _status(abs(magnification - 1.0), _MAGNIFICATION), _status(abs(corner), _VIGNETTING)
     )
     if status != "ok":
         seen = (
