@@ -67,18 +67,11 @@ class PlateBlocks:
     ) -> "PlateBlocks":
         """Blocks of the placements; only pixels of the (H, W) `mask` count."""
         shape = placements[0].shape
-        found = [_Placement.of(each, full_scale, mask) for each in placements]
+        found = (_of_placement(each, full_scale, mask) for each in placements)
         rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
         x, y = coordinates(rows, columns, shape)
-        return cls(
-            np.stack([each.logs for each in found]),
-            np.stack([each.usable for each in found]),
-            np.stack([each.relief for each in found]),
-            np.stack([each.grain for each in found]),
-            np.stack([each.saturated for each in found]),
-            np.stack([each.levels for each in found]),
-            x, y, shape,
-        )  # fmt: skip
+        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*found, strict=True))
+        return cls(logs, usable, relief, grain, saturated, levels, x, y, shape)
 
     @property
     def ratios(self) -> FloatArray:
@@ -87,52 +80,44 @@ class PlateBlocks:
         return ratios
 
 
-@dataclass(frozen=True, eq=False)
-class _Placement:
-    logs: FloatArray
-    usable: BoolArray
-    relief: FloatArray
-    grain: FloatArray
-    saturated: FloatArray
-    levels: FloatArray
-
-    @classmethod
-    def of(cls, stack: ImageStack, full_scale: float, mask: BoolArray | None) -> "_Placement":
-        rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
-        cells = (rows, columns)
-        ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
-        part = np.ones(stack.shape, np.bool_) if mask is None else mask
-        saturated = stack.images >= full_scale
-        good = _in_blocks(_resized(part & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
-        values = np.stack(
-            [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
-        ).astype(np.float64)
-        brightness = values.mean(axis=0)
-        good &= (values > 0.0).all(axis=0) & (brightness > _DARK * np.percentile(brightness, 95))
-        logs = np.log(np.where(good, values, 1.0))
-        common = logs.mean(axis=0)
-        ratio = logs - common
-        away = _deviation(ratio, good)
-        relief = _MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
-        unevenness = _deviation(common, good)
-        grain = _MAD * np.nan_to_num(_median(np.abs(unevenness)))
-        clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
-        for each in away:
-            spread = _MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
-            clean &= np.abs(each) <= _DUST * spread + 1e-9
-        count = clean.sum(axis=-1)
-        means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
-        usable = count >= _USABLE * clean.shape[-1]
-        inside = max(int(part.sum()), 1)
-        return cls(
-            np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
-            usable,
-            relief,
-            grain,
-            (saturated & part).sum(axis=(1, 2)) / inside,
-            np.array([np.median(each[good]) if good.any() else 0.0 for each in values])
-            / full_scale,
-        )
+def _of_placement(
+    stack: ImageStack, full_scale: float, mask: BoolArray | None
+) -> tuple[npt.NDArray[Any], ...]:
+    """The first six fields of `PlateBlocks`, from logs to levels, without the axis S."""
+    rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
+    cells = (rows, columns)
+    ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
+    part = np.ones(stack.shape, np.bool_) if mask is None else mask
+    saturated = stack.images >= full_scale
+    good = _in_blocks(_resized(part & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
+    values = np.stack(
+        [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
+    ).astype(np.float64)
+    brightness = values.mean(axis=0)
+    good &= (values > 0.0).all(axis=0) & (brightness > _DARK * np.percentile(brightness, 95))
+    logs = np.log(np.where(good, values, 1.0))
+    common = logs.mean(axis=0)
+    ratio = logs - common
+    away = _deviation(ratio, good)
+    relief = _MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
+    unevenness = _deviation(common, good)
+    grain = _MAD * np.nan_to_num(_median(np.abs(unevenness)))
+    clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
+    for each in away:
+        spread = _MAD * np.nan_to_num(_median(np.abs(each)))[..., None]
+        clean &= np.abs(each) <= _DUST * spread + 1e-9
+    count = clean.sum(axis=-1)
+    means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
+    usable = count >= _USABLE * clean.shape[-1]
+    inside = max(int(part.sum()), 1)
+    return (
+        np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
+        usable,
+        relief,
+        grain,
+        (saturated & part).sum(axis=(1, 2)) / inside,
+        np.array([np.median(each[good]) if good.any() else 0.0 for each in values]) / full_scale,
+    )
 
 
 def _resized(image: npt.NDArray[Any], cells: tuple[int, int]) -> npt.NDArray[np.float32]:
