@@ -16,7 +16,7 @@ from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import PhotonTransfer, photon_transfer
 from classify.errors import CalibrationRejected, InputError
 
-from .ps4cal import MeasuredPart, PartRecord
+from .ps4cal import MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
@@ -68,8 +68,7 @@ def dark_part(
             f"rounding hides the noise ({dark.noise:.2g} in pixel values); a format with more bits "
             "would show it"
         )
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("dark", dark, record, tuple(warnings))
+    return MeasuredPart.now("dark", dark, setting, quality, figures, source, warnings)
 
 
 def response_parts(
@@ -219,8 +218,7 @@ def _response(
         "offset_dn": ladder.offset,
         "exposures": float(exposures),
     }
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("response", found, record, tuple(warnings))
+    return MeasuredPart.now("response", found, setting, quality, figures, source, warnings)
 
 
 def _noise(found: PhotonTransfer, setting: Setting, source: Sequence[str]) -> MeasuredPart:
@@ -241,5 +239,4 @@ def _noise(found: PhotonTransfer, setting: Setting, source: Sequence[str]) -> Me
     }
     if read_error is not None:
         figures["read_noise_error_dn"] = read_error
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("noise", found.noise, record)
+    return MeasuredPart.now("noise", found.noise, setting, quality, figures, source)

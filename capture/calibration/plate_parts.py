@@ -12,7 +12,7 @@ from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.errors import InputError
 from classify.images.stack import ImageStack
 
-from .ps4cal import MeasuredPart, PartRecord
+from .ps4cal import MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
@@ -114,8 +114,9 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
         )
     if measured.no_lights_because is not None:
         warnings.append(measured.no_lights_because)
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("flat_field", fitted.flat_field, record, tuple(warnings))
+    return MeasuredPart.now(
+        "flat_field", fitted.flat_field, setting, quality, figures, source, warnings
+    )
 
 
 def _lights(
@@ -153,5 +154,4 @@ def _lights(
             f"the light on the sheet differs by {lights.residual:.2%} from that of LEDs: the sheet "
             "may be shiny, or the lights are no points; check the positions with a sphere"
         )
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return [MeasuredPart("lights", lights, record, tuple(warnings))]
+    return [MeasuredPart.now("lights", lights, setting, quality, figures, source, warnings)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -81,6 +81,21 @@ class MeasuredPart:
     part: Any
     record: PartRecord
     warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def now(
+        cls,
+        name: PartName,
+        part: Any,
+        setting: Setting,
+        quality: str,
+        figures: dict[str, float],
+        source: Sequence[str],
+        warnings: Sequence[str] = (),
+    ) -> Self:
+        """Return a part that was measured now; the other arguments are those of `PartRecord`."""
+        record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
+        return cls(name, part, record, tuple(warnings))
 
 
 class _PartHeader(_Record):

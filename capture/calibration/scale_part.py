@@ -9,7 +9,7 @@ from capture.sets.captured_set import CapturedSet
 from classify.calibration.checkerboard import find_corners, scale_of_boards
 from classify.errors import CalibrationRejected
 
-from .ps4cal import MeasuredPart, PartRecord
+from .ps4cal import MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
@@ -80,5 +80,4 @@ def scale_part(
             f"the board reaches {found.covered:.0%} of the way to the corners of the frame; what "
             "the lens does farther out is not seen"
         )
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("scale", scale, record, tuple(warnings))
+    return MeasuredPart.now("scale", scale, setting, quality, figures, source, warnings)

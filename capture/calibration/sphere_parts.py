@@ -21,7 +21,7 @@ from classify.errors import InputError
 from classify.images.stack import ImageStack
 
 from .parts import PartName
-from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
+from .ps4cal import CalibrationFile, MeasuredPart
 from .setting import Setting
 from .stated_error import stated_error
 
@@ -199,8 +199,7 @@ def _lights_part(
             "45 by 1.1 degrees towards the edge. ps4rig calibrate scale with three tilted "
             "placements of a checkerboard measures its distance"
         )
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("lights", lights, record, tuple(warnings))
+    return MeasuredPart.now("lights", lights, setting, quality, figures, source, warnings)
 
 
 def _scale_part(
@@ -219,5 +218,4 @@ def _scale_part(
         "error": scale.error,
         "diameter_px": 2.0 * float(np.mean([each.radius_px for each in found.spheres])),
     }
-    record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
-    return MeasuredPart("scale", scale, record)
+    return MeasuredPart.now("scale", scale, setting, quality, figures, source)

@@ -15,8 +15,7 @@ from capture.outputs import check_output
 from classify.errors import InputError
 
 if TYPE_CHECKING:
-    from capture.calibration.parts import PartName
-    from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
+    from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
     from capture.sets.captured_set import CapturedSet
     from rig import Rig
 
@@ -193,26 +192,12 @@ def ask(request: str) -> None:
         raise InputError(f"nobody could be asked to {request}; give --yes if this is done")
 
 
-def keep_part(
-    path: Path,
-    file: CalibrationFile,
-    name: PartName,
-    part: Any,
-    record: PartRecord,
-    *,
-    json: bool,
-    warnings: Sequence[str] = (),
-) -> None:
-    """Write the calibration with a part added or replaced, and print how good the part is."""
-    from capture.calibration.ps4cal import MeasuredPart
-
-    keep_parts(path, file, [MeasuredPart(name, part, record, tuple(warnings))], json=json)
-
-
 def keep_parts(
     path: Path, file: CalibrationFile, parts: Sequence[MeasuredPart], *, json: bool
 ) -> None:
-    """Do the same for several parts at once; as JSON they are a list.
+    """Write the calibration with parts added or replaced, and print how good they are.
+
+    As JSON several parts are a list.
 
     Raises
     ------

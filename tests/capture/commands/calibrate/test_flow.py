@@ -2,17 +2,18 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from capture.calibration.ps4cal import CalibrationFile, PartRecord
+from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
 from capture.commands.calibrate.flow import (
     Target,
     calibration_at,
-    keep_part,
+    keep_parts,
     place_target,
     target_sets,
 )
@@ -76,13 +77,13 @@ def test_a_part_is_added_then_replaced_and_others_stay(
 ) -> None:
     path = tmp_path / "rig.ps4cal"
     setting = Setting.of_rig(rig)
-    record = PartRecord(setting=setting, quality="Good.", figures={"mm_per_px": 0.05}, source=())
+    part = MeasuredPart.now("scale", SCALE, setting, "Good.", {"mm_per_px": 0.05}, ())
     file = calibration_at(path)
-    keep_part(path, file, "scale", SCALE, record, json=False)
+    keep_parts(path, file, [part], json=False)
     assert "scale added. Good.\n  mm per px: 0.05\n" in capsys.readouterr().out
-    keep_part(path, calibration_at(path), "scale", SCALE, record, json=False)
+    keep_parts(path, calibration_at(path), [part], json=False)
     assert "scale replaced. Good." in capsys.readouterr().out
-    keep_part(path, calibration_at(path), "scale", SCALE, record, json=True, warnings=["worn"])
+    keep_parts(path, calibration_at(path), [replace(part, warnings=("worn",))], json=True)
     printed = capsys.readouterr()
     assert "warning" in printed.err
     assert json.loads(printed.out)["calibration_id"] == CalibrationFile.read(path).hash
