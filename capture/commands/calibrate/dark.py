@@ -19,6 +19,7 @@ from .flow import (
     ask,
     calibration_at,
     files_given,
+    from_files,
     keep_parts,
 )
 
@@ -34,11 +35,9 @@ def dark(
     rig: RigToCalibrate = None,
     given: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--from",
-            help="Photograph with the lens covered, instead of a rig, or a folder of them; two or "
-            "more. A captured set gives the ambient light. Repeat the option.",
-            metavar="IMG|SET",
+        from_files(
+            "Photograph with the lens covered, instead of a rig, or a folder of them; two or "
+            "more. A captured set gives the ambient light. Repeat the option."
         ),
     ] = None,
     gamma: PhotographGamma = None,

@@ -29,11 +29,17 @@ CalibrationPath = Annotated[
 RigToCalibrate = Annotated[
     str | None, typer.Option("--rig", help="'sim', or a rig.toml.", metavar="RIG")
 ]
+
+
+def from_files(about: str, metavar: str = "IMG|SET") -> Any:
+    """Make the option ``--from``: files instead of a rig."""
+    return typer.Option("--from", help=about, metavar=metavar)
+
+
 FromSets = Annotated[
     list[Path] | None,
-    typer.Option(
-        "--from",
-        help="Captured or imported set of the target instead of a rig, or a folder of them. Repeat "
+    from_files(
+        "Captured or imported set of the target instead of a rig, or a folder of them. Repeat "
         "the option for more placements.",
         metavar="SET",
     ),

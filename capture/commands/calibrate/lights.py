@@ -19,6 +19,7 @@ from .flow import (
     Yes,
     calibration_at,
     files_given,
+    from_files,
     keep_parts,
     place_target,
 )
@@ -53,9 +54,8 @@ def lights(
     rig: RigToCalibrate = None,
     given: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--from",
-            help="Photographs of the sphere, one per light, or captured sets of it, instead of a "
+        from_files(
+            "Photographs of the sphere, one per light, or captured sets of it, instead of a "
             "rig. Photographs of further placements follow, in the same order of lights.",
             metavar="IMG...|SET",
         ),

@@ -22,6 +22,7 @@ from .flow import (
     Yes,
     calibration_at,
     files_given,
+    from_files,
     keep_parts,
     place_target,
 )
@@ -41,11 +42,9 @@ def response(
     rig: RigToCalibrate = None,
     given: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--from",
-            help="Photograph or captured set of one still scene at one of six exposures or more, "
-            "instead of a rig, or a folder of photographs. Repeat the option.",
-            metavar="IMG|SET",
+        from_files(
+            "Photograph or captured set of one still scene at one of six exposures or more, "
+            "instead of a rig, or a folder of photographs. Repeat the option."
         ),
     ] = None,
     exposures_ms: Annotated[

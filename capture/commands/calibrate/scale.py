@@ -21,6 +21,7 @@ from .flow import (
     calibration_at,
     captured_targets,
     files_given,
+    from_files,
     keep_parts,
 )
 
@@ -47,11 +48,9 @@ def scale(
     rig: RigToCalibrate = None,
     given: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--from",
-            help="Photograph or captured set of the board, instead of a rig. Repeat the option for "
-            "more placements.",
-            metavar="IMG|SET",
+        from_files(
+            "Photograph or captured set of the board, instead of a rig. Repeat the option for "
+            "more placements."
         ),
     ] = None,
     placements: Annotated[
