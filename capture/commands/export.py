@@ -84,7 +84,7 @@ def _write_height(captured_set: Path, output: Path) -> str:
         return "m"
     if suffix == _SUR:
         write_sur(output, HeightMap.of(captured_set))
-        return "mm"
+        return "um"
     loaded = LoadedSet.of(captured_set)
     known = loaded.calibration
     with named(captured_set):

@@ -11,47 +11,51 @@ from classify.durable_file import durable_file
 
 from .height_map import HeightMap
 
-# Fields and sizes of the 512-byte header, as surfalize and Gwyddion read it.
+# Fields and sizes of the header, as surfalize and rosettasciio read it.
 _HEADER = struct.Struct("<12s4h30s30s5hf4xh5i3f" + 9 * "16s" + "3f3h12x7hfI6x2h128s5f13s13s")
 _SURFACE = 2
 _BITS = 32
-# Heights are whole numbers up to this; the number for a missing height, two less than the lowest,
-# still fits.
+# Points are whole numbers of steps above the offset, up to this; 32 bits hold twice as many.
 _HIGHEST = 2**30
-# Any other unit than ASCII has an encoding that readers guess.
-_UNIT = b"mm"
+# Readers differ in whether the lowest point is subtracted (rosettasciio) or not (surfalize), and in
+# the unit of the offset. With 0 as the lowest point and micrometres they agree.
+_LOWEST = 0
+_SMALLEST_RANGE_UM = 1e-9  # of a level surface; far below what any instrument sees
+_MISSING = _LOWEST - 2  # by the format
+_UNIT, _UM_PER_MM = "\N{MICRO SIGN}m", 1e3
 _MAX_COMMENT_BYTES = 2**15 - 1
 
 
 def write_sur(path: Path, heights: HeightMap) -> None:
-    """Write heights in mm, rows from the top; points without a height are marked as such.
+    """Write heights in micrometres, rows from the top; points without a height are marked as such.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
-    values = heights.heights_mm
-    missing = np.isnan(values)
-    # The step of the file is a float32: heights are divided by what readers multiply with.
-    step_mm = float(np.float32(max(float(np.nanmax(np.abs(values))), 1e-12) / _HIGHEST))
-    points = np.rint(np.where(missing, 0.0, values.astype(np.float64)) / step_mm).astype("<i4")
-    lowest, highest = int(points[~missing].min()), int(points[~missing].max())
-    points[missing] = lowest - 2
-    about, (rows, columns) = heights.metadata, values.shape
-    date = heights.captured_at
-    comment = _text(heights.comment, _MAX_COMMENT_BYTES)
+    heights_um = _UM_PER_MM * heights.heights_mm.astype(np.float64)
+    missing = np.isnan(heights_um)
+    # Offset and step are float32 in the file: the points are computed from what readers will read.
+    offset_um = np.nextafter(np.float32(np.nanmin(heights_um)), np.float32(-np.inf))
+    heights_um -= offset_um
+    step_um = np.float32(max(np.nanmax(heights_um), _SMALLEST_RANGE_UM) / _HIGHEST)
+    points = np.rint(np.where(missing, 0.0, heights_um) / step_um).astype("<i4")
+    points[missing] = _MISSING
+    about, (rows, columns) = heights.metadata, points.shape
+    date, um_per_px = heights.captured_at, _UM_PER_MM * heights.mm_per_px
+    comment = heights.comment.encode("latin-1", "replace")[:_MAX_COMMENT_BYTES]
     header = _HEADER.pack(
         b"DIGITAL SURF", 0, 1, 1, _SURFACE,  # for PCs, one object, version 1
         _text(about.label, 30), _text(about.operator, 30),
         0, 0, 0, int(missing.any()), 0,  # no kind of acquisition, range or absolute height
-        0.0, _BITS, lowest, highest, columns, rows, points.size,
-        heights.mm_per_px, heights.mm_per_px, step_mm,
-        b"X", b"Y", b"Z", *[_UNIT] * 6, 1.0, 1.0, 1.0,
+        0.0, _BITS, _LOWEST, _HIGHEST, columns, rows, points.size,
+        um_per_px, um_per_px, step_um,
+        *(_text(each, 16) for each in ("X", "Y", "Z", *[_UNIT] * 6)), 1.0, 1.0, 1.0,
         0, 0, 0,  # neither replica, inverted nor levelled
         date.second, date.minute, date.hour, date.day, date.month, date.year, date.isoweekday() % 7,
         0.0, 0, len(comment), 0, _text(f"ps4rig {about.software_version}", 128),
-        0.0, 0.0, 0.0, 0.0, 0.0, b"", b"",
+        0.0, 0.0, offset_um, 0.0, 0.0, _text("", 13), _text("", 13),
     )  # fmt: skip
     with durable_file(path) as temporary, temporary.open("wb") as file:
         file.write(header + comment)
@@ -59,4 +63,4 @@ def write_sur(path: Path, heights: HeightMap) -> None:
 
 
 def _text(text: str | None, size: int) -> bytes:
-    return (text or "").encode("ascii", "replace")[:size]
+    return (text or "").encode("latin-1", "replace")[:size].ljust(size)

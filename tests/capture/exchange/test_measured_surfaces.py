@@ -135,7 +135,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "a.ome.tif"
 
 
-@pytest.mark.parametrize(("suffix", "unit"), [(".x3p", "m"), (".sur", "mm")])
+@pytest.mark.parametrize(("suffix", "unit"), [(".x3p", "m"), (".sur", "um")])
 def test_a_set_becomes_a_measured_surface(
     ps4rig: Command, calibrated: Path, tmp_path: Path, suffix: str, unit: str
 ) -> None:
