@@ -1,5 +1,6 @@
 """`Inspector`: from the captured set of a part to its verdict, without files."""
 
+import math
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -82,7 +83,10 @@ class Inspection:
     timings_ms: dict[str, float] = field(default_factory=dict)
 
     def result_fields(self) -> dict[str, Any]:
-        """Return the fields of a `PartResult` that follow from the inspection, by name."""
+        """Return the fields of a `PartResult` that follow from the inspection, by name.
+
+        A value that is NaN or infinite counts as not measured.
+        """
         fields: dict[str, Any] = {}
         for source, names in (
             (self, ("verdict", "defects", "led_levels", "timings_ms")),
@@ -90,7 +94,7 @@ class Inspection:
             (self.measures.match, _OF_MATCH),
         ):
             if source is not None:
-                fields |= {name: getattr(source, name) for name in names}
+                fields |= {name: _known(getattr(source, name)) for name in names}
         return fields
 
 
@@ -285,6 +289,11 @@ class Inspector:
             (f"LED {tilt_deg:.0f}", level)
             for tilt_deg, level in zip(tilts_deg.tolist(), levels.tolist(), strict=True)
         )
+
+
+def _known(value: Any) -> Any:
+    """A value, or None for NaN and infinity, which results do not hold."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def setting_differences(taught: Setting, other: Setting) -> list[str]:

@@ -149,9 +149,10 @@ def test_a_weak_led_is_an_error_that_names_it(files: RecipeFolder) -> None:
 def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
     captured, inspector = patch("rock", 3), Inspector.load(files)
     for images in (np.zeros_like(captured.images), np.full_like(captured.images, 4095)):
-        verdict = inspector.inspect(CapturedSet(images, None, captured.metadata)).verdict
-        assert verdict.decision is Decision.ERROR
-        assert verdict.causes[0] is Cause.CAPTURE
+        inspection = inspector.inspect(CapturedSet(images, None, captured.metadata))
+        assert inspection.verdict.decision is Decision.ERROR
+        assert inspection.verdict.causes[0] is Cause.CAPTURE
+        assert inspection.result_fields()["sdq"] is None
 
 
 def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(

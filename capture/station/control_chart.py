@@ -1,0 +1,152 @@
+"""Control charts of LED levels and distances: say that something drifts before parts fail by it."""
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from .events import Event, PartAnnounced, Subscriber, Warned
+from .judge import STOP_LED_LEVEL
+from .results.part_result import PartResult
+
+WARN_LED_LEVEL = 0.9
+"""Below this share of its taught level an LED is named; below `STOP_LED_LEVEL` parts are errors."""
+
+# Parts of one point, and points of the baseline, as usual since Shewhart.
+_GROUP, _POINTS = 5, 20
+BASELINE_PARTS = _GROUP * _POINTS
+"""Parts whose results make the baseline."""
+# The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
+_RANGE_OF_TWO = 1.128
+# Least standard deviation against the mean: rounding, and scenes of a simulation that do not vary.
+_LEAST_SPREAD = 1e-3
+# Western Electric (Statistical Quality Control Handbook, 1956): of the last so many points, so many
+# lie on one side beyond so many standard deviations.
+_RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
+_LOW = (
+    f"least {WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
+    "brightest; clean or replace it"
+)
+_LONGEST = max(points for points, _, _ in _RULES)
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Mean and standard deviation of a process in control."""
+
+    mean: float
+    sigma: float
+
+
+def baseline_of(values: Sequence[float]) -> Baseline:
+    """Return the baseline of two values or more, with sigma from moving ranges.
+
+    A slow drift within the baseline does not raise that sigma.
+    """
+    mean = statistics.fmean(values)
+    ranges = [abs(after - before) for before, after in pairwise(values)]
+    sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
+    return Baseline(mean, max(sigma, _LEAST_SPREAD * abs(mean)))
+
+
+def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
+    """Return which Western Electric rules the last of some values breaks, in words."""
+    offsets = [(value - baseline.mean) / baseline.sigma for value in values]
+    return tuple(_broken(offsets))
+
+
+def _broken(offsets: Sequence[float]) -> Iterator[str]:
+    for points, least, sigmas in _RULES:
+        recent = offsets[-points:]
+        for sign, side in ((1.0, "above"), (-1.0, "below")):
+            beyond = [sign * offset > sigmas for offset in recent]
+            if len(recent) == points and beyond[-1] and sum(beyond) >= least:
+                distance = f"{sigmas:g} standard deviations {side}" if sigmas else side
+                yield f"{least} of {points} points {distance} the baseline"
+
+
+class _Series:
+    """Points of one chart, and which of its warnings hold."""
+
+    def __init__(self) -> None:
+        self._first: list[float] = []
+        self._baseline: Baseline | None = None
+        self._recent: deque[float] = deque(maxlen=_LONGEST)
+        self._since: dict[str, int] = {}  # points since a warning last held
+
+    def add(self, point: float, further: Iterable[str] = ()) -> list[str]:
+        """Add a point; return the warnings that begin with it."""
+        holding = list(further)
+        if self._baseline is None:
+            self._first.append(point)
+            if len(self._first) == _POINTS:
+                self._baseline = baseline_of(self._first)
+        else:
+            self._recent.append(point)
+            holding += broken_rules(list(self._recent), self._baseline)
+        begun = [text for text in holding if text not in self._since]
+        # A warning that comes again within the longest rule is the same one.
+        counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
+        self._since = counts | dict.fromkeys(holding, 0)
+        return begun
+
+
+class ControlChart:
+    """Charts of a running station; subscribe it to the events of the station.
+
+    Each point is the mean of five parts that matched a texture; 20 points are the baseline. Every
+    warning is passed on once as `Warned`, until it has not held for eight points.
+
+    Parameters
+    ----------
+    led_names
+        Names of the LEDs, in the order of the lights.
+    subscribers
+        Are told the warnings.
+    """
+
+    def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
+        self._led_names = tuple(led_names)
+        self._subscribers = subscribers
+        self._levels = {name: _Series() for name in led_names}
+        self._distance = _Series()
+        self._group: list[PartResult] = []
+
+    def __call__(self, event: Event) -> None:
+        """Add the result of a part that was announced, and pass warnings on."""
+        if isinstance(event, PartAnnounced):
+            for text in self.add(event.result):
+                for subscriber in self._subscribers:
+                    subscriber(Warned(text))
+
+    def add(self, result: PartResult) -> list[str]:
+        """Add a result; return the warnings that begin with it."""
+        if not _is_measured(result, len(self._led_names)):
+            return []
+        self._group.append(result)
+        if len(self._group) < _GROUP:
+            return []
+        group, self._group = self._group, []
+        return list(self._warnings(group))
+
+    def _warnings(self, group: Sequence[PartResult]) -> Iterator[str]:
+        for number, (name, series) in enumerate(self._levels.items()):
+            level = statistics.fmean(result.led_levels[number] for result in group)
+            low = [_LOW] if level < WARN_LED_LEVEL else []
+            for text in series.add(level, low):
+                yield f"{name} at {level:.1%} of its taught level: {text}"
+        # Distances are positive, and scatter by shares of their mean.
+        distance = math.exp(statistics.fmean(math.log(each.distance or 1.0) for each in group))
+        for text in self._distance.add(math.log(distance)):
+            yield f"distance {distance:.2f}: {text}; look at focus, light and material"
+
+
+def _is_measured(result: PartResult, leds: int) -> bool:
+    values = [*result.led_levels, result.distance or 0.0]
+    return (
+        result.label is not None
+        and len(result.led_levels) == leds
+        and all(math.isfinite(value) and value > 0.0 for value in values)
+    )
