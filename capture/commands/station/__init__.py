@@ -2,7 +2,7 @@
 
 from capture.commands.group import command_group
 
-from . import challenge, history, init, run, teach
+from . import challenge, gauge, history, init, run, teach
 
 __all__ = ["station_app"]
 
@@ -14,3 +14,4 @@ station_app.command()(challenge.challenge)
 station_app.command()(run.run)
 station_app.command()(history.history)
 station_app.command()(history.override)
+station_app.command()(gauge.gauge)

@@ -40,6 +40,7 @@ def run(
     """
     from functools import partial
 
+    from capture.station.control_chart import ControlChart
     from capture.station.event_lines import log_to
     from capture.station.events import Publisher
     from capture.station.folder import station_folder
@@ -55,8 +56,9 @@ def run(
         source: TriggerSource = LineTrigger(read_key_line)
         if (trigger or config.trigger) == "timer":
             source = TimerTrigger(config.timer_s)
-        shown = print_event_as_json if json else print_event
-        with Publisher(shown, partial(log_to, opened)) as publisher:
+        shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
+        names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
+        with Publisher(shown, log, ControlChart(names, shown, log)) as publisher:
             stopped = run_station(
                 opened, rig_config, source, publisher, RunOptions(operator, parts)
             )

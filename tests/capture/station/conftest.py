@@ -10,7 +10,7 @@ from capture.station.folder import StationFolder, make_station
 from capture.station.recipe_folder import RecipeFolder
 from capture.station.teaching import teach
 from capture.station.teaching_result import Teaching
-from tests.capture.station.teaching_sets import saved
+from tests.capture.station.teaching_sets import SIDE_PX, saved
 
 
 @pytest.fixture(scope="session")
@@ -38,3 +38,14 @@ def station(taught: tuple[Path, Teaching], tmp_path: Path) -> Path:
 def files(station: Path) -> RecipeFolder:
     """The recipe of the copy."""
     return StationFolder(station).recipe_files()
+
+
+@pytest.fixture
+def small_rig(station: Path) -> Path:
+    """The rig of the copy: a simulated one with small frames."""
+    rig = station / "rig.toml"
+    side = f"width_px = {SIDE_PX}\nheight_px = {SIDE_PX}\n"
+    rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{side}')
+    config = (station / "station.toml").read_text()
+    (station / "station.toml").write_text(config.replace('rig = "sim"', 'rig = "rig.toml"'))
+    return rig

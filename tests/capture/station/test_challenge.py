@@ -81,14 +81,9 @@ def test_another_set_of_the_same_name_is_refused(files: RecipeFolder, tmp_path: 
 
 
 def test_the_commands_teach_challenge_approve_and_run(
-    station: Path, files: RecipeFolder, tmp_path: Path, ps4rig: Callable[..., Any]
+    station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
 ) -> None:
-    frame = {"width_px": 256, "height_px": 256}
-    lines = "".join(f"{key} = {value}\n" for key, value in frame.items())
-    rig = tmp_path / "rig.toml"
-    rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{lines}')
-    config = (station / "station.toml").read_text()
-    (station / "station.toml").write_text(config.replace('rig = "sim"', f'rig = "{rig}"'))
+    assert small_rig
     run = ("station", "run", station, "--trigger", "timer", "--parts", 1)
     refused = ps4rig(*run)
     assert refused.exit_code == 2
