@@ -111,7 +111,7 @@ class GaugeStudy:
             f"effectiveness: {self.effectiveness}; acceptable is {effective:.0%} or more",
             f"misses: {self.misses}; acceptable is {missed:.0%} or less",
             f"false alarms: {self.false_alarms}; acceptable is {alarmed:.0%} or less",
-            f"this gauge is {self.rating}; the bounds count parts, with {CONFIDENCE:.0%} confidence",
+            f"this gauge is {self.rating}; bounds are of parts, with {CONFIDENCE:.0%} confidence",
         ]
         needed = trials_to_show(missed)
         if self.misses.events == 0 and bad < needed:
