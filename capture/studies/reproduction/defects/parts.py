@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.studies.reproduction.patches import expose, load_surface, solve
-from capture.studies.reproduction.plan import BEST_SOLVER, Conditions, PatchPosition, Texture
+from capture.studies.reproduction.plan import BEST_SOLVER, Conditions, Texture
 from classify import Lighting, SurfaceEstimate
 from classify.errors import InputError
 from rig import Defect
@@ -77,9 +77,12 @@ def part_of(
         If the material is too small for two frames side by side.
     """
     rng = np.random.default_rng(zlib.crc32(f"{texture.name} {role} {index}".encode()))
-    position = _position(texture, role, index, rng)
-    surface = _surface_of(texture, position.seed)
-    size_px, rotate_deg = CONDITIONS.size_px, position.rotate_deg
+    # The first taught part defines the orientation 0.
+    rotate_deg = 0.0 if (role, index) == ("taught", 0) else float(rng.uniform(0.0, 360.0))
+    # A material has one tile.
+    seed = 0 if texture.folder else zlib.crc32(role.encode()) + index // _PARTS_PER_TILE
+    surface = _surface_of(texture, seed)
+    size_px = CONDITIONS.size_px
     shift_px = _place(surface, texture, role, rng)
     mask = np.zeros((size_px, size_px), np.bool_)
     shown: PeriodicSurface | DefectiveSurface = surface
@@ -103,13 +106,6 @@ def _surface_of(texture: Texture, seed: int) -> PeriodicSurface:
     side_px = _MAGNIFICATION * min(surface.height.shape)
     tile = surface.patch(side_px, magnification=float(_MAGNIFICATION))
     return PeriodicSurface(tile.height, tile.p, tile.q, tile.albedo, surface.name)
-
-
-def _position(texture: Texture, role: Role, index: int, rng: np.random.Generator) -> PatchPosition:
-    # The first taught part defines the orientation 0.
-    rotate_deg = 0.0 if (role, index) == ("taught", 0) else float(rng.uniform(0.0, 360.0))
-    seed = zlib.crc32(role.encode()) + index // _PARTS_PER_TILE
-    return PatchPosition(texture, seed, (0.0, 0.0), rotate_deg)
 
 
 def _place(

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from capture.studies.reproduction.plan import Texture
-from rig import SYNTHETIC_TEXTURES, Defect
+from rig import Defect
 from rig.config.defect import RELIEF_KINDS, DefectKind
+from rig.scene.synthetic import SYNTHETIC_NAMES
 
 FALSE_ALARM_RATE = 0.01
 """Share of good parts with an alarm anywhere, for which all detectors set their limits."""
@@ -110,11 +111,11 @@ def defect_plan(quick: bool, materials: tuple[Texture, ...]) -> DefectPlan:
             quick=True,
         )
     return DefectPlan(
-        textures=(*map(Texture, SYNTHETIC_TEXTURES[:8]), *materials),
+        textures=(*map(Texture, SYNTHETIC_NAMES), *materials),
         taught=(3, 30),
-        good=30,
-        sizes_px=(16.0, 32.0, 64.0),
-        depths_px=(0.5, 1.0, 2.0, 4.0),
+        good=25,
+        sizes_px=(16.0, 40.0),
+        depths_px=(1.0, 2.0, 4.0),
         contrasts=(0.1, 0.2, 0.4),
         quick=False,
     )
