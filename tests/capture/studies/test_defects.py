@@ -13,7 +13,7 @@ from capture.studies.reproduction.defects.detectors import DETECTORS, OURS
 from capture.studies.reproduction.defects.parts import part_of, place_on_material
 from capture.studies.reproduction.defects.plan import DefectCase, defect_plan
 from capture.studies.reproduction.defects.run import reproduce_defects
-from capture.studies.reproduction.defects.scores import aupro, auroc, rate_at
+from capture.studies.reproduction.defects.scores import aupro, auroc
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify.errors import InputError
 
@@ -57,12 +57,6 @@ def test_aupro_is_the_area_under_the_mean_overlap_up_to_the_limit(seed: int, reg
         overlaps.append(np.mean([np.mean(each > threshold) for each in scores]))
     area = float(np.sum(overlaps * np.diff(rates))) / 0.3
     assert aupro(scores, good) == pytest.approx(area, abs=1.0 / 60.0)
-
-
-def test_the_rate_at_a_limit_is_that_at_most_a_share_of_the_good_exceeds() -> None:
-    good, defective = np.arange(100.0), np.array([97.5, 98.5, 99.5])
-    assert rate_at(defective, good, 0.01) == pytest.approx(2 / 3)
-    assert rate_at(defective, good, 0.0) == pytest.approx(1 / 3)
 
 
 def corners(place_px: tuple[float, float], angle_deg: float) -> npt.NDArray[np.float64]:

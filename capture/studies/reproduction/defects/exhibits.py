@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from capture.studies.reproduction.exhibit import Exhibit, Row
 from capture.studies.reproduction.plots import Line, draw_lines
@@ -14,9 +15,9 @@ from rig.config.defect import RELIEF_KINDS, DefectKind
 
 from .detectors import DETECTORS
 from .examples import Example, draw_examples
-from .measure import Measured, System, TextureResult
+from .measure import System, TextureResult
 from .plan import FALSE_ALARM_RATE, KINDS, STAIN, DefectCase, DefectPlan
-from .scores import Values, auroc, rate_at
+from .scores import auroc
 
 _GROUPS: tuple[tuple[str, tuple[DefectKind, ...]], ...] = (
     ("relief", RELIEF_KINDS),
@@ -52,19 +53,20 @@ def _kinds(
     for title, kinds in _GROUPS:
         for system in systems:
             measured = [each.measured[system] for each in results]
-            defective, good = _scores(measured, kinds), _good(measured)
             rows.append((
-                title, system.taught, system.detector, _percent(defective > 1.0),
-                _percent(good > 1.0), 100.0 * rate_at(defective, good, FALSE_ALARM_RATE),
-                100.0 * _mean(auroc(_scores([each], kinds), each.good) for each in measured),
-                100.0 * _mean(each.pixel_auroc[kind] for each in measured for kind in kinds),
-                100.0 * _mean(each.aupro[kind] for each in measured for kind in kinds),
+                title, system.taught, system.detector,
+                _mean_pct(each.of_kinds(kinds) > 1.0 for each in measured),
+                _mean_pct(each.good > 1.0 for each in measured),
+                _mean_pct(each.of_kinds(kinds) > each.good.max() for each in measured),
+                _mean_pct(auroc(each.of_kinds(kinds), each.good) for each in measured),
+                _mean_pct(each.pixel_auroc[kind] for each in measured for kind in kinds),
+                _mean_pct(each.aupro[kind] for each in measured for kind in kinds),
             ))  # fmt: skip
     return Exhibit(
         "defects",
         (
             "defect", "parts taught", "detector", "found, %", "false alarms, %",
-            "found at equal false alarms, %", "AUROC of parts, %", "of pixels, %", "AUPRO, %",
+            "found above all good parts, %", "AUROC of parts, %", "of pixels, %", "AUPRO, %",
         ),
         rows,
         values=values,
@@ -79,7 +81,7 @@ def _false_alarms(
     groups |= {"materials": [r for r in results if not r.synthetic], "all": list(results)}
     for title, group in groups.items():
         for system in systems:
-            good = _good([each.measured[system] for each in group])
+            good = np.concatenate([each.measured[system].good for each in group])
             alarms = int(np.count_nonzero(good > 1.0))
             bound = 100.0 * share_at_most(alarms, len(good))
             rows.append((
@@ -103,12 +105,7 @@ def _strengths(
     def found(kinds: Iterable[DefectKind], size_px: float, strength: float | None) -> list[float]:
         cases = [DefectCase(kind, size_px, strength) for kind in kinds]
         return [
-            100.0
-            * rate_at(
-                np.array([each.defective[case] for each in of for case in cases]),
-                _good(of),
-                FALSE_ALARM_RATE,
-            )
+            _mean_pct(each.defective[case] > each.good.max() for each in of for case in cases)
             for of in measured.values()
         ]
 
@@ -149,9 +146,9 @@ def _textures(
         measured = [result.measured[system] for system in systems]
         rows.append((
             result.texture, f"{result.rms_slope:.2f}",
-            *(_percent(each.good > 1.0) for each in measured),
-            *(100.0 * auroc(_scores([each], RELIEF_KINDS), each.good) for each in measured),
-            *(100.0 * auroc(_scores([each], STAIN), each.good) for each in measured),
+            *(_mean_pct([each.good > 1.0]) for each in measured),
+            *(100.0 * auroc(each.of_kinds(RELIEF_KINDS), each.good) for each in measured),
+            *(100.0 * auroc(each.of_kinds(STAIN), each.good) for each in measured),
         ))  # fmt: skip
     heads = ("false alarms", "AUROC, relief", "AUROC, stain")
     return Exhibit(
@@ -179,20 +176,6 @@ def _examples(examples: Sequence[Example], values: dict[str, object]) -> Exhibit
     )
 
 
-def _scores(measured: Iterable[Measured], kinds: Iterable[DefectKind]) -> Values:
-    wanted = tuple(kinds)
-    return np.array([
-        score for each in measured for case, score in each.defective.items() if case.kind in wanted
-    ])  # fmt: skip
-
-
-def _good(measured: Iterable[Measured]) -> Values:
-    return np.concatenate([each.good for each in measured])
-
-
-def _mean(values: Iterable[float]) -> float:
-    return float(np.mean(list(values)))
-
-
-def _percent(hits: Iterable[bool]) -> float:
-    return 100.0 * _mean(map(float, hits))
+def _mean_pct(shares: Iterable[npt.ArrayLike]) -> float:
+    """Mean of shares, or of whether each of several parts is found, in percent."""
+    return 100.0 * float(np.mean(np.stack([np.asarray(each, np.float64) for each in shares])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -50,6 +50,10 @@ class Measured:
     defective: Mapping[DefectCase, float]
     pixel_auroc: Mapping[DefectKind, float]
     aupro: Mapping[DefectKind, float]
+
+    def of_kinds(self, kinds: Collection[DefectKind]) -> npt.NDArray[np.float64]:
+        """Highest scores of the parts with these defects."""
+        return np.array([score for case, score in self.defective.items() if case.kind in kinds])
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,13 +47,6 @@ def aupro(regions: Sequence[Values], good: Values, limit: float = PRO_LIMIT) -> 
     return float(np.mean(shares))
 
 
-def rate_at(defective: Values, good: Values, false_alarms: float) -> float:
-    """Share of defective values above the limit that at most a share of the good ones exceeds."""
-    allowed = int(false_alarms * len(good) + 1e-9)
-    limit = np.sort(good)[len(good) - 1 - allowed]
-    return float(np.mean(defective > limit))
-
-
 def _false_positive_rates(scores: Values, good: Values) -> npt.NDArray[np.float64]:
     """Share of good values above each score, and half of those equal to it."""
     ranked = np.sort(good)
