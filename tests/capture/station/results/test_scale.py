@@ -1,0 +1,107 @@
+"""Months of results: memory of a run, time of a row, reading of the history.
+
+``PS4RIG_PARTS`` is the number of parts of the run.
+"""
+
+import io
+import os
+import resource
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sqlalchemy import insert
+
+from capture.station.results.history import HistoryEntry, Selection
+from capture.station.results.history_table import json_pieces, write_csv
+from capture.station.results.rows import row_of
+from capture.station.results.schema import begun_parts, results, stations
+from capture.station.results.store import BegunPart, ResultStore, open_store
+from capture.station.verdict import Decision
+
+from .parts import UTC, begin, result_of
+
+PARTS = int(os.environ.get("PS4RIG_PARTS", "2000"))
+
+
+def resident_bytes() -> int:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
+@pytest.mark.slow
+def test_memory_of_a_run_does_not_grow_with_its_parts(tmp_path: Path) -> None:
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        took_s = []
+        for number in range(1, PARTS + 1):
+            begun = begin(store)
+            result = result_of(begun, timings_ms={"inspect": 40.0}, led_levels=(1.0,) * 4)
+            began_s = time.perf_counter()
+            store.add(result)
+            took_s.append(time.perf_counter() - began_s)
+            if number == PARTS // 10:
+                early = resident_bytes()
+        grown = resident_bytes() - early
+        files = len(list(Path("/proc/self/fd").iterdir()))
+        p50, p99 = np.percentile(np.array(took_s) * 1e3, (50, 99))
+        size = (tmp_path / "results.sqlite").stat().st_size
+        print(
+            f"\n{PARTS} parts: add() {p50:.2f} ms at p50, {p99:.2f} ms at p99; memory "
+            f"+{grown / 1e6:.1f} MB after the first tenth; {files} open files; {size / PARTS:.0f} "
+            "bytes a part"
+        )
+        assert grown < 10e6
+        assert store.counters().production.parts == PARTS
+
+
+@pytest.fixture
+def large_store(tmp_path: Path) -> ResultStore:
+    """The results of 100,000 parts, written in one transaction."""
+    store = open_store(str(tmp_path / "large.sqlite"), "line-1", create=True)
+    begun = [BegunPart(f"part-{n:06d}", n, "timer", UTC, False) for n in range(1, 100_001)]
+    decisions = list(Decision)
+
+    def work(connection) -> None:
+        connection.execute(insert(stations).values(station="line-1", since_utc=UTC))
+        rows = [{"station": "line-1", "request": part.part_id, **vars(part)} for part in begun]
+        connection.execute(insert(begun_parts), rows)
+        rows = [row_of(result_of(part, decisions[part.number % 4])) for part in begun]
+        connection.execute(insert(results), rows)
+
+    store.write(work)
+    return store
+
+
+@pytest.mark.slow
+def test_the_history_of_100_000_parts_is_read_in_seconds_and_never_held(
+    large_store: ResultStore,
+) -> None:
+    class Nowhere(io.StringIO):
+        def write(self, text: str) -> int:
+            return len(text)
+
+    took_s = {}
+
+    def timed(name: str, work) -> None:
+        began_s = time.process_time()
+        work()
+        took_s[name] = time.process_time() - began_s
+
+    timed("csv", lambda: write_csv(large_store.parts(), Nowhere()))
+    counters = large_store.counters()
+    timed("json", lambda: deque(json_pieces("line-1", counters, large_store.parts()), maxlen=0))
+    timed("counters", large_store.counters)
+    timed("last 50", lambda: list(large_store.parts(newest=50)))
+    failed = Selection(decision=Decision.FAIL)
+    timed("FAIL", lambda: deque[HistoryEntry](large_store.parts(failed), maxlen=0))
+    before = most = resident_bytes()
+    for entry in large_store.parts():
+        if entry.result.number % 5000 == 0:
+            most = max(most, resident_bytes())
+    large_store.close()
+    figures = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in took_s.items())
+    print(f"\n100,000 parts, CPU time: {figures}; memory +{(most - before) / 1e6:.1f} MB")
+    assert most - before < 10e6
+    assert counters.production.by_station == dict.fromkeys(Decision, 25_000)
