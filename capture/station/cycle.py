@@ -107,6 +107,7 @@ class Station:
         self._left = count  # parts that may still be triggered
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
+        self._set_bytes = 0  # of the last set
         self._tested: list[str] = []
         self._was_ready = False
         self._announced: Counter[Decision] = Counter()
@@ -281,6 +282,7 @@ class Station:
         with self._lock:
             self._exposing = False
             self._waiting += 1
+            self._set_bytes = self._set_bytes if captured is None else captured.images.nbytes
             if self._left == 0:
                 self.stop()
             self._exposed.put(part)
@@ -340,7 +342,8 @@ class Station:
                 return f"busy: {self._waiting} parts wait for their verdict"
             if self._machine.state is not State.READY:
                 return "not ready: the self-test runs"
-            reason = disk_fault(self._folder, self._config.disk_floor_mb)
+            sets_bytes = (self._waiting + 1) * self._set_bytes
+            reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
             if reason is not None:
                 self._fail(reason)
                 return reason

@@ -1,4 +1,4 @@
-"""Which captured sets stay on the disk of a station, and how many more fit on it."""
+"""Which captured sets of a station stay on its disk."""
 
 import hashlib
 from collections.abc import Callable
@@ -71,21 +71,6 @@ def remove_old_sets(
         record_removals(store, batch, _text(now))
         removed += _remove(folder, list(batch.values()))
     return removed
-
-
-def sets_above_floor(free_bytes: int, bytes_per_set: int, floor_bytes: int) -> int:
-    """Return how many more sets may be written until the free space is at the floor.
-
-    Parameters
-    ----------
-    free_bytes
-        Free space of the disk.
-    bytes_per_set
-        Size of the file of one set, with what else is written for a part.
-    floor_bytes
-        Space that stays free: the database and its log must never find the disk full.
-    """
-    return max(0, (free_bytes - floor_bytes) // bytes_per_set)
 
 
 def _remove(folder: Path, set_files: list[str]) -> int:

@@ -42,15 +42,27 @@ def require_no_fault(checks: Iterable[Check]) -> None:
         raise SelfTestFailed("self-test: " + "; ".join(faults))
 
 
-def disk_fault(folder: Path, floor_mb: int) -> str | None:
-    """Return why no set may be written to `folder`, or None if there is room for it."""
+def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
+    """Return why no set may be written to `folder`, or None if there is room for it.
+
+    Parameters
+    ----------
+    sets_bytes
+        Space that sets in progress, and the next one, will take.
+    """
     try:
-        free_mb = shutil.disk_usage(folder).free / 1e6
+        free_bytes = shutil.disk_usage(folder).free
     except OSError as error:
         return f"disk: {folder}: {error.strerror}"
-    if free_mb < floor_mb:
-        return f"disk: {free_mb:.0f} MB free, the floor is {floor_mb} MB; make room"
-    return None
+    return floor_fault(free_bytes, sets_bytes, floor_mb)
+
+
+def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
+    """Return why no set may be written, or None if the floor stays free after it."""
+    if free_bytes - sets_bytes >= floor_mb * 1_000_000:
+        return None
+    needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""
+    return f"disk: {free_bytes / 1e6:.0f} MB free, the floor is {floor_mb} MB{needed}; make room"
 
 
 def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:

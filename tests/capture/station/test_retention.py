@@ -3,14 +3,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from capture.process.utc_time import utc_text
 from capture.station.config import Retention
 from capture.station.results.removals import passed_sets, record_removals
 from capture.station.results.store import ResultStore, open_store
-from capture.station.retention import is_sample, remove_old_sets, sets_above_floor
+from capture.station.retention import is_sample, remove_old_sets
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
@@ -89,14 +87,3 @@ def test_the_sample_is_the_same_each_time_and_as_large_as_asked() -> None:
     assert sample == [part_id for part_id in ids if is_sample("line-1", part_id, 20)]
     assert 900 < len(sample) < 1100  # 1000 within 3 standard deviations of 31
     assert all(is_sample("line-1", part_id, 1) for part_id in ids[:50])
-
-
-@given(
-    st.integers(0, 10**15), st.integers(1, 10**10), st.integers(0, 10**13), st.integers(0, 5)
-)  # fmt: skip
-def test_sets_that_may_be_written_leave_the_floor_free(
-    free_bytes: int, bytes_per_set: int, floor_bytes: int, more: int
-) -> None:
-    sets = sets_above_floor(free_bytes, bytes_per_set, floor_bytes)
-    assert sets == 0 or free_bytes - sets * bytes_per_set >= floor_bytes
-    assert free_bytes - (sets + 1 + more) * bytes_per_set < floor_bytes
