@@ -1,0 +1,70 @@
+"""Kill a production again and again, and print what was lost: the figures of the README.
+
+    python -m tests.capture.station.kills --kills 300
+    python -m tests.capture.station.kills --kills 50 --postgresql
+
+With ``--postgresql`` two stations write to one server, which is killed, too.
+"""
+
+import argparse
+import os
+import random
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+# The kernels of forked processes run in one thread.
+os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+import cv2
+
+from tests.capture.station.production import (
+    contradictions,
+    killed_production,
+    taught_station,
+)
+from tests.postgresql_server import postgresql_server
+
+# The server is killed with every so many kills of a station.
+_SERVER_KILLED_EVERY = 10
+
+
+def main(kills: int, *, on_postgresql: bool, seed: int) -> int:
+    """Print the figures; return the exit status."""
+    cv2.setNumThreads(1)
+    choice = random.Random(seed)
+    with tempfile.TemporaryDirectory(prefix="ps4rig-kills-") as place:
+        folder = Path(place)
+        if not on_postgresql:
+            return _told(kills, [taught_station(folder / "line-1")], choice)
+        with postgresql_server() as server:
+            folders = [taught_station(folder / name, results=server.url) for name in ("a", "b")]
+
+            def between(number: int) -> None:
+                if number % _SERVER_KILLED_EVERY == _SERVER_KILLED_EVERY - 1:
+                    server.kill()
+                    server.start()
+
+            return _told(kills, folders, choice, between)
+
+
+def _told(kills: int, folders: list[Path], choice: random.Random, between=lambda _: None) -> int:
+    events = killed_production(folders, kills, choice, between)
+    wrong = [said for folder in folders for said in contradictions(folder, events[folder])]
+    counts = Counter(event["event"] for each in events.values() for event in each)
+    print(
+        f"{kills} kills: {counts['begun']} parts begun, {counts['part']} announced, "
+        f"{counts['recovered']} recovered as ERROR; {len(wrong)} lost, doubled or contradicted"
+    )
+    print(*wrong, sep="\n", end="")
+    return int(bool(wrong))
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    options.add_argument("--kills", type=int, default=300)
+    options.add_argument("--postgresql", action="store_true")
+    options.add_argument("--seed", type=int, default=20260101)
+    given = options.parse_args()
+    sys.exit(main(given.kills, on_postgresql=given.postgresql, seed=given.seed))

@@ -1,0 +1,207 @@
+"""Production for figures: a taught station, runs of it in forked processes, and what must agree.
+
+A forked process shares the imports of this one, so that a run starts in a tenth of a second. It is
+killed like any other process.
+"""
+
+import json
+import os
+import random
+import select
+import signal
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from capture.session.verification import verify_file
+from capture.sets.ome_tiff import SUFFIX
+from capture.station.approval import approve
+from capture.station.challenge_set import add_to_challenge
+from capture.station.config import CONFIG
+from capture.station.event_lines import json_fields
+from capture.station.events import Event, Publisher
+from capture.station.folder import StationFolder, make_station, station_folder
+from capture.station.inspector import Inspector
+from capture.station.results.store import open_store
+from capture.station.run import RunOptions, run_station
+from capture.station.teaching import teach
+from capture.station.triggers import TimerTrigger
+from capture.station.verification import verify_station
+from rig import RigConfig
+from tests.capture.station.teaching_sets import SIDE_PX, saved
+
+SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
+# A kill comes after up to so many announced parts, and so much later: longer than a part takes.
+_MOST_PARTS, _LATEST_S = 3, 0.4
+# A run without an event for so long hangs.
+_SILENCE_S = 120.0
+
+
+def taught_station(folder: Path, **config: object) -> Path:
+    """Make a station that knows rock as good and sand as bad; `config` replaces its keys."""
+    make_station(folder)
+    keys = {"timer_s": 0.0, "disk_floor_mb": 50, "reconnect_s": 0.05, **config}
+    text = (folder / CONFIG).read_text(encoding="utf-8")
+    kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
+    lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+    (folder / CONFIG).write_text("\n".join([*lines, *kept]), encoding="utf-8")
+    files = StationFolder(folder).recipe_files()
+    rock = saved(folder / "shown", "rock", range(7))
+    sand = saved(folder / "shown", "sand", range(3))
+    teach(files, rock[:6])
+    teach(files, sand[:2], "loose sand")
+    add_to_challenge(files.challenge, rock[6:], "PASS")
+    add_to_challenge(files.challenge, sand[2:], "FAIL")
+    approve(files, "Ada")
+    Inspector.load(files)
+    return folder
+
+
+def run_parts(folder: Path, parts: int | None, listen: Any, rig: RigConfig = SMALL_RIG) -> None:
+    """Run a station as ``ps4rig station run`` does, with a timer."""
+    with station_folder(folder) as opened, Publisher(listen) as publisher:
+        source = TimerTrigger(opened.config.timer_s)
+        run_station(opened, rig, source, publisher, RunOptions(parts=parts))
+
+
+@dataclass
+class ForkedRun:
+    """A run in a process of its own, and the events that it printed."""
+
+    process: int
+    pipe: int
+    events: list[dict[str, Any]] = field(default_factory=list)
+    is_over: bool = False
+    status: int | None = None
+    _rest: bytes = b""
+
+    @classmethod
+    def start(cls, folder: Path, parts: int | None = None) -> "ForkedRun":
+        """Fork, and run the station in the new process."""
+        reading, writing = os.pipe()
+        process = os.fork()
+        if process == 0:
+            os.close(reading)
+            _be_the_run(folder, parts, writing)
+        os.close(writing)
+        return cls(process, reading)
+
+    def read(self, timeout_s: float) -> None:
+        """Read what has been printed, or wait for more."""
+        if not select.select([self.pipe], [], [], timeout_s)[0]:
+            return
+        block = os.read(self.pipe, 1 << 16)
+        self.is_over = not block
+        *lines, self._rest = (self._rest + block).split(b"\n")
+        self.events += [json.loads(line) for line in lines]
+
+    def announced(self) -> int:
+        return sum(event["event"] == "part" for event in self.events)
+
+    def read_until(self, parts: int) -> None:
+        """Read until so many parts are announced, or the run is over."""
+        heard_s, known = time.monotonic(), -1
+        while not self.is_over and self.announced() < parts:
+            self.read(1.0)
+            if len(self.events) != known:
+                heard_s, known = time.monotonic(), len(self.events)
+            assert time.monotonic() - heard_s < _SILENCE_S, "the run hangs"
+
+    def kill(self) -> None:
+        os.kill(self.process, signal.SIGKILL)
+        self.wait()
+
+    def wait(self) -> int:
+        """Read the rest, and return the exit status."""
+        while not self.is_over:
+            self.read(_SILENCE_S)
+        os.close(self.pipe)
+        self.status = os.waitpid(self.process, 0)[1]
+        return self.status
+
+
+def _be_the_run(folder: Path, parts: int | None, writing: int) -> None:
+    def tell(event: Event) -> None:
+        os.write(writing, json.dumps(json_fields(event)).encode() + b"\n")
+
+    status = 1
+    try:
+        run_parts(folder, parts, tell)
+        status = 0
+    except BaseException as error:
+        os.write(2, f"{folder.name}: {error!r}\n".encode())
+    finally:
+        os._exit(status)
+
+
+def contradictions(folder: Path, events: list[dict[str, Any]]) -> Iterator[str]:
+    """Say where announcements, rows and files of a station contradict each other."""
+    begun = [event["part_id"] for event in events if event["event"] == "begun"]
+    told = [event for event in events if event["event"] in ("part", "recovered")]
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        rows = {entry.result.part_id: entry.result for entry in store.parts()}
+    yield from (f"{part_id} was begun and has no row" for part_id in begun if part_id not in rows)
+    for part_id, count in Counter(event["part_id"] for event in told).items():
+        if count > 1:
+            yield f"{part_id} was announced {count} times"
+    for event in told:
+        row = rows.get(event["part_id"])
+        said = event["decision"], event["number"], event["set_file"]
+        if row is None:
+            yield f"{event['part_id']} was announced and has no row"
+        elif said != (row.verdict.decision, row.number, row.set_file):
+            yield f"{event['part_id']} was announced as {said}, its row is {row}"
+    for row in rows.values():
+        if row.verdict.decision == "PASS" and row.set_file is None:
+            yield f"{row.part_id} passed without a set file"
+    for finding in verify_station(folder):
+        if finding.state != "good":
+            yield str(finding)
+    for path in (folder / "parts").glob(f"*/*{SUFFIX}"):
+        yield from (str(each) for each in verify_file(path) if each.state != "good")
+    yield from (f"{path}: left behind" for path in folder.rglob(".writing-*"))
+
+
+def killed_production(
+    folders: list[Path], kills: int, choice: random.Random, between: Any = lambda _: None
+) -> dict[Path, list[dict[str, Any]]]:
+    """Run stations at the same time, kill one after the other, and run each to its end.
+
+    Parameters
+    ----------
+    folders
+        The stations.
+    kills
+        Number of kills.
+    choice
+        When and which.
+    between
+        Called with the number of each kill, for what else happens then.
+
+    Returns
+    -------
+    dict
+        All events of each station.
+    """
+    events: dict[Path, list[dict[str, Any]]] = {folder: [] for folder in folders}
+    runs = {folder: ForkedRun.start(folder) for folder in folders}
+    for number in range(kills):
+        folder = choice.choice(folders)
+        run = runs[folder]
+        run.read_until(run.announced() + choice.randint(0, _MOST_PARTS))
+        between(number)
+        time.sleep(choice.uniform(0.0, _LATEST_S))
+        run.kill()
+        events[folder] += run.events
+        runs[folder] = ForkedRun.start(folder)
+    for folder, run in runs.items():
+        run.kill()
+        events[folder] += run.events
+        last = ForkedRun.start(folder, parts=3)
+        last.wait()
+        events[folder] += last.events
+    return events
