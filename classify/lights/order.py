@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from classify.compiling import kernel
 from classify.errors import InputError
 from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
+from classify.threads import map_in_threads
 
 from .algebra import drop_one_constants
 
@@ -30,6 +32,7 @@ _CLEARLY_WORSE = 0.15
 _MIDDLE_PX = 192
 _COARSEST_PX = 48
 _MIN_SAMPLES = 500
+_LEAST_MISFIT = 1e-9  # the logarithm of 0 is avoided
 # A pixel with less than this share of the frame's mean brightness is mostly noise.
 _MAYBE_NOISE = 0.1
 # Largest deviation from 180 degrees of the tilts of two opposite lights.
@@ -175,19 +178,64 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
         return np.zeros((2, len(weights)))
     # Shares of the light at a pixel do not depend on its albedo.
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
-    flat = shares.reshape(4, -1).astype(np.float32)
-    misfits = np.empty((2, len(weights)))
-    for index, weight in enumerate(weights):
-        b_x, b_y, b_z, residual = (weight @ flat).reshape(4, *lit.shape)
-        p, q = -b_x / b_z, -b_y / b_z
-        curl = (p[:-2, 1:-1] - p[2:, 1:-1]) - (q[1:-1, 2:] - q[1:-1, :-2])  # y is up, rows go down
-        misfits[:, index] = np.log(_spread(residual[lit])), np.log(_spread(curl[inner]))
-    return misfits
+    shares = shares.astype(np.float32)
+
+    def of_order(weight: FloatArray) -> tuple[float, float]:
+        return _mean_misfits(shares, lit, inner, weight)
+
+    # An even image has neither residual nor curl.
+    return np.log(np.maximum(map_in_threads(of_order, [*weights]), _LEAST_MISFIT)).T
 
 
-def _spread(values: FloatArray) -> float:
-    """Mean absolute deviation from the mean, never 0; unequal LED levels change the mean only."""
-    return max(float(np.abs(values - values.mean()).mean()), 1e-9)
+@kernel
+def _mean_misfits(
+    shares: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
+) -> tuple[float, float]:
+    """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
+
+    Unequal LED levels change the means only. `shares` is (4, H, W), `inner` (H - 2, W - 2), and
+    `weight` (4, 4) gives the scaled normal and the residual from four shares.
+    """
+    rows, columns = lit.shape
+    p, q = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    residual = np.empty((rows, columns), np.float32)
+    curl = np.empty((rows - 2, columns - 2), np.float32)
+    for row in range(rows):
+        for column in range(columns):
+            a, b = shares[0, row, column], shares[1, row, column]
+            c, d = shares[2, row, column], shares[3, row, column]
+            over_z = -1.0 / (
+                weight[2, 0] * a + weight[2, 1] * b + weight[2, 2] * c + weight[2, 3] * d
+            )
+            x = weight[0, 0] * a + weight[0, 1] * b + weight[0, 2] * c + weight[0, 3] * d
+            y = weight[1, 0] * a + weight[1, 1] * b + weight[1, 2] * c + weight[1, 3] * d
+            p[row, column], q[row, column] = x * over_z, y * over_z
+            residual[row, column] = (
+                weight[3, 0] * a + weight[3, 1] * b + weight[3, 2] * c + weight[3, 3] * d
+            )
+    for row in range(rows - 2):
+        for column in range(columns - 2):
+            # y is up, rows go down
+            across = p[row, column + 1] - p[row + 2, column + 1]
+            curl[row, column] = across - (q[row + 1, column + 2] - q[row + 1, column])
+    return _spread(residual, lit), _spread(curl, inner)
+
+
+@kernel
+def _spread(values: FloatArray, chosen: BoolArray) -> float:
+    """Mean absolute deviation from the mean of the chosen values."""
+    count, total = 0, 0.0
+    for row in range(values.shape[0]):
+        for column in range(values.shape[1]):
+            if chosen[row, column]:
+                count += 1
+                total += values[row, column]
+    mean, deviation = total / count, 0.0
+    for row in range(values.shape[0]):
+        for column in range(values.shape[1]):
+            if chosen[row, column]:
+                deviation += abs(values[row, column] - mean)
+    return deviation / count
 
 
 def _opposite(lighting: Lighting) -> Order | None:
