@@ -181,7 +181,8 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
     shares = shares.astype(np.float32)
 
     def of_order(weight: FloatArray) -> tuple[float, float]:
-        return _mean_misfits(shares, lit, inner, weight)
+        residual, curl = _mean_misfits(shares, lit, inner, weight)
+        return residual, curl
 
     # An even image has neither residual nor curl.
     return np.log(np.maximum(map_in_threads(of_order, [*weights]), _LEAST_MISFIT)).T
