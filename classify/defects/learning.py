@@ -90,11 +90,15 @@ def learn_defects(
     def limit(of: npt.NDArray[np.float64]) -> float:
         return limit_of(of.ravel(), tiles, false_alarm_rate)
 
-    limits = np.array(
-        [[limit(values[:, f, r]) for r in range(values.shape[2])] for f in range(values.shape[1])]
-    )
-    length_limit = limit(lengths)
-    scores = np.maximum((values / limits[:, :, None]).max(axis=(1, 2)), lengths / length_limit)
+    # parts, responses, tiles: the length of the statistics is one of the responses
+    joined = np.concatenate([values.reshape(len(parts), -1, lengths.shape[1]), lengths[:, None]], 1)
+    scores = []
+    for index in range(len(parts)):
+        others = np.delete(joined, index, axis=0)
+        scores.append((joined[index] / _limits(others, limit)[:, None]).max(axis=0))
+    scores = np.array(scores)
+    all_limits = _limits(joined, limit)
+    limits, length_limit = all_limits[:-1].reshape(values.shape[1:3]), all_limits[-1]
     factor = limit(scores)
     good_scores = scores.max(axis=1)
     if len(parts) * false_alarm_rate < 1.0:
@@ -129,3 +133,7 @@ def _distribution(
     covariance += _RIDGE * np.diag(np.diag(covariance)) + 1e-9 * np.eye(len(mean))
     values, vectors = np.linalg.eigh(covariance)
     return mean, vectors / np.sqrt(values)
+
+
+def _limits(maxima, limit):
+    return np.array([limit(maxima[:, index]) for index in range(maxima.shape[1])])

@@ -23,7 +23,7 @@ STATISTICS = 2 * 3 * TEXTURE_LEVELS
 """Local statistics of a cell."""
 
 # Pixels on a line filter. Half a step of its 15 degrees moves its ends by one pixel.
-_LINE_PIXELS = 15
+_LINE_PIXELS = 9
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
 _STATISTICS_CELLS = 2.0
 # Energies of a white field of variance 1 are of order 1; this floor keeps logarithms finite.
@@ -101,7 +101,7 @@ def local_statistics(
 def _line_kernel(direction_deg: float) -> FloatMap:
     """A line of pixels through the middle, anticlockwise from x, of unit sum of squares."""
     half = _LINE_PIXELS // 2
-    kernel = np.zeros((_LINE_PIXELS + 3, _LINE_PIXELS + 3), np.float64)
+    kernel = np.zeros((_LINE_PIXELS + 2, _LINE_PIXELS + 2), np.float64)
     c, s = np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))
     steps = np.arange(-half, half + 1)
     x, y = half + 1 + steps * c, half + 1 - steps * s

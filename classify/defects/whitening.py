@@ -112,6 +112,9 @@ def whitened(
     a *= albedo_gain
     relief: FloatMap = scipy.fft.irfft2(p, s=shape)
     albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
+    # The filter rings at the fading borders.
+    relief *= fields.weight
+    albedo *= fields.weight
     return relief, albedo
 
 
