@@ -1,5 +1,6 @@
 """`DefectModel`: what good parts of one texture look like, and where another part differs."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from pathlib import Path
@@ -15,14 +16,15 @@ from . import ps4def
 from .defect_map import DefectMap
 from .fields import PartFields, part_fields
 from .observation import Observation
-from .responses import RESPONSES, STATISTICS
+from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES, STATISTICS
 from .whitening import SEGMENT
 
 _CONFIDENCE = 0.95
 # Shapes of the arrays of a model; None is any length.
 _SHAPES = {
     "gains": (2, SEGMENT + 1, SEGMENT + 1),
-    "limits": (2, RESPONSES),
+    "relief_limits": (RELIEF_RESPONSES,),
+    "albedo_limits": (ALBEDO_RESPONSES,),
     "statistics_mean": (STATISTICS,),
     "statistics_whitening": (STATISTICS, STATISTICS),
     "good_scores": (None,),
@@ -37,8 +39,8 @@ class DefectModel:
     ----------
     gains
         (2, n, n) float32 whitening gains of relief and albedo in the frame of the texture.
-    limits
-        (2, RESPONSES) float32 limits of the spots and lines in whitened relief and albedo.
+    relief_limits, albedo_limits
+        (RELIEF_RESPONSES,) and (ALBEDO_RESPONSES,) float32 limits of spots and lines.
     statistics_mean, statistics_whitening
         (d,) and (d, d) float32: the Mahalanobis distance of the statistics s of a cell, in units of
         its limit, is the length of (s - mean) @ whitening.
@@ -49,7 +51,8 @@ class DefectModel:
     """
 
     gains: FloatMap
-    limits: FloatMap
+    relief_limits: FloatMap
+    albedo_limits: FloatMap
     statistics_mean: FloatMap
     statistics_whitening: FloatMap
     false_alarm_rate: float
@@ -113,15 +116,16 @@ class DefectModel:
 
     def _scores(self, fields: PartFields, orientation_deg: float) -> list[FloatMap]:
         observation = Observation.of(fields, self.gains, orientation_deg)
-        scores = []
-        for field, limits in enumerate(self.limits):
-            responses = observation.responses(field)
-            scores.append(
-                reduce(
-                    np.maximum,
-                    (each / limit for each, limit in zip(responses, limits, strict=True)),
-                )
-            )
+        scores = [
+            _highest(observation.relief_responses(), self.relief_limits),
+            _highest(observation.albedo_responses(), self.albedo_limits),
+        ]
         offset = (observation.statistics() - self.statistics_mean) @ self.statistics_whitening
         scores.append(np.sqrt(np.einsum("hwd,hwd->hw", offset, offset)))
         return [np.where(fields.valid, score, np.float32(np.nan)) for score in scores]
+
+
+def _highest(responses: Iterator[FloatMap], limits: FloatMap) -> FloatMap:
+    """The highest response of every cell in units of its limit."""
+    scores = (response / limit for response, limit in zip(responses, limits, strict=True))
+    return reduce(np.maximum, scores)

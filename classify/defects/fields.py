@@ -21,6 +21,7 @@ _FADE = 9
 _FILL_PX = 2.0
 _LEAST_FILLED = np.float32(0.25)
 _LEAST_VALID = np.float32(0.5)
+_TINY = np.float32(1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,27 +53,31 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     fields = texture_fields(surface)
     rows, columns = (_padded(-(-side // 2)) for side in surface.shape)
     share = _halved(surface.valid.astype(np.float32), rows, columns)
-    planes = [_halved(plane, rows, columns) for plane in (fields.p, fields.q, fields.albedo)]
-    kept = share
-    if not surface.valid.all():
-        whole = (share >= 1.0).astype(np.float32)
-        kept = gaussian_mean(whole, _FILL_PX)
-        planes = [_filled(plane, whole, kept) for plane in planes]
+    planes = [fields.p, fields.q, fields.albedo]
+    near = share
+    if surface.valid.all():
+        planes = [_halved(plane, rows, columns) for plane in planes]
+    else:
+        near = gaussian_mean(share, _FILL_PX)
+        planes = [_filled(_halved(each * surface.valid, rows, columns), share) for each in planes]
     eroded = cv2.erode(
-        (kept > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
+        (near > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
         borderType=cv2.BORDER_CONSTANT, borderValue=0,
     )  # fmt: skip
     faded = cv2.blur(eroded, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
     weight = np.asarray(faded, np.float32)
     total = max(float(weight.sum()), 1.0)
-    np.log(np.maximum(planes[2], np.float32(1e-3)), out=planes[2])
+    np.log(np.maximum(planes[2], _TINY), out=planes[2])
     for plane in planes:
         plane -= np.float32(np.vdot(plane, weight) / total)
         plane *= weight
     h, w = (-(-side // CELL_PX) for side in surface.shape)
-    cells = resized(share, rows // HALF_CELL, columns // HALF_CELL)[:h, :w]
+    covered = _halved(np.ones(surface.shape, np.float32), rows, columns)
+    cells, whole = (
+        resized(each, rows // HALF_CELL, columns // HALF_CELL)[:h, :w] for each in (share, covered)
+    )
     p, q, albedo = planes
-    return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID, surface.shape)
+    return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID * whole, surface.shape)
 
 
 def resized(plane: FloatMap, rows: int, columns: int) -> FloatMap:
@@ -100,11 +105,8 @@ def _halved(plane: FloatMap, rows: int, columns: int) -> FloatMap:
     return resized(plane, rows, columns)
 
 
-def _filled(plane: FloatMap, whole: FloatMap, around: FloatMap) -> FloatMap:
-    """The plane with pixels that are not whole replaced by the mean of whole ones around them.
-
-    A pixel of which a quarter is not valid is already mixed with the mean of the frame.
-    """
-    blurred = gaussian_mean(plane * whole, _FILL_PX)
-    filled: FloatMap = np.where(whole > 0, plane, blurred / np.maximum(around, np.float32(1e-3)))
+def _filled(total: FloatMap, share: FloatMap) -> FloatMap:
+    """Means of the valid pixels from sums over them, and Gaussian means where none is valid."""
+    around = gaussian_mean(total, _FILL_PX) / np.maximum(gaussian_mean(share, _FILL_PX), _TINY)
+    filled: FloatMap = np.where(share > 0.0, total / np.maximum(share, _TINY), around)
     return filled

@@ -2,27 +2,34 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import chain
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from classify.errors import InputError
-from classify.surface.estimate import SurfaceEstimate
+from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_model import DefectModel
 from .fields import part_fields
-from .limits import limit_of, tile_maxima
+from .limits import limits_of, tile_maxima
 from .observation import Observation
+from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
 from .whitening import SEGMENT, Spectrum, mean_spectrum
 
 LEAST_PARTS = 3
-MOST_PARTS = 1000
+MOST_PARTS = 100
 MIN_SIDE_PX = 2 * SEGMENT
 """Shortest side of a part: one segment of the spectra at half resolution."""
 
 # Share of the variance of each statistic that is added to it: keeps directions in which few parts
 # happen to agree from deciding.
 _RIDGE = 0.01
+# A statistic that does not vary, as of an albedo without noise, must not decide.
+_LEAST_VARIANCE = 1e-6
+
+Item = TypeVar("Item")
 
 
 def learn_defects(
@@ -66,49 +73,36 @@ def learn_defects(
     spectra = [Spectrum.of(part, angle) for part, angle in zip(parts, angles, strict=True)]
     maxima, statistics = [], []
     for index, (part, angle) in enumerate(zip(parts, angles, strict=True)):
-        others = mean_spectrum([each for n, each in enumerate(spectra) if n != index and each])
+        others = mean_spectrum(_without(spectra, index))
         observation = Observation.of(part, others.gains(), angle)
-        maxima.append(
-            [
-                [tile_maxima(response, part.valid) for response in observation.responses(field)]
-                for field in range(2)
-            ]
-        )
+        responses = chain(observation.relief_responses(), observation.albedo_responses())
+        maxima.append([tile_maxima(response, part.valid) for response in responses])
         statistics.append(observation.statistics())
-    samples = [
-        each[part.valid].astype(np.float64) for each, part in zip(statistics, parts, strict=True)
-    ]
-    distances = []
+    sums = [_power_sums(each[part.valid]) for each, part in zip(statistics, parts, strict=True)]
     for index, (part, each) in enumerate(zip(parts, statistics, strict=True)):
-        mean, whitening = _distribution([s for n, s in enumerate(samples) if n != index])
+        mean, whitening = _whitening(_without(sums, index))
         length = np.linalg.norm((each - mean) @ whitening, axis=-1)
-        distances.append(tile_maxima(length.astype(np.float32), part.valid))
-    values = np.array(maxima)  # parts, fields, responses, tiles
-    lengths = np.array(distances)
-    tiles = float(np.isfinite(lengths).sum(axis=1).mean())
-
-    def limit(of: npt.NDArray[np.float64]) -> float:
-        return limit_of(of.ravel(), tiles, false_alarm_rate)
-
-    # parts, responses, tiles: the length of the statistics is one of the responses
-    joined = np.concatenate([values.reshape(len(parts), -1, lengths.shape[1]), lengths[:, None]], 1)
+        maxima[index].append(tile_maxima(length, part.valid))
     scores = []
-    for index in range(len(parts)):
-        others = np.delete(joined, index, axis=0)
-        scores.append((joined[index] / _limits(others, limit)[:, None]).max(axis=0))
-    scores = np.array(scores)
-    all_limits = _limits(joined, limit)
-    limits, length_limit = all_limits[:-1].reshape(values.shape[1:3]), all_limits[-1]
-    factor = limit(scores)
-    good_scores = scores.max(axis=1)
+    for index, response_maxima in enumerate(maxima):
+        limits = limits_of(np.array(_without(maxima, index)), false_alarm_rate)
+        scores.append((np.array(response_maxima) / limits[:, None]).max(axis=0))
+    # One limit for all responses together.
+    factor = float(limits_of(np.array(scores)[:, None], false_alarm_rate)[0])
+    good_scores = np.max(scores, axis=1)
     if len(parts) * false_alarm_rate < 1.0:
         factor = max(factor, float(good_scores.max()))
-    mean, whitening = _distribution(samples)
+    final = np.asarray(limits_of(np.array(maxima), false_alarm_rate) * factor, np.float32)
+    relief_limits, albedo_limits, length_limit = np.split(
+        final, [RELIEF_RESPONSES, RELIEF_RESPONSES + ALBEDO_RESPONSES]
+    )
+    mean, whitening = _whitening(sums)
     return DefectModel(
-        gains=mean_spectrum([each for each in spectra if each]).gains(),
-        limits=np.asarray(limits * factor, np.float32),
+        gains=mean_spectrum(spectra).gains(),
+        relief_limits=relief_limits,
+        albedo_limits=albedo_limits,
         statistics_mean=np.asarray(mean, np.float32),
-        statistics_whitening=np.asarray(whitening / (length_limit * factor), np.float32),
+        statistics_whitening=np.asarray(whitening / length_limit, np.float32),
         false_alarm_rate=false_alarm_rate,
         good_scores=good_scores / factor,
     )
@@ -123,17 +117,24 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
     return surface
 
 
-def _distribution(
-    samples: Sequence[npt.NDArray[np.float64]],
+def _without(items: Sequence[Item], index: int) -> list[Item]:
+    return [item for number, item in enumerate(items) if number != index]
+
+
+def _power_sums(samples: FloatMap) -> npt.NDArray[np.float64]:
+    """(d + 1, d + 1) sums of the products of (1, sample), of (n, d) samples."""
+    extended = np.pad(samples.astype(np.float64), ((0, 0), (1, 0)), constant_values=1.0)
+    return extended.T @ extended
+
+
+def _whitening(
+    sums: Sequence[npt.NDArray[np.float64]],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Mean and whitening matrix of the statistics of all cells."""
-    joined = np.concatenate(samples)
-    mean = joined.mean(axis=0)
-    covariance = np.cov(joined.T)
-    covariance += _RIDGE * np.diag(np.diag(covariance)) + 1e-9 * np.eye(len(mean))
+    """Mean and whitening matrix of statistics, from the power sums of several parts."""
+    moments = np.sum(sums, axis=0)
+    moments = moments / moments[0, 0]
+    mean = moments[0, 1:]
+    covariance = moments[1:, 1:] - np.outer(mean, mean)
+    covariance += _RIDGE * np.diag(np.diag(covariance)) + _LEAST_VARIANCE * np.eye(len(mean))
     values, vectors = np.linalg.eigh(covariance)
     return mean, vectors / np.sqrt(values)
-
-
-def _limits(maxima, limit):
-    return np.array([limit(maxima[:, index]) for index in range(maxima.shape[1])])

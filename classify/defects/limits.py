@@ -26,24 +26,31 @@ def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Maxima:
     return np.asarray(tiles.max(axis=(1, 3)).ravel())
 
 
-def limit_of(maxima: Maxima, tiles_per_part: float, false_alarm_rate: float) -> float:
-    """Value that a share `false_alarm_rate` of good parts exceeds anywhere.
+def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
+    """(m,) values that a share `false_alarm_rate` of good parts exceeds anywhere.
 
     A generalised Pareto distribution, fitted by probability-weighted moments (Hosking and Wallis
     1987) to the highest tile maxima of all parts, is extrapolated to the tiles of one part.
+
+    Parameters
+    ----------
+    maxima
+        (parts, m, tiles) `tile_maxima`; tiles without a valid cell are alike for all responses.
     """
-    ordered = np.sort(maxima[np.isfinite(maxima)])
-    tail = min(max(int(_TAIL_SHARE * ordered.size), _LEAST_TAIL), ordered.size - 1)
-    start = ordered[-tail - 1]
-    excess = ordered[-tail:] - start
-    first = excess.mean()
+    parts, count, _ = maxima.shape
+    ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
+    ordered = ordered[:, np.isfinite(ordered[0]).argmin() :]
+    ordered = ordered[:, np.isfinite(ordered).all(axis=0)]
+    tiles = ordered.shape[1]
+    tail = min(max(int(_TAIL_SHARE * tiles), _LEAST_TAIL), tiles - 1)
+    start = ordered[:, -tail - 1]
+    excess = ordered[:, -tail:] - start[:, None]
+    mean = excess.mean(axis=1)
     # Mean of the excess weighted by its probability of being exceeded.
-    second = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail))
-    denominator = first - 2.0 * second
-    shape = 2.0 - first / denominator if denominator > 0.0 else _LONGEST_TAIL
-    shape = float(np.clip(shape, 0.0, _LONGEST_TAIL))
-    scale = first * (1.0 - shape)
-    per_tile = -np.expm1(np.log1p(-false_alarm_rate) / tiles_per_part)
-    ratio = max(tail / ordered.size / per_tile, 1.0)
-    reach = np.log(ratio) if shape < 1e-6 else np.expm1(shape * np.log(ratio)) / shape
-    return float(start + scale * reach)
+    weighted = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail), axis=1)
+    shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
+    shapes = np.clip(shapes, 1e-6, _LONGEST_TAIL)
+    per_tile = -np.expm1(np.log1p(-false_alarm_rate) * parts / tiles)
+    ratio = max(tail / tiles / per_tile, 1.0)
+    reach = np.expm1(shapes * np.log(ratio)) / shapes
+    return np.asarray(start + mean * (1.0 - shapes) * reach)

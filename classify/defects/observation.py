@@ -7,7 +7,13 @@ from typing import Self
 from classify.surface.estimate import FloatMap
 
 from .fields import PartFields
-from .responses import line_kernels, local_statistics, pyramid, spot_and_line_responses
+from .responses import (
+    ALBEDO_LINES,
+    RELIEF_LINES,
+    local_statistics,
+    pyramid,
+    spot_and_line_responses,
+)
 from .whitening import whitened
 
 
@@ -18,19 +24,26 @@ class Observation:
     fields: PartFields
     orientation_deg: float
     pyramids: tuple[list[FloatMap], list[FloatMap]]
-    kernels: list[FloatMap]
 
     @classmethod
     def of(cls, fields: PartFields, gains: FloatMap, orientation_deg: float) -> Self:
         """Whiten a part."""
         relief, albedo = whitened(fields, gains, orientation_deg)
         pyramids = (pyramid(relief), pyramid(albedo))
-        return cls(fields, orientation_deg, pyramids, line_kernels(orientation_deg))
+        return cls(fields, orientation_deg, pyramids)
 
-    def responses(self, field: int) -> Iterator[FloatMap]:
-        """Spots and lines of relief (0) or albedo (1), (h, w) each; see `responses.py`."""
+    def relief_responses(self) -> Iterator[FloatMap]:
+        """(h, w) responses to spots and lines of the relief, `RELIEF_RESPONSES` in all."""
+        return self._responses(0, RELIEF_LINES)
+
+    def albedo_responses(self) -> Iterator[FloatMap]:
+        """(h, w) responses to spots and lines of the albedo, `ALBEDO_RESPONSES` in all."""
+        return self._responses(1, ALBEDO_LINES)
+
+    def _responses(self, field: int, lines: tuple[tuple[int, int], ...]) -> Iterator[FloatMap]:
         h, w = self.fields.valid.shape
-        for response in spot_and_line_responses(self.pyramids[field], self.kernels):
+        levels = self.pyramids[field]
+        for response in spot_and_line_responses(levels, lines, self.orientation_deg):
             yield response[:h, :w]
 
     def statistics(self) -> FloatMap:

@@ -8,24 +8,27 @@ import numpy as np
 from classify.surface.estimate import FloatMap
 
 from .fields import COARSEST, HALF_CELL, gaussian_mean, resized
+from .lines import LINE_DIRECTIONS, line_responses
 
 SPOT_LEVELS = 5
 """Octaves of spots; a pixel of the coarsest covers `COARSEST` pixels at half resolution."""
-LINE_LEVELS = 2
-"""Octaves of the width of lines."""
-LINE_DIRECTIONS = 12
-"""Directions of lines over 180 degrees, in the frame of the texture."""
+RELIEF_LINES = ((0, 9), (1, 9), (1, 21))
+ALBEDO_LINES = ((1, 9), (1, 21))
+"""Octave and length in its pixels of the lines: 18, 36 and 84 px of the frame, two or four wide.
+
+Half a step of the directions moves the ends of a line of nine pixels by half a pixel.
+"""
 TEXTURE_LEVELS = 4
 """Octaves of the local statistics."""
-RESPONSES = SPOT_LEVELS + LINE_LEVELS * LINE_DIRECTIONS
-"""Responses to spots and lines of one field."""
+RELIEF_RESPONSES, ALBEDO_RESPONSES = (
+    SPOT_LEVELS + len(lines) * LINE_DIRECTIONS for lines in (RELIEF_LINES, ALBEDO_LINES)
+)
+"""Responses to spots and lines."""
 STATISTICS = 2 * 3 * TEXTURE_LEVELS
 """Local statistics of a cell."""
 
-# Pixels on a line filter. Half a step of its 15 degrees moves its ends by one pixel.
-_LINE_PIXELS = 9
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
-_STATISTICS_CELLS = 2.0
+_STATISTICS_CELLS = 1.5
 # Energies of a white field of variance 1 are of order 1; this floor keeps logarithms finite.
 _ENERGY_FLOOR = np.float32(1e-3)
 
@@ -36,14 +39,20 @@ def pyramid(field: FloatMap) -> list[FloatMap]:
     """The field low-passed and sampled at `SPOT_LEVELS` octaves."""
     levels = [field]
     for _ in range(SPOT_LEVELS - 1):
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), np.float32))
+        # Not pyrDown: its pixels are not in the middle of those that they stand for.
+        blurred = np.asarray(cv2.GaussianBlur(levels[-1], (3, 3), 0), np.float32)
+        rows, columns = blurred.shape
+        levels.append(resized(blurred, rows // 2, columns // 2))
     return levels
 
 
-def spot_and_line_responses(levels: list[FloatMap], kernels: list[FloatMap]) -> Iterator[FloatMap]:
-    """Absolute responses of one field on the grid of cells, `RESPONSES` in all.
+def spot_and_line_responses(
+    levels: list[FloatMap], lines: tuple[tuple[int, int], ...], orientation_deg: float
+) -> Iterator[FloatMap]:
+    """Absolute responses of one field on the grid of cells.
 
-    The spots of every octave come first, then the lines of every octave and direction.
+    The spots of every octave come first, then `lines` of given octaves and lengths in every
+    direction.
     """
     rows, columns = (side // HALF_CELL for side in levels[0].shape)
     for number, level in enumerate(levels):
@@ -52,16 +61,8 @@ def spot_and_line_responses(levels: list[FloatMap], kernels: list[FloatMap]) -> 
             yield _cell_maximum(response, HALF_CELL >> number)
         else:
             yield resized(response, rows, columns)
-    for number, level in enumerate(levels[:LINE_LEVELS]):
-        for kernel in kernels:
-            response = np.asarray(cv2.filter2D(level, cv2.CV_32F, kernel))
-            yield _cell_maximum(np.abs(response, out=response), HALF_CELL >> number)
-
-
-def line_kernels(orientation_deg: float) -> list[FloatMap]:
-    """Line filters at `LINE_DIRECTIONS` directions of a texture at this orientation."""
-    steps = np.arange(LINE_DIRECTIONS) * (180.0 / LINE_DIRECTIONS)
-    return [_line_kernel(float(step + orientation_deg)) for step in steps]
+    for number, pixels in lines:
+        yield from line_responses(levels[number], HALF_CELL >> number, pixels, orientation_deg)
 
 
 def _cell_maximum(response: FloatMap, pixels: int) -> FloatMap:
@@ -96,19 +97,3 @@ def local_statistics(
             total, even, odd = xx + yy + 2 * _ENERGY_FLOOR, xx - yy, 2 * xy
             values += [np.log(total), (c * even + s * odd) / total, (c * odd - s * even) / total]
     return np.stack(values, axis=-1)
-
-
-def _line_kernel(direction_deg: float) -> FloatMap:
-    """A line of pixels through the middle, anticlockwise from x, of unit sum of squares."""
-    half = _LINE_PIXELS // 2
-    kernel = np.zeros((_LINE_PIXELS + 2, _LINE_PIXELS + 2), np.float64)
-    c, s = np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))
-    steps = np.arange(-half, half + 1)
-    x, y = half + 1 + steps * c, half + 1 - steps * s
-    column, row = x.astype(int), y.astype(int)
-    right, down = x - column, y - row
-    # Bilinear shares of the four pixels around every point of the line.
-    for across, x_share in ((0, 1 - right), (1, right)):
-        for along, y_share in ((0, 1 - down), (1, down)):
-            np.add.at(kernel, (row + along, column + across), x_share * y_share)
-    return np.asarray(kernel / np.sqrt(np.sum(kernel**2)), np.float32)

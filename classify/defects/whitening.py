@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 
 from .fields import PartFields
@@ -45,8 +46,8 @@ class Spectrum:
     albedo: Power
 
     @classmethod
-    def of(cls, fields: PartFields, orientation_deg: float) -> Self | None:
-        """Mean power of the segments of a part; None if all of them have faded."""
+    def of(cls, fields: PartFields, orientation_deg: float) -> Self:
+        """Mean power of the segments of a part; InputError if too little of it is valid."""
         window = _window()
         cosine, sine = _wave_directions((SEGMENT, SEGMENT))
         relief = np.zeros((SEGMENT, SEGMENT // 2 + 1))
@@ -64,7 +65,10 @@ class Spectrum:
             albedo += np.abs(a) ** 2
             count += 1
         if count == 0:
-            return None
+            raise InputError(
+                f"no area of {2 * SEGMENT} x {2 * SEGMENT} px of a good part has enough valid "
+                "pixels; check its light and mask"
+            )
         return cls(*(_rotated(_whole(each / count), orientation_deg) for each in (relief, albedo)))
 
     def gains(self) -> FloatMap:

@@ -1,0 +1,135 @@
+"""The ``.ps4def`` file: written models are read back, damaged ones refused."""
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from classify import DefectModel, InputError, learn_defects
+from classify.errors import DefectModelError
+
+ARRAYS = ("gains", "relief_limits", "statistics_mean", "statistics_whitening", "good_scores")
+
+
+@pytest.fixture(scope="module")
+def model(stationary) -> DefectModel:
+    parts = [stationary("dyed", seed=seed, side=256) for seed in range(3)]
+    return learn_defects(parts, [0.0, None, 0.0])
+
+
+@pytest.fixture
+def saved(model, tmp_path: Path) -> Path:
+    path = tmp_path / "defects.ps4def"
+    model.save(path)
+    return path
+
+
+def members(path: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def put(path: Path, name: str, data: bytes) -> None:
+    content = members(path) | {name: data}
+    with zipfile.ZipFile(path, "w") as archive:
+        for each, values in content.items():
+            archive.writestr(each, values)
+
+
+def stored(array: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def assert_refused(path: Path, cause: str) -> None:
+    with pytest.raises(DefectModelError, match=cause) as caught:
+        DefectModel.load(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+
+
+def test_a_saved_model_scores_like_the_one_that_was_learned(model, saved, stationary) -> None:
+    loaded = DefectModel.load(saved)
+    part = stationary("dyed", seed=9, side=256)
+    assert loaded.sha256 == model.sha256
+    assert loaded.false_alarm_rate == model.false_alarm_rate
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name), strict=True)
+    score = loaded.map_of(part, None).score
+    np.testing.assert_array_equal(score, model.map_of(part, None).score)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_a_changed_value_is_noticed(saved, model, name: str) -> None:
+    changed = getattr(model, name).copy()
+    changed.flat[0] += 0.5
+    put(saved, f"{name}.npy", stored(changed))
+    assert_refused(saved, "do not match their SHA-256")
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_of_other_shapes_or_with_nan_are_refused(saved, model, name: str) -> None:
+    array = getattr(model, name)
+    put(saved, f"{name}.npy", stored(array[None]))
+    assert_refused(saved, name)
+    put(saved, f"{name}.npy", stored(np.full_like(array, np.nan)))
+    assert_refused(saved, name)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "cause"),
+    [
+        ("version", 2, "use a newer ps4rig"),
+        ("format", "ps4lib", "format"),
+        ("false_alarm_rate", 0.02, "SHA-256"),
+        ("false_alarm_rate", 7.0, "false_alarm_rate"),
+        ("more", 1, "'more' is unknown"),
+    ],
+)
+def test_other_headers_are_refused(saved, field: str, value: object, cause: str) -> None:
+    header = json.loads(members(saved)["defects.json"]) | {field: value}
+    put(saved, "defects.json", json.dumps(header).encode())
+    assert_refused(saved, cause)
+
+
+def test_a_missing_array_and_a_missing_file_are_named(saved, tmp_path: Path) -> None:
+    content = members(saved)
+    del content["gains.npy"]
+    with zipfile.ZipFile(saved, "w") as archive:
+        for name, data in content.items():
+            archive.writestr(name, data)
+    assert_refused(saved, "holds no gains.npy")
+    assert_refused(tmp_path / "other.ps4def", "no such defect model")
+
+
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(place=st.floats(0.0, 1.0, exclude_max=True), flipped=st.integers(1, 255), cut=st.booleans())
+def test_a_damaged_file_is_refused_or_reads_the_same(
+    model, saved, place: float, flipped: int, cut: bool
+) -> None:
+    data = bytearray(saved.read_bytes())
+    index = int(place * len(data))
+    damaged = saved.with_name("damaged.ps4def")
+    if cut:
+        damaged.write_bytes(data[:index])
+        assert_refused(damaged, "damaged.ps4def")
+        return
+    data[index] ^= flipped
+    damaged.write_bytes(data)
+    try:
+        loaded = DefectModel.load(damaged)
+    except DefectModelError:
+        return
+    assert loaded.sha256 == model.sha256
+
+
+def test_only_names_of_defect_models_are_written(model, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="let the name of a defect model end in .ps4def"):
+        model.save(tmp_path / "model.zip")
