@@ -131,5 +131,5 @@ def test_a_damaged_file_is_refused_or_reads_the_same(
 
 
 def test_only_names_of_defect_models_are_written(model, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="let the name of a defect model end in .ps4def"):
+    with pytest.raises(InputError, match=r"let the name of a defect model end in \.ps4def"):
         model.save(tmp_path / "model.zip")
