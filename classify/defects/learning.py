@@ -13,7 +13,7 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_model import DefectModel
 from .fields import part_fields
-from .limits import limits_of, tile_maxima
+from .limits import common_limit, limits_of, tile_maxima
 from .observation import Observation
 from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
 from .whitening import SEGMENT, Spectrum, mean_spectrum
@@ -87,11 +87,7 @@ def learn_defects(
     for index, response_maxima in enumerate(maxima):
         limits = limits_of(np.array(_without(maxima, index)), false_alarm_rate)
         scores.append((np.array(response_maxima) / limits[:, None]).max(axis=0))
-    # One limit for all responses together.
-    factor = float(limits_of(np.array(scores)[:, None], false_alarm_rate)[0])
-    good_scores = np.max(scores, axis=1)
-    if len(parts) * false_alarm_rate < 1.0:
-        factor = max(factor, float(good_scores.max()))
+    factor = common_limit(np.array(scores), false_alarm_rate)
     final = np.asarray(limits_of(np.array(maxima), false_alarm_rate) * factor, np.float32)
     relief_limits, albedo_limits, length_limit = np.split(
         final, [RELIEF_RESPONSES, RELIEF_RESPONSES + ALBEDO_RESPONSES]
@@ -104,7 +100,7 @@ def learn_defects(
         statistics_mean=np.asarray(mean, np.float32),
         statistics_whitening=np.asarray(whitening / length_limit, np.float32),
         false_alarm_rate=false_alarm_rate,
-        good_scores=good_scores / factor,
+        good_scores=np.max(scores, axis=1) / factor,
     )
 
 

@@ -54,3 +54,13 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     ratio = max(tail / tiles / per_tile, 1.0)
     reach = np.expm1(shapes * np.log(ratio)) / shapes
     return np.asarray(start + mean * (1.0 - shapes) * reach)
+
+
+def common_limit(maxima: Maxima, false_alarm_rate: float) -> float:
+    """The limit of one score, from the (parts, tiles) maxima of left-out good parts.
+
+    No limit of fewer parts than 1 / rate is below the highest score of a good part.
+    """
+    limit = float(limits_of(maxima[:, None], false_alarm_rate)[0])
+    few = len(maxima) * false_alarm_rate < 1.0
+    return max(limit, float(maxima.max())) if few else limit

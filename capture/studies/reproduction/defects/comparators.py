@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.defects.defect_map import CELL_PX
-from classify.defects.limits import limit_of, tile_maxima
+from classify.defects.limits import common_limit, tile_maxima
 from classify.surface.estimate import FloatMap
 
 from .parts import Part
@@ -69,10 +69,7 @@ class GaussianDetector:
             others = [one for place, one in enumerate(moments) if place != index]
             score = cls(features, *_gaussian(others))._score(each)
             maxima.append(tile_maxima(score, np.ones(score.shape, np.bool_)))
-        scores = np.array(maxima)
-        limit = limit_of(scores.ravel(), scores.shape[1], false_alarm_rate)
-        if len(parts) * false_alarm_rate < 1.0:
-            limit = max(limit, float(scores.max()))
+        limit = common_limit(np.array(maxima), false_alarm_rate)
         mean, whitening = _gaussian(moments)
         return cls(features, mean, whitening / limit)
 
