@@ -55,6 +55,10 @@ class StationFolder:
             raise RecipeError(f"recipe {error}") from error
         return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
 
+    def has_sets(self) -> bool:
+        """Whether there are sets of parts: numbers that begin anew would replace them."""
+        return any(self.parts.glob(f"*/*{SUFFIX}"))
+
     def log(self, line: str) -> None:
         """Append a line with the time to ``station.log``; a full one becomes ``station.log.1``.
 

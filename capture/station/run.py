@@ -77,10 +77,8 @@ def run_station(
     def warn(text: str) -> None:
         publisher.publish(Warned(text))
 
-    with (
-        open_store(config.results_in(folder.path), config.name, create=True) as store,
-        retention_in_background(folder.path, store, config.retention, warn),
-    ):
+    results = config.results_in(folder.path)
+    with open_store(results, config.name, create=not folder.has_sets()) as store:
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
 
@@ -102,7 +100,8 @@ def run_station(
             clock,
         )
         parts = Parts(rig, judge, store, prepare, clock, publisher)
-        return Station(folder.path, config, parts, options.parts).run(source)
+        with retention_in_background(folder.path, store, config.retention, warn):
+            return Station(folder.path, config, parts, options.parts).run(source)
 
 
 def _checks(

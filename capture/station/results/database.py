@@ -132,6 +132,7 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
             pool_size=1 if writing_station else 5,
             max_overflow=0 if writing_station else 10,
             pool_timeout=patience_s,
+            pool_pre_ping=writing_station is None,  # a writer repeats its transactions itself
             connect_args={
                 "connect_timeout": _CONNECT_TIMEOUT_S,
                 "options": settings,

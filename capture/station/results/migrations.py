@@ -10,6 +10,8 @@ from classify.errors import InputError
 
 from .schema import VERSION, append_only, make_tables, schema_versions
 
+MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
+
 
 def _add_removed_sets(connection: Connection) -> None:
     connection.exec_driver_sql(
@@ -62,7 +64,7 @@ def migrate(connection: Connection, name: str, *, create: bool) -> None:
         )
     if found == 0:
         if not create:
-            raise InputError(f"{name}: holds no results; ps4rig station run makes the tables")
+            raise InputError(f"{name}: holds no results; {MADE_BY}")
         make_tables(connection)
     for step in range(found + 1, VERSION + 1) if found else ():
         _STEPS[step](connection)

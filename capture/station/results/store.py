@@ -32,7 +32,7 @@ from .database import (
     unavailable_if_failing,
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
-from .migrations import migrate, stored_version
+from .migrations import MADE_BY, migrate, stored_version
 from .part_id import made_part_id, require_given_part_id
 from .part_result import PartResult
 from .rows import row_of, storable
@@ -370,7 +370,7 @@ def open_store(
     url = database_url(results)
     if url.get_backend_name() == "sqlite":
         if not create and not Path(results).is_file():
-            raise InputError(f"{results}: no such file; the first ps4rig station run makes it")
+            raise InputError(f"{results}: no such file; {MADE_BY}")
         writer = sqlite_engine(url, patience_s=patience_s, is_writer=True)
         reader = sqlite_engine(url, patience_s=patience_s, is_writer=False)
     else:

@@ -7,9 +7,11 @@ import pytest
 
 from capture import CapturedSet
 from capture.station.config import example_config
+from capture.station.folder import StationFolder
 from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.verification import verify_station
+from classify.errors import InputError
 
 from .results.parts import UTC, begin, inspect
 
@@ -97,3 +99,15 @@ def test_a_damaged_database_is_found(folder: Path, store: ResultStore) -> None:
     (folder / "results.sqlite").write_bytes(b"nothing" * 1000)
     [finding] = verify_station(folder)
     assert "its results cannot be read" in finding.said
+
+
+def test_numbers_do_not_begin_anew_beside_sets_of_a_lost_database(
+    folder: Path, store: ResultStore, kept: Path
+) -> None:
+    assert kept.is_file()
+    store.close()
+    (folder / "results.sqlite").unlink()
+    station = StationFolder(folder)
+    assert station.has_sets()
+    with pytest.raises(InputError, match="restore a backup"):
+        open_store(str(folder / "results.sqlite"), "line-1", create=not station.has_sets())

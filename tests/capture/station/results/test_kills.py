@@ -1,6 +1,6 @@
 """Stations and database servers that are killed again and again lose and double nothing.
 
-``PS4RIG_KILLS`` is the number of kills of each test.
+``KILLS`` is the number of kills of each test.
 """
 
 import os
@@ -19,7 +19,7 @@ from capture.station.verdict import Decision
 from tests.postgresql_server import PostgresqlServer
 
 ROOT = Path(__file__).parents[4]
-KILLS = int(os.environ.get("PS4RIG_KILLS", "5"))
+KILLS = int(os.environ.get("KILLS", "5"))
 STATIONS = ("line-1", "line-2")
 # A kill comes after up to so many more parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 10, 0.01

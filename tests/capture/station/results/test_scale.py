@@ -1,6 +1,6 @@
 """Months of results: memory of a run, time of a row, reading of the history.
 
-``PS4RIG_PARTS`` is the number of parts of the run.
+``PARTS`` is the number of parts of the run.
 """
 
 import io
@@ -23,7 +23,7 @@ from capture.station.verdict import Decision
 
 from .parts import UTC, begin, result_of
 
-PARTS = int(os.environ.get("PS4RIG_PARTS", "2000"))
+PARTS = int(os.environ.get("PARTS", "2000"))
 
 
 def resident_bytes() -> int:

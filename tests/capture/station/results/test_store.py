@@ -162,16 +162,48 @@ def test_the_database_refuses_to_change_or_delete_a_row(
 COLUMN = {"schema_versions": "since_utc"}
 
 
-def test_a_locked_database_is_waited_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize("locked_s", [0.3, pytest.param(10.0, marks=pytest.mark.slow)])
+def test_a_locked_database_is_waited_for(tmp_path: Path, locked_s: float) -> None:
     path = tmp_path / "results.sqlite"
     with open_store(str(path), "line-1", create=True) as store:
         begun = begin(store)
         other = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         other.execute("BEGIN EXCLUSIVE")
-        threading.Timer(0.3, lambda: other.execute("COMMIT")).start()
+        threading.Timer(locked_s, lambda: other.execute("COMMIT")).start()
         store.add(result_of(begun))
         assert store.counters().production.parts == 1
         other.close()
+
+
+@pytest.mark.postgresql
+def test_a_locked_table_is_waited_for_until_it_is_unavailable(server: PostgresqlServer) -> None:
+    url = server.make_database("locked")
+    with (
+        open_store(url, "line-1", create=True, patience_s=0.5) as store,
+        open_store(url, "line-2", create=True) as patient,
+    ):
+        result, of_patient = result_of(begin(store)), result_of(begin(patient), station="line-2")
+        engine = create_engine(database_url(url))
+        with engine.begin() as other:
+            other.execute(text("LOCK TABLE results IN ACCESS EXCLUSIVE MODE"))
+            waiting = threading.Thread(target=patient.add, args=(of_patient,))
+            waiting.start()
+            with pytest.raises(ResultsUnavailable, match="statement timeout"):
+                store.add(result)
+        engine.dispose()
+        waiting.join()
+        store.add(result)
+        assert (store.unfinished(), patient.unfinished()) == ([], [])
+
+
+@pytest.mark.postgresql
+def test_a_reader_survives_a_restart_of_the_server(server: PostgresqlServer) -> None:
+    with open_store(server.make_database("restart"), "line-1", create=True) as store:
+        inspect(store)
+        assert store.unfinished() == []
+        server.kill()
+        server.start()
+        assert store.counters().production.parts == 1
 
 
 def test_a_database_locked_for_longer_is_unavailable_and_loses_nothing(tmp_path: Path) -> None:
