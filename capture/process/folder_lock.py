@@ -70,7 +70,9 @@ def _lock_file(owner_path: Path) -> Callable[[], None]:
     path = owner_path.with_name(owner_path.name + LOCK_FILE_SUFFIX)
     connection: sqlite3.Connection | None = None
     try:
-        connection = sqlite3.connect(path, timeout=0.0, isolation_level=None)
+        connection = sqlite3.connect(
+            path, timeout=0.0, isolation_level=None, check_same_thread=False
+        )
         connection.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:
         if connection is not None:
