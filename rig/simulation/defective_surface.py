@@ -21,6 +21,11 @@ from rig.scene.targets import part_coordinates
 Image = npt.NDArray[np.float64]
 Number = TypeVar("Number", float, Image)
 
+Window = tuple[slice, slice]
+Placed = tuple[int, float, tuple[float, float], int, float]
+"""Size, rotation, shift, margin and magnification, as of `PeriodicSurface.patch`."""
+
+_MAPS = ("height", "p", "q", "albedo")
 # Half the distance between the two places where a groove is as high as the surface. Its spectrum
 # has 1 % of its peak at 0.4 cycles/px, the band limit of the surfaces: it does not alias.
 _GROOVE_PX = 1.5
@@ -61,7 +66,8 @@ class DefectiveSurface:
     @property
     def relief_px(self) -> float:
         """Bound on the height of the highest point above the lowest, in pixels."""
-        added = sum(each.depth_px for each in self.defects if each.kind in RELIEF_KINDS)
+        # A scratch reaches from its ground to its ridges.
+        added = sum(1.5 * each.depth_px for each in self.defects if each.kind in RELIEF_KINDS)
         return self.surface.relief_px + added + sum(s.relief_px for s in self.foreign.values())
 
     def patch(
@@ -75,27 +81,16 @@ class DefectiveSurface:
         """A square piece of the surface with its defects; see `PeriodicSurface.patch`."""
         placed = (size_px, rotate_deg, shift_px, margin_px, magnification)
         patch = self.surface.patch(*placed)
+        patch = replace(patch, **{name: getattr(patch, name).copy() for name in _MAPS})
         x, y = part_coordinates(*placed)
         for defect in self.defects:
-            along, across = _from_defect(defect, x, y)
-            if defect.kind == "stain":
-                faded = 1.0 - defect.contrast * _blot(defect, along, across).value
-                patch = replace(patch, albedo=np.float32(faded) * patch.albedo)
-            elif defect.kind in RELIEF_KINDS:
-                shape = _scratch if defect.kind == "scratch" else _bump
-                height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
-                relief = shape(defect, along, across)
-                p, q = _rotated(relief.along, relief.across, rotate_deg + defect.angle_deg)
-                patch = replace(
-                    patch,
-                    height=patch.height + np.float32(height_px * magnification * relief.value),
-                    p=patch.p + np.float32(height_px * p),
-                    q=patch.q + np.float32(height_px * q),
-                )
-            else:
-                other = self._filling(defect, placed, along, across)
-                weight = _blot(defect, along, across)
-                patch = _blended(patch, other, weight, rotate_deg + defect.angle_deg, magnification)
+            # Only the pixels around the defect: a frame with its margin may be a hundred times as
+            # large.
+            near = _window(defect, x, y)
+            piece = replace(patch, **{name: getattr(patch, name)[near] for name in _MAPS})
+            changed = self._with_defect(defect, piece, x[near], y[near], near, placed)
+            for name in _MAPS:
+                getattr(patch, name)[near] = getattr(changed, name)
         return patch
 
     def mask(
@@ -105,23 +100,44 @@ class DefectiveSurface:
         x, y = part_coordinates(size_px, rotate_deg, shift_px, 0, 1.0)
         inside = np.zeros(x.shape, np.bool_)
         for defect in self.defects:
-            along, across = _from_defect(defect, x, y)
+            near = _window(defect, x, y)
+            along, across = _from_defect(defect, x[near], y[near])
             if defect.kind == "scratch":
                 # Beyond 2.5 the ridges are below a quarter of the depth and fall.
                 on_line = np.abs(along) < 0.5 * defect.size_px
-                inside |= on_line & (np.abs(across) < 2.5 * _GROOVE_PX)
+                inside[near] |= on_line & (np.abs(across) < 2.5 * _GROOVE_PX)
             elif defect.kind in RELIEF_KINDS:
-                inside |= np.hypot(along, across) < 0.5 * defect.size_px
+                inside[near] |= np.hypot(along, across) < 0.5 * defect.size_px
             else:
-                inside |= _blot(defect, along, across).value > 0.0
+                inside[near] |= _blot(defect, along, across).value > 0.0
         return inside
 
+    def _with_defect(
+        self, defect: Defect, piece: SurfacePatch, x: Image, y: Image, near: Window, placed: Placed
+    ) -> SurfacePatch:
+        """The pixels `near` a defect with it; x and y are their coordinates on the part."""
+        angle_deg, magnification = placed[1] + defect.angle_deg, placed[4]
+        along, across = _from_defect(defect, x, y)
+        if defect.kind == "stain":
+            faded = 1.0 - defect.contrast * _blot(defect, along, across).value
+            return replace(piece, albedo=np.float32(faded) * piece.albedo)
+        if defect.kind not in RELIEF_KINDS:
+            other = self._filling(defect, along, across, near, placed)
+            weight = _blot(defect, along, across)
+            return _blended(piece, other, weight, angle_deg, magnification)
+        shape = _scratch if defect.kind == "scratch" else _bump
+        height_px = defect.depth_px if defect.kind == "bump" else -defect.depth_px
+        relief = shape(defect, along, across)
+        p, q = _rotated(relief.along, relief.across, angle_deg)
+        return replace(
+            piece,
+            height=piece.height + np.float32(height_px * magnification * relief.value),
+            p=piece.p + np.float32(height_px * p),
+            q=piece.q + np.float32(height_px * q),
+        )
+
     def _filling(
-        self,
-        defect: Defect,
-        placed: tuple[int, float, tuple[float, float], int, float],
-        along: Image,
-        across: Image,
+        self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
     ) -> SurfacePatch:
         """What is in the place of the texture: its mean plane, with the foreign relief on it."""
         size_px, rotate_deg, shift_px, margin_px, magnification = placed
@@ -133,9 +149,10 @@ class DefectiveSurface:
             )
             other = self.foreign[defect.surface]
             level_there, p_there, q_there, _ = _means_around(other, defect, (0.0, 0.0))
-            patch = other.patch(
+            whole = other.patch(
                 size_px, rotate_deg + defect.angle_deg, shift, margin_px, magnification
             )
+            patch = replace(whole, **{name: getattr(whole, name)[near] for name in _MAPS})
             level, p, q = level - level_there, p - p_there, q - q_there
         else:
             flat = np.zeros(along.shape, np.float32)
@@ -227,6 +244,17 @@ def _blot(defect: Defect, along: Image, across: Image) -> _Shape:
     return _Shape(
         0.5 + 0.5 * np.cos(phase), cos * outwards - sin * around, sin * outwards + cos * around
     )
+
+
+def _window(defect: Defect, x: Image, y: Image) -> Window:
+    """Rows and columns of the pixels that a defect can change; empty if it is outside."""
+    # At six half widths a groove has come back to 1e-6 of its depth.
+    reach_px = 0.5 * defect.size_px + 6.0 * _GROOVE_PX
+    near = (abs(x - defect.x_px) <= reach_px) & (abs(y - defect.y_px) <= reach_px)
+    rows, cols = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
 
 
 def _from_defect(defect: Defect, x: Image, y: Image) -> tuple[Image, Image]:

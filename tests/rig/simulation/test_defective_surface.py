@@ -91,6 +91,12 @@ def test_a_defect_is_at_its_place_on_the_part(
     assert middle - rows.mean() == pytest.approx(y - shift[1], abs=1.5)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_defect_beyond_the_frame_changes_nothing(kind: DefectKind) -> None:
+    patch = defective(MALV, kind, x_px=5000.0).patch(SIDE_PX, 30.0)
+    np.testing.assert_array_equal(patch.height, MALV.patch(SIDE_PX, 30.0).height)
+
+
 def test_dents_bumps_and_scratches_have_their_depth() -> None:
     heights = {
         kind: defective(FLAT, kind, x_px=0.5, y_px=0.5, size_px=30.0, depth_px=2.0)
