@@ -115,15 +115,17 @@ class CapturedSet:
         noise = image_noise(sensor, metadata.bit_depth, metadata.full_scale, frames)
         return calibration.noise_of(noise, has_ambient=self.ambient is not None)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
+
+        `home` is another folder of the same file system for the temporary file; see `durable_file`.
 
         Raises
         ------
         InputError
             If the name does not end in ``.ome.tif``, or the file cannot be written.
         """
-        ome_tiff.write(Path(path), self.images, self.ambient, self.metadata, self.mask)
+        ome_tiff.write(Path(path), self.images, self.ambient, self.metadata, self.mask, home)
 
     @staticmethod
     def load(path: str | Path) -> CapturedSet:

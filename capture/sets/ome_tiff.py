@@ -38,8 +38,9 @@ def write(
     ambient: Planes | None,
     metadata: SetMetadata,
     mask: Mask | None = None,
+    home: Path | None = None,
 ) -> None:
-    """Write a captured set to `path`, whole or not at all.
+    """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def write(
     channels = _channels(metadata)
     # ImageJ without Bio-Formats does not read the OME-XML, but its own tags and the resolution.
     labels = tifffile.imagej_metadata_tag({"Labels": list(page_names(metadata))}, "<")
-    with durable_file(path) as temporary:
+    with durable_file(path, home) as temporary:
         tifffile.imwrite(
             temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
             description=_ome_xml(images.shape[1:], channels, metadata), metadata=None,

@@ -125,4 +125,4 @@ def _save(captured: CapturedSet, path: Path, calibration: Path | None) -> None:
     make_folder(path.parent)
     if calibration is not None:
         keep_beside(calibration, read_calibration(calibration), path)
-    captured.save(path)
+    captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day

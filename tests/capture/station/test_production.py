@@ -62,7 +62,9 @@ def test_a_killed_production_loses_and_doubles_nothing(command: list[str]) -> No
 def test_memory_and_open_files_stay_as_they_are(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    parts = asked(120)
+    """Frames smaller than the taught ones end as ERROR: they show the loop without the judge."""
+    parts, side_px = asked(120), int(os.environ.get("FRAME_PX", SIDE_PX))
+    rig = SMALL_RIG.with_changes(camera={"width_px": side_px, "height_px": side_px})
     folder = taught_station(tmp_path / "line-1")
     seen: list[tuple[int, float, int]] = []
 
@@ -72,14 +74,15 @@ def test_memory_and_open_files_stay_as_they_are(
             handles = len(list(Path("/proc/self/fd").iterdir()))
             seen.append((event.result.number, resident_mb(), handles))
 
-    run_parts(folder, parts, listen)
+    run_parts(folder, parts, listen, rig)
     with capsys.disabled():
         print("\nparts   memory in MB   open files")
         for number, memory_mb, handles in seen:
             print(f"{number:5}   {memory_mb:12.1f}   {handles:10}")
     half = len(seen) // 2
     assert seen[-1][1] - seen[half][1] < FLAT_MB
-    assert len({handles for _, _, handles in seen[1:]}) <= 2
+    # A set file and a journal of the database may be open at the moment.
+    assert max(row[2] for row in seen[half:]) <= max(row[2] for row in seen[:half]) + 2
     assert [finding.said for finding in verify_station(folder) if finding.state != "good"] == []
     with open_store(str(folder / "results.sqlite"), "line-1") as store:
         assert store.counters().simulated.parts == parts
