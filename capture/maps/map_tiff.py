@@ -41,16 +41,15 @@ def write_channels(
     with the names of its channels, and `about` as its info, since the description of such a file
     holds ImageJ's own settings.
     """
-    scale: dict[str, Any] = {}
-    if mm_per_px is not None:
-        scale = {"resolution": (1.0 / mm_per_px, 1.0 / mm_per_px)}
+    # Bio-Formats takes a pixel without a unit for a micrometre.
+    per_unit, unit = (1.0, "pixel") if mm_per_px is None else (1.0 / mm_per_px, "mm")
     low, high = limits
     tifffile.imwrite(
-        path, channels, imagej=True, **scale,
+        path, channels, imagej=True, resolution=(per_unit, per_unit),
         metadata={
             "axes": "CYX"[-channels.ndim :], "mode": "grayscale", "min": low, "max": high,
-            "Labels": list(names), "Info": json.dumps(about),
-        } | ({"unit": "mm"} if scale else {}),
+            "unit": unit, "Labels": list(names), "Info": json.dumps(about),
+        },
     )  # fmt: skip
 
 
