@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import scipy.fft
 
 from classify.surface.estimate import FloatMap, SurfaceEstimate
@@ -22,6 +23,7 @@ _FILL_PX = 2.0
 _LEAST_FILLED = np.float32(0.25)
 _LEAST_VALID = np.float32(0.5)
 _TINY = np.float32(1e-3)
+_BYTE = np.uint8(252)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class PartFields:
     q: FloatMap
     albedo: FloatMap
     weight: FloatMap
-    valid: np.ndarray
+    valid: npt.NDArray[np.bool_]
     shape: tuple[int, int]
 
 
@@ -52,14 +54,18 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     """Compute the fields; InputError as `texture_fields`."""
     fields = texture_fields(surface)
     rows, columns = (_padded(-(-side // 2)) for side in surface.shape)
-    share = _halved(surface.valid.astype(np.float32), rows, columns)
-    planes = [fields.p, fields.q, fields.albedo]
+    # Bytes are resized faster; a quarter of this one is a whole number.
+    share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
+    planes = [_halved(plane, rows, columns) for plane in (fields.p, fields.q, fields.albedo)]
     near = share
-    if surface.valid.all():
-        planes = [_halved(plane, rows, columns) for plane in planes]
-    else:
+    if not surface.valid.all():
         near = gaussian_mean(share, _FILL_PX)
-        planes = [_filled(_halved(each * surface.valid, rows, columns), share) for each in planes]
+        # What is not valid has the mean of the frame.
+        gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
+        means = (plane[gap] for plane in (fields.p, fields.q, fields.albedo))
+        for plane, mean in zip(planes, means, strict=True):
+            plane -= (1.0 - share) * mean
+        planes = [_filled(plane, share, near) for plane in planes]
     eroded = cv2.erode(
         (near > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
         borderType=cv2.BORDER_CONSTANT, borderValue=0,
@@ -80,7 +86,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID * whole, surface.shape)
 
 
-def resized(plane: FloatMap, rows: int, columns: int) -> FloatMap:
+def resized(plane: FloatMap | npt.NDArray[np.uint8], rows: int, columns: int) -> FloatMap:
     """Means of the pixels of a finer plane, or a coarser one interpolated."""
     finer = plane.shape[0] > rows
     method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
@@ -97,7 +103,7 @@ def _padded(side: int) -> int:
     return COARSEST * int(scipy.fft.next_fast_len(-(-side // COARSEST), real=True))
 
 
-def _halved(plane: FloatMap, rows: int, columns: int) -> FloatMap:
+def _halved(plane: FloatMap | npt.NDArray[np.uint8], rows: int, columns: int) -> FloatMap:
     """Means of 2 x 2 pixels, with zeros beyond the frame."""
     height, width = plane.shape
     if (height, width) != (2 * rows, 2 * columns):
@@ -105,8 +111,11 @@ def _halved(plane: FloatMap, rows: int, columns: int) -> FloatMap:
     return resized(plane, rows, columns)
 
 
-def _filled(total: FloatMap, share: FloatMap) -> FloatMap:
-    """Means of the valid pixels from sums over them, and Gaussian means where none is valid."""
-    around = gaussian_mean(total, _FILL_PX) / np.maximum(gaussian_mean(share, _FILL_PX), _TINY)
+def _filled(total: FloatMap, share: FloatMap, near: FloatMap) -> FloatMap:
+    """Means of the valid pixels from sums over them, and Gaussian means where none is valid.
+
+    `near` is the Gaussian mean of `share`.
+    """
+    around = gaussian_mean(total, _FILL_PX) / np.maximum(near, _TINY)
     filled: FloatMap = np.where(share > 0.0, total / np.maximum(share, _TINY), around)
     return filled

@@ -7,7 +7,7 @@ of North 1943, without the shape of the defect).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Self
 
 import cv2
@@ -15,8 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.compiling import Array, kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
+from classify.threads import run_on_rows
 
 from .fields import PartFields
 
@@ -49,7 +51,8 @@ class Spectrum:
     def of(cls, fields: PartFields, orientation_deg: float) -> Self:
         """Mean power of the segments of a part; InputError if too little of it is valid."""
         window = _window()
-        cosine, sine = _wave_directions((SEGMENT, SEGMENT))
+        u, v = _frequencies((SEGMENT, SEGMENT))
+        length = np.maximum(np.hypot(u, v), 1e-9)
         relief = np.zeros((SEGMENT, SEGMENT // 2 + 1))
         albedo = np.zeros_like(relief)
         count = 0
@@ -61,7 +64,7 @@ class Spectrum:
                 scipy.fft.rfft2((plane[piece] - plane[piece].mean()) * window)
                 for plane in (fields.p, fields.q, fields.albedo)
             )
-            relief += np.abs(cosine * p + sine * q) ** 2
+            relief += np.abs((u * p + v * q) / length) ** 2
             albedo += np.abs(a) ** 2
             count += 1
         if count == 0:
@@ -97,23 +100,10 @@ def whitened(
     `gains` are in the frame of the texture; the part is rotated by `orientation_deg` from it.
     """
     shape = fields.p.shape
-    u, v, low_pass = _frequencies(shape)
-    cosine, sine = _wave_directions(shape)
-    angle = np.radians(orientation_deg)
-    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
-    # v is up, and rows of the gains run down.
-    x = (c * u + s * v + np.float32(0.5)) * SEGMENT
-    y = (np.float32(0.5) + s * u - c * v) * SEGMENT
-    relief_gain, albedo_gain = (
-        low_pass * cv2.remap(gain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for gain in gains
-    )
     p, q, a = (scipy.fft.rfft2(plane) for plane in (fields.p, fields.q, fields.albedo))
-    p *= cosine * relief_gain
-    q *= sine * relief_gain
-    p += q
-    p *= np.complex64(-1j)
-    a *= albedo_gain
+    angle = np.radians(orientation_deg)
+    turn = np.array([np.cos(angle), np.sin(angle)], np.float32)
+    run_on_rows(partial(_apply_gains, p, q, a, gains, _low_pass(shape), turn), p.shape)
     relief: FloatMap = scipy.fft.irfft2(p, s=shape)
     albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
     # The filter rings at the fading borders.
@@ -140,24 +130,56 @@ def _segment_corners(shape: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 @lru_cache(maxsize=4)
-def _frequencies(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """U to the right, v up, and the low-pass of a half spectrum; cycles per pixel."""
-    rows, columns = shape
-    u = np.broadcast_to(np.fft.rfftfreq(columns), (rows, columns // 2 + 1))
-    v = np.broadcast_to(-np.fft.fftfreq(rows)[:, None], u.shape)
+def _low_pass(shape: tuple[int, int]) -> FloatMap:
+    """The band of a half spectrum that is whitened."""
+    u, v = _frequencies(shape)
     radius = np.hypot(u, v)
     low_pass = 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
     # Waves longer than a segment are drift of lights and form, of which the spectra know nothing.
     low_pass *= -np.expm1(-((radius * SEGMENT) ** 2))
-    return u.astype(np.float32), v.astype(np.float32), low_pass.astype(np.float32)
+    return np.asarray(low_pass, np.float32)
 
 
-@lru_cache(maxsize=4)
-def _wave_directions(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
-    """Cosine and sine of the direction of every wave vector of a half spectrum."""
-    u, v, _ = _frequencies(shape)
-    radius = np.maximum(np.hypot(u, v), np.float32(1e-9))
-    return np.asarray(u / radius, np.float32), np.asarray(v / radius, np.float32)
+def _frequencies(shape: tuple[int, int]) -> tuple[Power, Power]:
+    """U to the right, (1, columns // 2 + 1), and v up, (rows, 1), of a half spectrum."""
+    rows, columns = shape
+    u, v = np.fft.rfftfreq(columns), -np.fft.fftfreq(rows)
+    return u[None, :].astype(np.float64), v[:, None].astype(np.float64)
+
+
+@kernel
+def _apply_gains(
+    p: Array, q: Array, a: Array, gains: Array, low_pass: Array, turn: Array, first: int, stop: int
+) -> None:
+    """Turn half spectra of p and albedo a into those of whitened relief and albedo."""
+    rows, half = p.shape
+    across, down = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
+    side = np.float32(gains.shape[1] - 1)
+    middle, one = np.float32(0.5), np.float32(1.0)
+    c, s = turn[0], turn[1]
+    for r in range(first, stop):
+        v = -down * np.float32(r if 2 * r < rows else r - rows)
+        for k in range(half):
+            u = across * np.float32(k)
+            # v is up, and rows of the gains run down.
+            x = min(max((c * u + s * v + middle) * side, np.float32(0.0)), side - one)
+            y = min(max((middle + s * u - c * v) * side, np.float32(0.0)), side - one)
+            column, row = int(x), int(y)
+            x -= np.float32(column)
+            y -= np.float32(row)
+            upper = (one - x) * gains[0, row, column] + x * gains[0, row, column + 1]
+            lower = (one - x) * gains[0, row + 1, column] + x * gains[0, row + 1, column + 1]
+            relief_gain = low_pass[r, k] * ((one - y) * upper + y * lower)
+            upper = (one - x) * gains[1, row, column] + x * gains[1, row, column + 1]
+            lower = (one - x) * gains[1, row + 1, column] + x * gains[1, row + 1, column + 1]
+            albedo_gain = low_pass[r, k] * ((one - y) * upper + y * lower)
+            scale = relief_gain / np.sqrt(max(u * u + v * v, np.float32(1e-18)))
+            u, v_share = scale * u, scale * v
+            # -i times the slope along the wave vector is positive on raised places.
+            real = u * p[r, k].real + v_share * q[r, k].real
+            imaginary = u * p[r, k].imag + v_share * q[r, k].imag
+            p[r, k] = complex(imaginary, -real)
+            a[r, k] = albedo_gain * a[r, k]
 
 
 def _whole(half: Power) -> Power:
