@@ -1,6 +1,7 @@
 """Slopes and log albedo of a part at half resolution, without outliers and gaps."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +25,9 @@ _LEAST_FILLED = np.float32(0.25)
 _LEAST_VALID = np.float32(0.5)
 _TINY = np.float32(1e-3)
 _BYTE = np.uint8(252)
+
+
+Plane = FloatMap | npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +90,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID * whole, surface.shape)
 
 
-def resized(plane: FloatMap | npt.NDArray[np.uint8], rows: int, columns: int) -> FloatMap:
+def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
     """Means of the pixels of a finer plane, or a coarser one interpolated."""
     finer = plane.shape[0] > rows
     method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
@@ -103,11 +107,12 @@ def _padded(side: int) -> int:
     return COARSEST * int(scipy.fft.next_fast_len(-(-side // COARSEST), real=True))
 
 
-def _halved(plane: FloatMap | npt.NDArray[np.uint8], rows: int, columns: int) -> FloatMap:
+def _halved(plane: Plane, rows: int, columns: int) -> FloatMap:
     """Means of 2 x 2 pixels, with zeros beyond the frame."""
     height, width = plane.shape
     if (height, width) != (2 * rows, 2 * columns):
-        plane = np.pad(plane, ((0, 2 * rows - height), (0, 2 * columns - width)))
+        padded: Any = np.pad(plane, ((0, 2 * rows - height), (0, 2 * columns - width)))
+        plane = padded
     return resized(plane, rows, columns)
 
 
