@@ -3,6 +3,7 @@
 import math
 from contextlib import suppress
 
+import cv2
 import numpy as np
 
 from capture.batch.tasks import LoadedSet
@@ -125,8 +126,9 @@ def _alone(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures
 
 def light_signals(captured: CapturedSet) -> tuple[float, ...]:
     """Mean signal of each light, without ambient light, as a share of full scale."""
-    lit = captured.images.mean(axis=(1, 2), dtype=np.float64)
+    # Several times as fast as a mean of numpy, and as exact.
+    lit = np.array([cv2.mean(image)[0] for image in captured.images])
     if captured.ambient is not None:
-        lit = lit - captured.ambient.mean(dtype=np.float64)
+        lit -= cv2.mean(captured.ambient)[0]
     levels = tuple((lit / captured.metadata.full_scale).tolist())
     return levels if all(map(math.isfinite, levels)) else tuple(0.0 for _ in levels)

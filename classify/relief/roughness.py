@@ -1,7 +1,9 @@
 """Areal roughness parameters of ISO 25178-2 from gradients and relative height."""
 
+import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -42,8 +44,9 @@ def root_mean_square_slope(surface: SurfaceEstimate) -> float:
     count = int(np.count_nonzero(surface.valid))
     if count == 0:
         return float("nan")
-    p, q = surface.p[surface.valid], surface.q[surface.valid]
-    return float(np.sqrt((np.vdot(p, p) + np.vdot(q, q)) / count))
+    mask = surface.valid.view(np.uint8)
+    squares = (cv2.norm(plane, cv2.NORM_L2SQR, mask) for plane in (surface.p, surface.q))
+    return math.sqrt(sum(squares) / count)
 
 
 def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) -> Roughness:

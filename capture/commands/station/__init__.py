@@ -2,7 +2,7 @@
 
 from capture.commands.group import command_group
 
-from . import challenge, gauge, history, init, run, teach
+from . import bench, challenge, gauge, history, init, run, teach
 
 __all__ = ["station_app"]
 
@@ -15,3 +15,4 @@ station_app.command()(run.run)
 station_app.command()(history.history)
 station_app.command()(history.override)
 station_app.command()(gauge.gauge)
+station_app.command()(bench.bench)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from classify import InputError, SurfaceEstimate, surface_roughness
+from classify.relief.roughness import root_mean_square_slope
 
 SurfaceOf = Callable[..., SurfaceEstimate]
 
@@ -131,3 +132,13 @@ def test_unusable_input_is_named(surface_of: SurfaceOf) -> None:
             surface_roughness(replace(surface, p=p), np.zeros((4, 5), np.float32))
         with pytest.raises(InputError, match="NaN or infinity"):
             surface_roughness(surface, np.full((4, 5), bad, np.float32))
+
+
+def test_the_slope_alone_is_that_of_all_parameters() -> None:
+    draw = np.random.default_rng(5)
+    p, q = draw.normal(size=(2, 40, 50)).astype(np.float32)
+    valid = draw.random((40, 50)) < 0.7
+    surface = SurfaceEstimate(p, q, np.ones_like(p), valid, "ps4")
+    assert root_mean_square_slope(surface) == pytest.approx(surface_roughness(surface).sdq)
+    nowhere = SurfaceEstimate(p, q, np.ones_like(p), np.zeros_like(valid), "ps4")
+    assert np.isnan(root_mean_square_slope(nowhere))

@@ -1,0 +1,247 @@
+"""How fast the station judges parts on this machine: its own cycle, with stored sets for a camera.
+
+The sets are captured before, because the simulated camera would take the time of the judge.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from capture.acquisition.attempts import capture_set
+from capture.batch.tasks import PLANAR
+from capture.calibration.setting import Setting
+from capture.sets.captured_set import CapturedSet
+from classify import TextureLibrary
+from classify.defects.learning import LEAST_PARTS, learn_defects
+from classify.durable_file import make_folder
+from classify.library.training import TrainingRow, observe
+from classify.methods import default_method
+from classify.texture.spectra import segment_for
+from rig import Placement, Rig, RigConfig, open_rig
+from rig.doctor.check import Check
+
+from .config import StationConfig
+from .cycle import Parts, Station
+from .events import Event, PartAnnounced, Publisher
+from .inspector import Inspector
+from .measured_surface import MeasuredSurface
+from .outcome import PartJudge
+from .recipe import Recipe
+from .results.store import open_store
+from .station_clock import StationClock
+from .taught import Taught, TaughtSet, TaughtTexture
+from .triggers import TimerTrigger
+from .verdict import Decision
+
+# Ambient image and four light images, at 30 frames a second.
+_EXPOSURES_S = 5 / 30.0
+_GOOD, _OTHER = "rock", "sand"
+# Distance of patches on the simulated surface: they share no pixel at any size that is tried.
+_STEP_PX = 1500.0
+# Sets that stay in the folder; a bench of a thousand parts would write 10 GB.
+_KEPT_SETS = 4
+_STATUS = Path("/proc/self/status")
+_NO_HASH = "0" * 64
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """What a bench measured.
+
+    Attributes
+    ----------
+    latencies_ms
+        From the end of the last exposure to the announced result, of each part.
+    steps_ms
+        Median duration of each step of the judge.
+    duration_s
+        Of all parts, with `_EXPOSURES_S` for the exposures of each.
+    memory_mb
+        Resident memory after a tenth of the parts and after all; None where it cannot be read.
+    decisions
+        Number of parts of each verdict.
+    """
+
+    latencies_ms: tuple[float, ...]
+    steps_ms: dict[str, float]
+    duration_s: float
+    memory_mb: tuple[float, float] | None
+    decisions: dict[str, int]
+
+    def percentile_ms(self, percent: float) -> float:
+        """Return a percentile of the latencies."""
+        return float(np.percentile(self.latencies_ms, percent))
+
+    @property
+    def parts_per_minute(self) -> float:
+        """Parts in a minute, of which the exposures take at least `_EXPOSURES_S` each."""
+        return 60.0 * len(self.latencies_ms) / self.duration_s
+
+    def lines(self) -> list[str]:
+        """Return the result, one finding a line."""
+        steps = ", ".join(f"{name} {took_ms:.0f}" for name, took_ms in self.steps_ms.items())
+        median_ms, slow_ms = self.percentile_ms(50), self.percentile_ms(99)
+        decisions = ", ".join(f"{count} {name}" for name, count in self.decisions.items())
+        return [
+            f"last exposure to announced result: p50 {median_ms:.0f} ms, p99 {slow_ms:.0f} ms",
+            f"median of the steps in ms: {steps}",
+            f"{self.parts_per_minute:.0f} parts a minute; exposures {1e3 * _EXPOSURES_S:.0f} ms each",
+            f"verdicts on {len(self.latencies_ms)} parts: {decisions}",
+            *(
+                f"memory {each:.0f} MB after {share} of the parts"
+                for each, share in zip(self.memory_mb or (), ("a tenth", "all"), strict=False)
+            ),
+        ]
+
+
+@dataclass
+class _Watcher:
+    """Collects results, and memory after a tenth of the parts."""
+
+    parts: int
+    announced: list[PartAnnounced] = field(default_factory=list)
+    early_mb: float | None = None
+
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, PartAnnounced):
+            self.announced.append(event)
+            if len(self.announced) == max(1, self.parts // 10):
+                self.early_mb = _memory_mb()
+
+
+class _StoredSets:
+    """A rig that delivers sets captured before, in the time that their exposures would take."""
+
+    is_simulated = True
+
+    def __init__(self, sets: Sequence[CapturedSet]) -> None:
+        self._sets = sets
+
+    def open(self) -> None:
+        """There is nothing to open."""
+
+    def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002 - as `PartCamera` has it
+        """There is nothing to test."""
+        return []
+
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        """Return the next set after the time of its exposures."""
+        time.sleep(_EXPOSURES_S)
+        return self._sets[number % len(self._sets)], time.monotonic()
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+def run_bench(
+    folder: Path,
+    parts: int,
+    side_px: int,
+    classes: int,
+    prepared: Callable[[str], None] = lambda _: None,
+) -> BenchResult:
+    """Judge `parts` parts of 16 bit, with a library of so many classes and with a defect map.
+
+    Parameters
+    ----------
+    folder
+        An empty folder, on the disk that sets and results are written to.
+    side_px
+        Side of the frames.
+    prepared
+        Is told what is prepared next.
+    """
+    prepared("capturing parts")
+    good, other = _captured(side_px)
+    prepared("teaching")
+    inspector = _inspector(good, other, classes)
+    inspector.inspect(good[-1])  # kernels are loaded before the clock runs
+    watcher, clock = _Watcher(parts), StationClock()
+    config = StationConfig(name="bench", recipe=_GOOD, trigger="timer", timer_s=0.0)
+    written: list[Path] = []
+
+    def save(captured: CapturedSet, set_file: str) -> None:
+        written.append(folder / set_file)
+        make_folder(written[-1].parent)
+        captured.save(written[-1])
+        if len(written) > _KEPT_SETS:
+            written.pop(0).unlink()
+
+    prepared("judging parts")
+    with (
+        open_store(config.results_in(folder), config.name, create=True) as store,
+        Publisher(watcher) as publisher,
+    ):
+        judge = PartJudge(config.name, None, inspector, {}, save, clock)
+        given = Parts(_StoredSets(good[LEAST_PARTS:]), judge, store, list, clock, publisher)
+        began_s = time.monotonic()
+        Station(folder, config, given, parts).run(TimerTrigger(0.0))
+        duration_s = time.monotonic() - began_s
+    late_mb, early_mb = _memory_mb(), watcher.early_mb
+    results = [event.result for event in watcher.announced]
+    steps = {name: [each.timings_ms.get(name, np.nan) for each in results]
+             for name in ("solve", "match", "defects", "inspect", "save")}  # fmt: skip
+    return BenchResult(
+        latencies_ms=tuple(event.latency_ms for event in watcher.announced),
+        steps_ms={name: float(np.nanmedian(took_ms)) for name, took_ms in steps.items()},
+        duration_s=duration_s,
+        memory_mb=None if late_mb is None or early_mb is None else (early_mb, late_mb),
+        decisions={
+            decision: count
+            for decision in Decision
+            if (count := sum(each.verdict.decision is decision for each in results))
+        },
+    )
+
+
+def _captured(side_px: int) -> tuple[list[CapturedSet], CapturedSet]:
+    """Parts of one texture, the first ones to teach and one more to judge, and one of another."""
+    camera = {"width_px": side_px, "height_px": side_px, "bits": 16}
+    with open_rig(RigConfig().with_changes(camera=camera)) as rig:
+        good = [_placed(rig, _GOOD, number) for number in range(LEAST_PARTS + 2)]
+        return good, _placed(rig, _OTHER, 0)
+
+
+def _placed(rig: Rig, surface: str, number: int) -> CapturedSet:
+    assert rig.simulation is not None
+    rig.simulation.place(Placement(surface=surface, shift_px=(number * _STEP_PX, 0.0)))
+    return capture_set(rig, label=surface)
+
+
+def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) -> Inspector:
+    """An inspector whose library has `classes` classes; all but one look like `other`."""
+    surfaces = [
+        MeasuredSurface.of(captured, None, None, None) for captured in (*good[:LEAST_PARTS], other)
+    ]
+    segment_px = segment_for(surfaces[0].surface.shape)
+    first, last = (observe(each.surface, segment_px) for each in (surfaces[0], surfaces[-1]))
+    rows = [TrainingRow(_GOOD, first)]
+    rows += [TrainingRow(f"{_OTHER} {number}", last) for number in range(1, classes)]
+    library = TextureLibrary.from_observations(
+        rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
+    )
+    model = learn_defects([each.surface for each in surfaces[:LEAST_PARTS]], [0.0] * LEAST_PARTS)
+    texture = TaughtTexture(
+        sets=(TaughtSet(file="bench.ome.tif", pixels_sha256=_NO_HASH),),
+        light_signals=surfaces[0].light_signals,
+    )
+    taught = Taught(
+        setting=Setting.of_set(good[0]),
+        has_calibration=False,
+        library_sha256=_NO_HASH,
+        textures={_GOOD: texture},
+    )
+    return Inspector(Recipe(name=_GOOD, passes=(_GOOD,)), taught, library, {_GOOD: model})
+
+
+def _memory_mb() -> float | None:
+    """Resident memory of this process; None on systems without /proc."""
+    if not _STATUS.exists():
+        return None
+    for line in _STATUS.read_text(encoding="utf-8").splitlines():
+        if line.startswith("VmRSS"):
+            return float(line.split()[1]) / 1e3
+    return None
