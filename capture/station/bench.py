@@ -88,7 +88,7 @@ class BenchResult:
         return [
             f"last exposure to announced result: p50 {median_ms:.0f} ms, p99 {slow_ms:.0f} ms",
             f"median of the steps in ms: {steps}",
-            f"{self.parts_per_minute:.0f} parts a minute; exposures {1e3 * _EXPOSURES_S:.0f} ms each",
+            f"{self.parts_per_minute:.0f} parts a minute, exposed {1e3 * _EXPOSURES_S:.0f} ms each",
             f"verdicts on {len(self.latencies_ms)} parts: {decisions}",
             *(
                 f"memory {each:.0f} MB after {share} of the parts"

@@ -118,6 +118,19 @@ def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     return replay
 
 
+def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
+    """Whether a replay by this inspector is on record, and every part got its verdict.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    replay = _last_replay(files)
+    is_known = replay is not None and _is_of(replay, read_challenge(files.challenge), inspector)
+    return replay is not None and is_known and not replay.regressions
+
+
 def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
     pixels_sha256 = None
     try:

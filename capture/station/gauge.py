@@ -11,7 +11,7 @@ from classify.confidence import CONFIDENCE, share_at_least, share_at_most, trial
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
-from .verdict import Decision
+from .verdict import Decision, Verdict
 
 Rating = Literal["acceptable", "marginal", "unacceptable"]
 # Effectiveness at least, misses and false alarms at most (AIAG, Measurement Systems Analysis, 4th
@@ -24,11 +24,12 @@ _TRUTHS = {"good": True, "bad": False}
 
 @dataclass(frozen=True)
 class Presentation:
-    """One presentation of a known part, and the verdict on it."""
+    """One presentation of a known part, and the verdict on it with its reason."""
 
     part: str
     is_good: bool
     decision: Decision
+    reason: str
 
     @property
     def is_right(self) -> bool:
@@ -43,6 +44,7 @@ class Share:
     events: int
     trials: int
     bound: float
+    bound_is_upper: bool = True
 
     @property
     def value(self) -> float | None:
@@ -52,7 +54,7 @@ class Share:
     def __str__(self) -> str:
         if self.value is None:
             return "no trials"
-        side = "at most" if self.bound >= self.value else "at least"
+        side = "at most" if self.bound_is_upper else "at least"
         return f"{self.events} of {self.trials}, {self.value:.1%}; {side} {self.bound:.1%}"
 
 
@@ -77,7 +79,7 @@ class GaugeStudy:
     def effectiveness(self) -> Share:
         """Share of the parts with the right verdict every time."""
         wrong, parts = len(self._wrong_parts()), len(self._parts())
-        return Share(parts - wrong, parts, share_at_least(parts - wrong, parts))
+        return Share(parts - wrong, parts, share_at_least(parts - wrong, parts), False)
 
     @property
     def misses(self) -> Share:
@@ -121,14 +123,16 @@ class GaugeStudy:
         return lines
 
     def wrong(self) -> list[str]:
-        """Parts with a wrong verdict, and how often it was."""
+        """Parts with a wrong verdict, how often it was, and the first of its reasons."""
         lines = []
         for part, is_good in self._wrong_parts().items():
             of_part = [each for each in self.presentations if each.part == part]
-            count = sum(not each.is_right for each in of_part)
-            decisions = ", ".join(sorted({each.decision for each in of_part if not each.is_right}))
-            kind = "good" if is_good else "bad"
-            lines.append(f"{part}, {kind}: {decisions} {count} of {len(of_part)} times")
+            wrong = [each for each in of_part if not each.is_right]
+            kind, first = "good" if is_good else "bad", wrong[0]
+            lines.append(
+                f"{part}, {kind}, {len(wrong)} of {len(of_part)} times wrong: {first.decision}, "
+                f"{first.reason}"
+            )
         return lines
 
     def _parts(self) -> dict[str, bool]:
@@ -174,7 +178,7 @@ def read_known_parts(path: Path) -> dict[str, bool]:
 
 
 def presentations_of(
-    known: dict[str, bool], recorded: Iterable[tuple[str, Decision]]
+    known: dict[str, bool], recorded: Iterable[tuple[str, Verdict]]
 ) -> Sequence[Presentation]:
     """Return the presentations of known parts among recorded verdicts.
 
@@ -182,8 +186,8 @@ def presentations_of(
     and more, such as ``K07-2``.
     """
     found = []
-    for part_id, decision in recorded:
+    for part_id, verdict in recorded:
         name = part_id if part_id in known else part_id.rpartition("-")[0]
         if name in known:
-            found.append(Presentation(name, known[name], decision))
+            found.append(Presentation(name, known[name], verdict.decision, verdict.reason))
     return found

@@ -13,8 +13,9 @@ from rig.errors import ConfigError
 from .config import SimulatedParts
 from .gauge import Presentation
 from .inspector import Inspector
+from .outcome import error_verdict
 from .simulated_parts import simulated_part
-from .verdict import Decision
+from .verdict import Verdict
 
 # A hand puts a part back within this; see capture/session/measures.py.
 _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
@@ -72,8 +73,8 @@ def present(
             for part in draw.sample(parts, len(parts)):
                 assert rig.simulation is not None
                 rig.simulation.place(_put_back(part.placement, draw))
-                decision = _decision(rig, calibration, inspector)
-                yield Presentation(part.name, part.is_good, decision)
+                verdict = _verdict(rig, calibration, inspector)
+                yield Presentation(part.name, part.is_good, verdict.decision, verdict.reason)
 
 
 def _put_back(placement: Placement, draw: random.Random) -> Placement:
@@ -89,8 +90,8 @@ def _put_back(placement: Placement, draw: random.Random) -> Placement:
     )
 
 
-def _decision(rig: Rig, calibration: CalibrationFile | None, inspector: Inspector) -> Decision:
+def _verdict(rig: Rig, calibration: CalibrationFile | None, inspector: Inspector) -> Verdict:
     try:
-        return inspector.inspect(capture_set(rig, calibration=calibration)).verdict.decision
-    except (SetRejected, CalibrationError):
-        return Decision.ERROR
+        return inspector.inspect(capture_set(rig, calibration=calibration)).verdict
+    except (SetRejected, CalibrationError) as error:
+        return error_verdict(error)

@@ -1,16 +1,13 @@
 """``ps4rig rig doctor``."""
 
-from dataclasses import asdict
 from functools import partial
 from typing import Annotated
 
 import typer
 
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, reported
-
-_FAULT_STATUS = 1
-_STYLES = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "dim"}
+from capture.commands.checks import print_checks
+from capture.console import reported
 
 
 @reported
@@ -32,26 +29,8 @@ def doctor(
     LED: put a surface with relief below the camera, or a white sheet with --sheet. The exit status
     is 1 if there is a fault.
     """
-    from rich.text import Text
-
     from capture.calibration.rig_check import check_calibration
     from rig.doctor.diagnosis import diagnose
 
-    checks = list(diagnose(rig, further=partial(check_calibration, has_sheet=has_sheet)))
-    counts = {
-        status: sum(check.status == status for check in checks)
-        for status in ("fault", "warning", "unknown")
-    }
-    if as_json:
-        print_json({"checks": [asdict(check) for check in checks], **counts})
-    else:
-        table = new_table("what", "status", "seen", prose="seen")
-        for check in checks:
-            seen = Text(check.seen)
-            if check.advice:
-                seen.append("\n-> " + check.advice, style="bold")
-            table.add_row(check.name, Text(check.status, style=_STYLES[check.status]), seen)
-        print_table(table)
-        out.print(", ".join(f"{status}: {count}" for status, count in counts.items()))
-    if counts["fault"]:
-        raise typer.Exit(_FAULT_STATUS)
+    further = partial(check_calibration, has_sheet=has_sheet)
+    print_checks(list(diagnose(rig, further=further)), as_json=as_json)

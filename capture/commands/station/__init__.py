@@ -2,7 +2,7 @@
 
 from capture.commands.group import command_group
 
-from . import bench, challenge, gauge, history, init, run, teach
+from . import bench, challenge, doctor, gauge, history, init, run, teach
 
 __all__ = ["station_app"]
 
@@ -16,3 +16,4 @@ station_app.command()(history.history)
 station_app.command()(history.override)
 station_app.command()(gauge.gauge)
 station_app.command()(bench.bench)
+station_app.command()(doctor.doctor)

@@ -82,11 +82,10 @@ def _recorded(station: StationFolder, known: Path) -> list[Presentation]:
     from classify.errors import InputError
 
     truths = read_known_parts(known)
-    with open_store(station.config.results_in(station.path), station.config.name) as store:
+    config = station.config
+    with open_store(config.results_in(station.path), config.name, alone=False) as store:
         # The verdicts of the station, not those of a person who overrode them.
-        recorded = (
-            (entry.result.part_id, entry.result.verdict.decision) for entry in store.parts()
-        )
+        recorded = ((entry.result.part_id, entry.result.verdict) for entry in store.parts())
         found = presentations_of(truths, recorded)
     if not found:
         raise InputError(

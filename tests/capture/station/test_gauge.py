@@ -15,7 +15,7 @@ from capture.station.gauge import (
     read_known_parts,
 )
 from capture.station.simulated_gauge import known_parts
-from capture.station.verdict import Decision
+from capture.station.verdict import Cause, Decision, Verdict
 from classify.errors import InputError
 
 PASS, FAIL, UNKNOWN = Decision.PASS, Decision.FAIL, Decision.UNKNOWN
@@ -30,7 +30,7 @@ def study(good: int, bad: int, *, alarms: int = 0, misses: int = 0) -> GaugeStud
     ):
         for number in range(count * times):
             decision = other if number < wrong else right
-            shown.append(Presentation(f"{kind} {number // times}", kind == "good", decision))
+            shown.append(Presentation(f"{kind} {number // times}", kind == "good", decision, "why"))
     return GaugeStudy(tuple(shown))
 
 
@@ -64,7 +64,7 @@ def test_a_part_that_is_wrong_once_is_not_effective() -> None:
     found = study(10, 10, misses=1)
     assert (found.effectiveness.events, found.effectiveness.trials) == (19, 20)
     assert (found.misses.events, found.misses.trials) == (1, 30)
-    assert found.wrong() == ["bad 0, bad: PASS 1 of 3 times"]
+    assert found.wrong() == ["bad 0, bad, 1 of 3 times wrong: PASS, why"]
 
 
 def test_without_bad_parts_nothing_is_acceptable() -> None:
@@ -76,7 +76,8 @@ def test_without_bad_parts_nothing_is_acceptable() -> None:
 
 def test_known_parts_are_found_among_the_results() -> None:
     known = {"K1": True, "K2": False, "K-3": True}
-    recorded = [("K1", PASS), ("K1-2", FAIL), ("K2-1", PASS), ("K-3", PASS), ("K9", PASS)]
+    good, bad = Verdict(PASS, "good"), Verdict(FAIL, "bad", (Cause.DEFECT,))
+    recorded = [("K1", good), ("K1-2", bad), ("K2-1", good), ("K-3", good), ("K9", good)]
     found = presentations_of(known, recorded)
     assert [(each.part, each.is_right) for each in found] == [
         ("K1", True),
@@ -121,4 +122,5 @@ def test_the_command_presents_parts_of_the_simulated_rig(
     result = ps4rig("station", "gauge", station, "--parts", 4, "--times", 2, "--json")
     found = json.loads(result.stdout)
     assert found["presentations"] == 8
+    assert not any("ERROR" in line for line in found["wrong"])
     assert result.exit_code == (found["rating"] != "acceptable")

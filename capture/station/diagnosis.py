@@ -1,0 +1,74 @@
+"""The checks of ``ps4rig station doctor``: everything that a station needs to run."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from capture.calibration.lookup import read_calibration
+from rig.config.rig import config_of
+from rig.doctor.check import Check, collected
+from rig.doctor.diagnosis import diagnose
+
+from .challenge import has_met_challenge
+from .folder import StationFolder
+from .inspector import Inspector
+from .recipe_folder import RecipeFolder
+from .results.store import open_store
+from .self_test import check_calibration_age, check_disk, check_results
+
+
+def diagnose_station(folder: Path) -> Iterator[Check]:
+    """Make all checks, one after the other; a check that fails does not prevent the next.
+
+    The LEDs of the rig are lit. A running station holds the rig, which is then reported as a fault.
+    """
+    opened: list[StationFolder] = []
+
+    def check_config() -> Iterator[Check]:
+        opened.append(StationFolder(folder))
+        config = opened[0].config
+        seen = f"{config.name}: recipe {config.recipe}, rig {config.rig}, trigger {config.trigger}"
+        yield Check("station.toml", "ok", seen)
+
+    yield from collected("station.toml", check_config)
+    if not opened:
+        return
+    station = opened[0]
+    yield from collected("disk", lambda: check_disk(folder, station.config.disk_floor_mb))
+    yield from collected("recipe", lambda: _check_recipe(station))
+    yield from collected("results", lambda: _check_results(station))
+    yield from diagnose(station.config.rig_in(folder))
+
+
+def _check_recipe(station: StationFolder) -> Iterator[Check]:
+    files = station.recipe_files()
+    path = config_of(station.config.rig_in(station.path)).calibration
+    inspector = Inspector.load(files, None if path is None else Path(path))
+    recipe = inspector.recipe
+    seen = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
+    yield Check("recipe", "ok", f"{seen}; fails {', '.join(recipe.fails) or 'no known texture'}")
+    if recipe.is_approved and recipe.approval is not None:
+        yield Check("approval", "ok", f"by {recipe.approval.by}, {recipe.approval.utc}")
+    else:
+        state = "was changed since" if recipe.approval else "is not approved"
+        yield Check("approval", "fault", state, "run ps4rig station approve")
+    yield from collected("challenge", lambda: _check_challenge(files, inspector))
+    file = None if path is None else read_calibration(Path(path))
+    yield from check_calibration_age(file, recipe.calibration)
+
+
+def _check_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+    if has_met_challenge(files, inspector):
+        yield Check("challenge", "ok", "every part got the verdict that it must get")
+        return
+    advice = "run ps4rig station challenge; station run does so by itself"
+    yield Check("challenge", "warning", "not replayed since something changed, or not met", advice)
+
+
+def _check_results(station: StationFolder) -> Iterator[Check]:
+    config = station.config
+    results = config.results_in(station.path)
+    if "://" not in results and not Path(results).exists():
+        yield Check("results", "ok", f"the first run makes {results}")
+        return
+    with open_store(results, config.name, alone=False) as store:
+        yield from check_results(store)

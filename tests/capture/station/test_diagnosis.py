@@ -1,0 +1,52 @@
+"""Tests of ``ps4rig station doctor``."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from capture.station.approval import approve
+from capture.station.challenge import require_challenge
+from capture.station.inspector import Inspector
+from capture.station.recipe_folder import RecipeFolder
+
+
+def statuses(result: Any) -> dict[str, str]:
+    return {check["name"]: check["status"] for check in json.loads(result.stdout)["checks"]}
+
+
+def test_a_station_that_could_run_has_no_fault(
+    station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
+) -> None:
+    assert small_rig
+    before = ps4rig("station", "doctor", station, "--json")
+    assert before.exit_code == 1
+    found = statuses(before)
+    assert (found["approval"], found["challenge"]) == ("fault", "warning")
+    approve(files, "Ada")
+    require_challenge(files, Inspector.load(files))
+    after = ps4rig("station", "doctor", station, "--json")
+    found = statuses(after)
+    assert after.exit_code == 0
+    names = ("station.toml", "disk", "recipe", "approval", "challenge", "results", "LED order")
+    assert [found[name] for name in names] == ["ok"] * len(names)
+
+
+def test_each_fault_is_one_line_and_the_checks_go_on(
+    station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
+) -> None:
+    files.version(2).library.unlink()
+    small_rig.write_text("[lights]\nport = 1\n")
+    result = ps4rig("station", "doctor", station, "--json")
+    found = statuses(result)
+    assert result.exit_code == 1
+    assert (found["recipe"], found["configuration"]) == ("fault", "fault")
+    assert (found["disk"], found["results"]) == ("ok", "ok")
+
+
+def test_a_folder_without_a_station_says_how_to_make_one(
+    tmp_path: Path, ps4rig: Callable[..., Any]
+) -> None:
+    result = ps4rig("station", "doctor", tmp_path, "--json")
+    assert result.exit_code == 1
+    assert "ps4rig station init" in result.stdout
