@@ -242,4 +242,4 @@ def test_the_demo_and_the_figures_are_made(ran: Ran, tmp_path: Path) -> None:
     ran("demo --out report")
     ran(f"reproduce --out figures --photographs {data}")
     assert (tmp_path / "report" / "report.html").is_file()
-    assert (tmp_path / "figures" / "index.html").is_file()
+    assert (tmp_path / "figures" / "photographs.html").is_file()
