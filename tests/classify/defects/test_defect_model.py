@@ -171,6 +171,6 @@ def test_parts_that_teach_nothing_are_refused(
 def test_parts_without_valid_pixels_are_refused(stationary) -> None:
     parts = [stationary(TEXTURE, seed=seed, side=SIDE) for seed in range(3)]
     valid = np.zeros((SIDE, SIDE), bool)
-    valid[:64, :64] = True
-    with pytest.raises(InputError, match="no area of 256 x 256 px"):
+    valid[:48, :48] = True
+    with pytest.raises(InputError, match="no area of 128 x 128 px"):
         learn_defects([replace(part, valid=valid) for part in parts], [0.0] * 3)
