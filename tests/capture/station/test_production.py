@@ -135,3 +135,12 @@ def test_no_fault_lets_a_wrong_part_pass(
         print("", *(f"{count:6} {end}" for end, count in sorted(ends.items())), sep="\n")
     assert wrong == []
     assert ends["good: PASS"] > 0
+
+
+@pytest.mark.slow
+def test_a_full_disk_makes_errors_and_loses_nothing(tmp_path: Path) -> None:
+    command = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-m",
+               "tests.capture.station.full_disk", str(tmp_path)]  # fmt: skip
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
