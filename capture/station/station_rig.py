@@ -10,7 +10,7 @@ from capture.acquisition.attempts import capture_set
 from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
 from capture.calibration.lookup import read_calibration
 from capture.sets.captured_set import CapturedSet
-from rig import HardwareError, Rig, RigConfig, Simulation, open_rig
+from rig import HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
 
@@ -73,11 +73,6 @@ class StationRig:
     def is_simulated(self) -> bool:
         """Whether its sets are simulated."""
         return self._rig_config.is_simulated
-
-    @property
-    def simulation(self) -> Simulation | None:
-        """The simulated hardware of the open rig."""
-        return self._opened().simulation
 
     def open(self) -> None:
         """Open the rig.

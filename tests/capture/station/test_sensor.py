@@ -8,7 +8,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.config import StationConfig
 from capture.station.cycle import Station
-from capture.station.events import PartAnnounced, PartBegun, Publisher, TriggerRefused
+from capture.station.events import PartAnnounced, Publisher, TriggerRefused
 from capture.station.outcome import PartJudge
 from capture.station.part_sensor import PartSensor
 from capture.station.parts import Parts
@@ -16,9 +16,20 @@ from capture.station.recipe import Recipe
 from capture.station.station_rig import StationRig
 from capture.station.triggers import SensorTrigger
 from capture.station.verdict import Decision
-from rig import RigConfig
+from rig import RigConfig, Simulation
 
 from .stations import Bench, bench, small_set
+
+
+class WatchedRig(StationRig):
+    """Does what a test says when the first part is captured."""
+
+    on_first: Callable[[Simulation], None] = staticmethod(lambda _: None)
+
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        if number == 1:
+            self.on_first(self._opened().simulation)
+        return super().capture(number)
 
 
 class Line:
@@ -26,15 +37,19 @@ class Line:
 
     def __init__(self, made: Bench, synchronisation: str = "trigger") -> None:
         self.bench = made
-        values = made.folder.config.model_dump() | {"timer_s": 0.2, "disk_floor_mb": 1}
+        values = made.folder.config.model_dump() | {
+            "timer_s": 0.2,
+            "disk_floor_mb": 1,
+            "reconnect_s": 0.01,
+        }
         self.config = StationConfig.model_validate(values)
         camera = {"width_px": 32, "height_px": 32}
         config = RigConfig().with_changes(
             camera=camera, lights={"synchronisation": synchronisation}
         )
-        self.rig = StationRig(self.config, config, Recipe(name="sheet", passes=("rock",)))
+        self.rig = WatchedRig(self.config, config, Recipe(name="sheet", passes=("rock",)))
 
-    def run(self, count: int, listen: Callable[[object], None] = lambda _: None) -> None:
+    def run(self, count: int) -> None:
         store, clock = self.bench.store, self.bench.clock
 
         def save(captured: CapturedSet, set_file: str) -> None:
@@ -42,7 +57,7 @@ class Line:
             path.parent.mkdir(parents=True, exist_ok=True)
             captured.save(path)
 
-        with Publisher(self.bench.events.append, listen) as publisher:
+        with Publisher(self.bench.events.append) as publisher:
             judge = PartJudge(self.config.name, "Ada", self.bench.inspector, {}, save, clock)
             sensor = PartSensor(self.rig, store)
             parts = Parts(self.rig, judge, store, list, clock, publisher, sensor)
@@ -67,22 +82,15 @@ def test_each_part_at_the_sensor_is_inspected(line: Line) -> None:
 
 
 def test_a_part_during_an_exposure_is_on_record_as_refused(line: Line) -> None:
-    def pass_the_sensor(event: object) -> None:
-        if isinstance(event, PartBegun) and event.number == 1:
-            line.rig.simulation.see_part()
-
-    line.run(2, pass_the_sensor)
+    line.rig.on_first = Simulation.see_part
+    line.run(2)
     assert [event.source for event in line.bench.of(TriggerRefused)] == ["sensor"]
     assert [event.result.number for event in line.bench.of(PartAnnounced)] == [1, 2]
 
 
-def test_a_part_that_moves_on_during_its_set_is_an_error_after_one_attempt(line: Line) -> None:
-    def put_the_leds_out(event: object) -> None:
-        if isinstance(event, PartBegun) and event.number == 1:
-            line.rig.simulation.unplug_lights()
-            line.rig.simulation.replug_lights()
-
-    line.run(2, put_the_leds_out)
+def test_a_controller_that_is_lost_during_a_set_makes_the_part_an_error(line: Line) -> None:
+    line.rig.on_first = Simulation.unplug_lights
+    line.run(2)
     first, second = (event.result for event in line.bench.of(PartAnnounced))
     assert first.verdict.decision is Decision.ERROR
     assert second.verdict.decision is Decision.PASS
