@@ -12,7 +12,7 @@ from capture.batch.tasks import LoadedSet
 from capture.session.plan import Name
 from classify.durable_file import durable_file, make_folder
 from rig.config.section import Section
-from rig.config.toml_file import read_toml_as
+from rig.config.toml_file import read_toml_as, validated
 
 from .errors import RecipeError
 from .verdict import Decision
@@ -66,14 +66,16 @@ def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) ->
     Raises
     ------
     InputError
-        If a set cannot be read or copied.
+        If a set cannot be read or copied, or its name cannot be kept.
     RecipeError
-        If another set of this name is there, or the name cannot be kept.
+        If another set of this name is there.
     """
     make_folder(folder)
     sets: dict[str, Expected] = {}
     if (folder / FILE).exists():
         sets.update(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+    sets.update({path.name: expected for path in paths})
+    checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
     for path in paths:
         pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
         copy = folder / path.name
@@ -83,8 +85,6 @@ def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) ->
         else:
             with durable_file(copy) as temporary:
                 shutil.copyfile(path, temporary)
-        sets[path.name] = expected
-    checked = ChallengeSet.model_validate({"sets": sets})
     lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in checked.sets.items())
     with durable_file(folder / FILE) as temporary:
         temporary.write_text(_HEAD + lines, encoding="utf-8")

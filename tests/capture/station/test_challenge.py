@@ -80,6 +80,16 @@ def test_another_set_of_the_same_name_is_refused(files: RecipeFolder, tmp_path: 
         add_to_challenge(files.challenge, [other], "FAIL")
 
 
+def test_a_set_whose_name_cannot_be_kept_is_refused_before_it_is_copied(
+    files: RecipeFolder, tmp_path: Path
+) -> None:
+    (odd,) = saved(tmp_path / "more", "malv", range(1))
+    odd = odd.rename(odd.with_name("dent,40,20.ome.tif"))
+    with pytest.raises(InputError, match=r"challenge\.toml: .*'dent,40,20\.ome\.tif' becomes part"):
+        add_to_challenge(files.challenge, [odd], "FAIL")
+    assert not (files.challenge / odd.name).exists()
+
+
 def test_the_commands_teach_challenge_approve_and_run(
     station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
 ) -> None:

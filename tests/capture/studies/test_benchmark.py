@@ -227,7 +227,7 @@ def temporary_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_benchmark_has_five_sections_and_removes_its_files(
+def test_a_benchmark_has_six_sections_and_removes_its_files(
     temporary_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     print_benchmark(SMALL, json=True)
@@ -236,7 +236,7 @@ def test_a_benchmark_has_five_sections_and_removes_its_files(
     assert printed["machine"]["cores"] >= 1
     assert printed["machine"]["threads"] >= 1
     assert printed["quick"] is False
-    assert len(printed["chapters"]) == 5
+    assert len(printed["chapters"]) == 6
     steps = [each["step"] for each in printed["chapters"][-1]["figures"]]
     assert "opening and match, 1,600 references" in steps
     assert "ps4_robust, 70 x 48, 16 bit" in steps
