@@ -48,6 +48,7 @@ def test_a_cache_folder_that_cannot_be_written_is_replaced_by_another() -> None:
     assert Path(run(NUMBA_CACHE_DIR="/dev/null/cache")).is_dir()
 
 
+@pytest.mark.slow
 def test_a_change_in_another_file_of_kernels_compiles_anew(tmp_path: Path) -> None:
     """Kernels of other files are compiled into a kernel, for example `judge_row`."""
     package = tmp_path / "classify"
