@@ -109,6 +109,7 @@ def test_sets_are_captured_analysed_and_exported(ran: Ran, tmp_path: Path) -> No
         "solve sets/rock-001.ome.tif --out maps": "maps: ",
         "solve sets/rock-002.ome.tif --out maps": "maps: ",  # replaces the folder
         "info sets/rock-001.ome.tif --set note=worn": "worn",
+        "compare sets/rock-001.ome.tif sets/sand-001.ome.tif --json": '"distance"',
         "verify sets --json": '"files": 4,\n "findings": []',
         "export sets/rock-001.ome.tif lights": "lights: written",
         "export sets/rock-001.ome.tif rock.npz": "rock.npz: written",
