@@ -69,10 +69,22 @@ def fresh_frame(rig: Rig, light: int | None) -> Frame:
     return frame
 
 
+def begin_sequence(
+    rig: Rig, plan: SequencePlan, *, part_delay_s: float | None = None
+) -> RunningSequence:
+    """Start a sequence after the exposure that an aborted one left running.
+
+    No trigger may come during that exposure. `part_delay_s` and errors are those of
+    `RunningSequence`.
+    """
+    if plan.triggers:
+        rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
+    return RunningSequence(rig.lights, plan, part_delay_s=part_delay_s)
+
+
 def _triggered_frame(rig: Rig, plan: SequencePlan) -> Frame:
     """The frame of a sequence of one step: without a trigger the camera gives none."""
-    rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
-    sequence = RunningSequence(rig.lights, plan)
+    sequence = begin_sequence(rig, plan)
     frame = next_fresh_frame(rig, sequence.asked_s)
     while sequence.is_running():
         rig.clock.sleep_s(_POLL_S)  # the step lasts longer than its frame

@@ -14,17 +14,17 @@ from rig import (
     Frame,
     LightStep,
     Rig,
-    RunningSequence,
     SequencePlan,
     SequenceReport,
 )
 from rig.config.camera import StampedCameraConfig
 from rig.frame_time import start_known_to_s
+from rig.fresh_frame import begin_sequence
 
 from .frame_mean import FrameMean, SetImage
 from .fresh_frames import light_name
 from .part_sensor import ArrivedPart
-from .sequence_frames import SPARE_S, SequenceFrames, let_exposure_end
+from .sequence_frames import SPARE_S, SequenceFrames
 
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
@@ -93,9 +93,8 @@ def _run(
 ) -> tuple[list[Frame], SequenceReport]:
     """Run one sequence; return the frame of each step, and the controller's report."""
     if part is None:
-        let_exposure_end(rig, plan)
-        deadline_s = rig.clock.now_s() + plan.duration_s + SPARE_S
-        sequence = RunningSequence(rig.lights, plan)
+        sequence = begin_sequence(rig, plan)
+        deadline_s = sequence.asked_s + plan.duration_s + SPARE_S
         frames = SequenceFrames(rig, sequence.asked_s, deadline_s)
     else:
         sequence, frames = part.sequence, part.frames

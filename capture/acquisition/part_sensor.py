@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from classify.errors import InputError
 from rig import Rig, RunningSequence
+from rig.fresh_frame import begin_sequence
 
-from .sequence_frames import SPARE_S, SequenceFrames, let_exposure_end
+from .sequence_frames import SPARE_S, SequenceFrames
 
 # Interval of asking whether the part has come: the controller does not wait for the answer.
 _POLL_S = 0.005
@@ -52,8 +53,7 @@ def wait_for_part(
             "a part sensor needs lights.synchronisation = 'strobe' or 'trigger' in rig.toml"
         )
     rig.lights.recover()
-    let_exposure_end(rig, plan)
-    sequence = RunningSequence(rig.lights, plan, part_delay_s=delay_s)
+    sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
     frames = SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
     kept = plan.frames_per_step * len(plan.lights)
     while sequence.is_running() and not sequence.has_begun:

@@ -1,19 +1,12 @@
 """The frames of a sequence that the light controller runs."""
 
 from capture.errors import SetRejected
-from rig import CameraError, Frame, FrameFlag, Rig, SequencePlan
-from rig.lights.sequence import exposure_left_s
+from rig import CameraError, Frame, FrameFlag, Rig
 
 from .frame_mean import check_frame
 
 # Time to wait beyond what the plan and the camera's queue explain, as in `fresh_frames`.
 SPARE_S = 0.5
-
-
-def let_exposure_end(rig: Rig, plan: SequencePlan) -> None:
-    """Wait for an exposure that an aborted sequence left running: no trigger may come during it."""
-    if plan.triggers:
-        rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
 
 
 class SequenceFrames:
