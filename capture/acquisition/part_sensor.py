@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from classify.errors import InputError
-from rig import Rig, RunningSequence
+from rig import LightControllerError, Rig, RunningSequence
 from rig.fresh_frame import begin_sequence
 
 from .sequence_frames import SPARE_S, SequenceFrames
@@ -45,7 +45,8 @@ def wait_for_part(
     InputError
         If the rig is synchronised by software.
     HardwareError
-        If the controller or the camera fails, or the firmware is older than 2.1.
+        If the controller or the camera fails, the controller ends the wait, such as by its
+        watchdog, or the firmware is older than 2.1.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -68,7 +69,11 @@ def wait_for_part(
         frames.begin(sequence.asked_s, deadline_s)
         frames.take()
         del frames.received[:-kept]
-    if sequence.has_begun:
-        begun_s = sequence.begun_s()
-        frames.begin(begun_s, begun_s + plan.duration_s + SPARE_S)
+    if not sequence.has_begun:
+        raise LightControllerError(
+            f"{rig.lights.port}: the controller ended the wait for a part: "
+            f"{sequence.report().cause}"
+        )
+    begun_s = sequence.begun_s()
+    frames.begin(begun_s, begun_s + plan.duration_s + SPARE_S)
     return ArrivedPart(sequence, frames)

@@ -60,6 +60,15 @@ def test_a_wait_can_be_ended(rig):
     capture_set(rig)
 
 
+def test_a_wait_that_the_controller_ends_is_an_error_and_no_part(rig):
+    def put_out() -> bool:
+        rig.lights.off()
+        return False
+
+    with pytest.raises(LightControllerError, match="ended the wait .* Sequence aborted"):
+        wait_for_part(rig, 0.0, put_out)
+
+
 def test_lights_that_go_out_during_the_set_reject_it_without_another_attempt(rig):
     rig.simulation.see_part(0.2)
     part = wait_for_part(rig, 0.0)
