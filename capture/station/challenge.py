@@ -14,7 +14,7 @@ from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
-from .challenge_set import ChallengeSet, Expected, read_challenge
+from .challenge_set import Expected, read_challenge
 from .errors import ChallengeFailed
 from .inspector import Fingerprint, Inspector
 from .outcome import error_verdict
@@ -104,10 +104,9 @@ def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     InputError
         If there is no challenge set, or it proves nothing.
     """
-    replay, outcomes = _last_replay(files), replay_challenge(files, inspector)
+    replay, outcomes = _last_replay(files, inspector), replay_challenge(files, inspector)
     first = next(outcomes)
-    is_known = replay is not None and _is_of(replay, read_challenge(files.challenge), inspector)
-    if replay is None or not is_known or first.is_regression:
+    if replay is None or first.is_regression:
         replay = keep_replay(files, inspector, (first, *outcomes))
     if replay.regressions:
         named = "; ".join(map(str, replay.regressions))
@@ -126,9 +125,8 @@ def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
     InputError
         If there is no challenge set, or it proves nothing.
     """
-    replay = _last_replay(files)
-    is_known = replay is not None and _is_of(replay, read_challenge(files.challenge), inspector)
-    return replay is not None and is_known and not replay.regressions
+    replay = _last_replay(files, inspector)
+    return replay is not None and not replay.regressions
 
 
 def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
@@ -145,14 +143,12 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
         return error_verdict(error), pixels_sha256
 
 
-def _last_replay(files: RecipeFolder) -> Replay | None:
+def _last_replay(files: RecipeFolder, inspector: Inspector) -> Replay | None:
+    """The replay on record, if it was of the present challenge set by this inspector."""
     try:
-        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
+        replay = Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
     except (InputError, ValidationError):
         return None
-
-
-def _is_of(replay: Replay, challenge: ChallengeSet, inspector: Inspector) -> bool:
-    """Whether a replay was of this challenge by this inspector."""
     expected = {part.file: part.expected for part in replay.parts}
-    return replay.fingerprint == inspector.fingerprint and expected == dict(challenge.sets)
+    is_present = expected == dict(read_challenge(files.challenge).sets)
+    return replay if is_present and replay.fingerprint == inspector.fingerprint else None

@@ -65,7 +65,7 @@ def test_a_wait_that_the_controller_ends_is_an_error_and_no_part(rig):
         rig.lights.off()
         return False
 
-    with pytest.raises(LightControllerError, match="ended the wait .* Sequence aborted"):
+    with pytest.raises(LightControllerError, match=r"ended the wait .* Sequence aborted"):
         wait_for_part(rig, 0.0, put_out)
 
 
