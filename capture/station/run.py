@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture.calibration.lookup import keep_beside, read_calibration
+from capture.calibration.lookup import FoundCalibration, keep_beside
 from capture.sets.captured_set import CapturedSet
 from classify.durable_file import make_folder
 from rig import RigConfig
@@ -100,7 +100,9 @@ def run_station(
                 "library_sha256": fingerprint.library_sha256,
                 "calibration_sha256": fingerprint.calibration_sha256,
             },
-            lambda captured, set_file: _save(captured, folder.path / set_file, calibration),
+            lambda captured, set_file: _save(
+                captured, folder.path / set_file, inspector.calibration
+            ),
             clock,
         )
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
@@ -125,9 +127,9 @@ def _checks(
     yield from check_calibration_age(rig.calibration, inspector.recipe.calibration)
 
 
-def _save(captured: CapturedSet, path: Path, calibration: Path | None) -> None:
+def _save(captured: CapturedSet, path: Path, calibration: FoundCalibration | None) -> None:
     """Write the set of a part, with its calibration beside it."""
     make_folder(path.parent)
     if calibration is not None:
-        keep_beside(calibration, read_calibration(calibration), path)
+        keep_beside(calibration.path, calibration.file, path)
     captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day

@@ -140,12 +140,12 @@ class StationRig:
         SetRejected, CalibrationError, HardwareError
             As `capture_set`.
         """
-        rig, simulation = self._opened(), self._opened().simulation
+        rig = self._opened()
         part, self._part = self._part, None
         if part is None:
             self._place(number)
         captured = capture_set(rig, calibration=self.calibration, part=part)
-        if simulation is not None and self._rig_config.simulation.clock == "virtual":
+        if rig.simulation is not None and self._rig_config.simulation.clock == "virtual":
             return captured, time.monotonic()
         frames = [frame for image in captured.metadata.images for frame in image.frames]
         return captured, max(frame.exposure_end_s for frame in frames)
