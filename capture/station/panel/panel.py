@@ -1,0 +1,54 @@
+"""`Panel`: what all pages and API calls work with."""
+
+from dataclasses import dataclass, field
+
+from capture.station.face_config import PanelConfig
+from capture.station.folder import StationFolder
+
+from .live import LiveStation
+from .results_access import ResultsAccess
+from .sessions import LoginLimit, Sessions
+from .tokens import Tokens
+from .users import Users
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What all pages and API calls work with.
+
+    Attributes
+    ----------
+    folder
+        The station on disk.
+    live
+        The running station.
+    settings
+        Section ``[panel]``, with what the command line changed.
+    results
+        Its results, with the audit log.
+    users, tokens, sessions, logins
+        Who may ask.
+    """
+
+    folder: StationFolder
+    live: LiveStation
+    settings: PanelConfig
+    results: ResultsAccess
+    users: Users
+    tokens: Tokens
+    sessions: Sessions
+    logins: LoginLimit = field(default_factory=LoginLimit)
+
+    @classmethod
+    def of(cls, folder: StationFolder, live: LiveStation, settings: PanelConfig) -> "Panel":
+        """Return the panel of a station."""
+        users = Users(folder.path)
+        return cls(
+            folder=folder,
+            live=live,
+            settings=settings,
+            results=ResultsAccess(folder),
+            users=users,
+            tokens=Tokens(folder.path),
+            sessions=Sessions(users),
+        )

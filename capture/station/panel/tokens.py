@@ -1,0 +1,122 @@
+"""`Tokens`: what programs show instead of a password, in ``tokens.json`` of the station."""
+
+import hashlib
+import secrets
+import threading
+from pathlib import Path
+
+from pydantic import Field
+
+from capture.process.utc_time import utc_text
+from capture.session.plan import Name
+from classify.errors import InputError
+from rig.config.section import Section
+from rig.config.toml_file import validated
+
+from .private_file import change_stamp, read_private, write_private
+from .roles import Role
+
+FILE = "tokens.json"
+MOST_CLIENTS = 1000
+_PREFIX = "ps4_"  # tools that look for secrets in repositories find it
+_SECRET_BYTES = 32
+
+
+class Client(Section):
+    """A program that uses the API; `sha256` is the hash of its token.
+
+    A plain hash is enough: nobody can try 2**256 tokens.
+    """
+
+    name: Name
+    role: Role = Field(strict=False)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    created_utc: str = Field(max_length=40)
+
+
+class _File(Section):
+    clients: tuple[Client, ...] = Field(default=(), max_length=MOST_CLIENTS, strict=False)
+
+
+class Tokens:
+    """The API clients of a station. Thread-safe; a change by another program is seen at once.
+
+    Parameters
+    ----------
+    folder
+        Folder of the station.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FILE
+        self._lock = threading.Lock()
+        self._changing = threading.Lock()
+        self._stamp: object = ()
+        self._clients: dict[str, Client] = {}
+
+    def all(self) -> tuple[Client, ...]:
+        """Return all clients, by name.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged.
+        """
+        return tuple(sorted(self._by_hash().values(), key=lambda client: client.name))
+
+    def find(self, token: str) -> Client | None:
+        """Return the client of a token."""
+        # A dictionary of hashes: the time tells nothing of the token itself.
+        return self._by_hash().get(_sha256(token))
+
+    def add(self, name: str, role: Role) -> str:
+        """Add a client and return its token, which is kept nowhere.
+
+        Raises
+        ------
+        InputError
+            If the name cannot be one or is taken, or there are too many clients.
+        """
+        token = _PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+        values = {
+            "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
+        }  # fmt: skip
+        client = validated(values, Client, "client")
+        with self._changing:
+            clients = self.all()
+            if any(each.name == name for each in clients):
+                raise InputError(f"client {name}: there is one already; remove it first")
+            if len(clients) >= MOST_CLIENTS:
+                raise InputError(f"client {name}: there are {MOST_CLIENTS} clients already")
+            write_private(self._path, _File(clients=(*clients, client)))
+        return token
+
+    def remove(self, name: str) -> Client:
+        """Remove a client, whose token is worth nothing from now on, and return it.
+
+        Raises
+        ------
+        InputError
+            If there is no such client.
+        """
+        with self._changing:
+            clients = self.all()
+            found = [client for client in clients if client.name == name]
+            if not found:
+                raise InputError(f"client {name}: there is none; see ps4rig station token list")
+            others = tuple(client for client in clients if client.name != name)
+            write_private(self._path, _File(clients=others))
+        return found[0]
+
+    def _by_hash(self) -> dict[str, Client]:
+        with self._lock:
+            stamp = change_stamp(self._path)
+            if stamp != self._stamp:
+                clients = read_private(self._path, _File).clients
+                self._clients = {client.sha256: client for client in clients}
+                self._stamp = stamp
+            return dict(self._clients)
+
+
+def _sha256(token: str) -> str:
+    return hashlib.sha256(token.encode("utf-8", "surrogateescape")).hexdigest()

@@ -1,0 +1,173 @@
+"""`Users`: the people who may use a station's panel, in ``users.json`` of its folder."""
+
+import secrets
+import threading
+import unicodedata
+from pathlib import Path
+
+from argon2 import PasswordHasher
+from argon2.exceptions import Argon2Error, InvalidHashError
+from pydantic import Field, TypeAdapter, ValidationError, field_validator
+
+from capture.session.plan import Name
+from classify.errors import InputError
+from rig.config.section import Section
+
+from .private_file import change_stamp, read_private, write_private
+from .roles import Role
+
+FILE = "users.json"
+MOST_USERS = 1000
+# NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
+SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
+# The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
+_HASHER = PasswordHasher()
+
+
+class User(Section):
+    """A user; `password` is the argon2id hash."""
+
+    name: Name
+    role: Role = Field(strict=False)
+    password: str = Field(min_length=1, max_length=1000)
+
+
+class _File(Section):
+    users: tuple[User, ...] = Field(default=(), max_length=MOST_USERS, strict=False)
+
+    @field_validator("users")
+    @classmethod
+    def _names_differ(cls, users: tuple[User, ...]) -> tuple[User, ...]:
+        if len({user.name for user in users}) < len(users):
+            raise ValueError("a name is there twice")
+        return users
+
+
+class Users:
+    """The users of a station. Thread-safe; a change by another program is seen at once.
+
+    Parameters
+    ----------
+    folder
+        Folder of the station.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FILE
+        self._lock = threading.Lock()
+        self._changing = threading.Lock()
+        # One at a time: each takes 64 MiB and a core for 50 ms.
+        self._hashing = threading.Lock()
+        self._stamp: object = ()
+        self._users: dict[str, User] = {}
+        # Verified for names that are unknown, so that the time does not tell them.
+        self._nobody = ""
+
+    def all(self) -> tuple[User, ...]:
+        """Return all users, by name.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged.
+        """
+        with self._lock:
+            stamp = change_stamp(self._path)
+            if stamp != self._stamp:
+                self._users = {user.name: user for user in read_private(self._path, _File).users}
+                self._stamp = stamp
+            return tuple(sorted(self._users.values(), key=lambda user: user.name))
+
+    def get(self, name: str) -> User | None:
+        """Return the user of a name."""
+        return next((user for user in self.all() if user.name == name), None)
+
+    def put(self, name: str, role: Role, password: str) -> User | None:
+        """Add a user, or give one another role and password; return the user there was.
+
+        Raises
+        ------
+        InputError
+            If the name cannot be one, the password is too short or too long, there are too many
+            users, or the last administrator would be none.
+        """
+        _require_name(name)
+        user = User(name=name, role=role, password=self._hash(_usable(password)))
+        with self._changing:
+            before, others = self._apart(name)
+            if len(others) >= MOST_USERS:
+                raise InputError(f"user {name}: there are {MOST_USERS} users already")
+            _require_administrator((*others, user), before)
+            write_private(self._path, _File(users=(*others, user)))
+        return before
+
+    def remove(self, name: str) -> User:
+        """Remove a user, whose sessions end with that, and return it.
+
+        Raises
+        ------
+        InputError
+            If there is no such user, or it is the last administrator beside other users.
+        """
+        with self._changing:
+            user, others = self._apart(name)
+            if user is None:
+                raise InputError(f"user {name}: there is none; see ps4rig station user list")
+            _require_administrator(others, user)
+            write_private(self._path, _File(users=others))
+        return user
+
+    def verified(self, name: str, password: str) -> User | None:
+        """Return the user with this name and password, or None; it takes as long for both."""
+        user = self.get(name)
+        if len(password) > LONGEST_PASSWORD:
+            return None
+        self._nobody = self._nobody or self._hash(secrets.token_hex())
+        try:
+            with self._hashing:
+                stored = self._nobody if user is None else user.password
+                _HASHER.verify(stored, unicodedata.normalize("NFKC", password))
+        except (Argon2Error, InvalidHashError):
+            return None
+        return user
+
+    def _apart(self, name: str) -> tuple[User | None, tuple[User, ...]]:
+        """Return the user of a name, and all others."""
+        users = self.all()
+        others = tuple(user for user in users if user.name != name)
+        return next((user for user in users if user.name == name), None), others
+
+    def _hash(self, password: str) -> str:
+        with self._hashing:
+            return _HASHER.hash(password)
+
+
+def _require_administrator(users: tuple[User, ...], changed: User | None) -> None:
+    """Check that a change does not take the last administrator from other users."""
+    if changed is None or changed.role is not Role.ADMINISTRATOR:
+        return
+    if users and all(user.role is not Role.ADMINISTRATOR for user in users):
+        raise InputError(f"user {changed.name}: is the last administrator; add another one first")
+
+
+def _usable(password: str) -> str:
+    normal = unicodedata.normalize("NFKC", password)
+    if not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
+        raise InputError(
+            f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters, "
+            f"this one has {len(normal)}"
+        )
+    return normal
+
+
+_NAME: TypeAdapter[str] = TypeAdapter(Name)
+
+
+def _require_name(name: str) -> None:
+    try:
+        _NAME.validate_python(name)
+    except ValidationError as error:
+        raise InputError(
+            f"user name {name[:100]!r}: up to 100 letters, digits and _ . -, the first a letter "
+            "or digit"
+        ) from error
