@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder
 
+from .change_log import ChangeLog
 from .live import LiveStation
 from .results_access import ResultsAccess
 from .sessions import LoginLimit, Sessions
@@ -25,7 +26,9 @@ class Panel:
     settings
         Section ``[panel]``, with what the command line changed.
     results
-        Its results, with the audit log.
+        Its results.
+    changes
+        The log of changes.
     users, tokens, sessions, logins
         Who may ask.
     """
@@ -34,6 +37,7 @@ class Panel:
     live: LiveStation
     settings: PanelConfig
     results: ResultsAccess
+    changes: ChangeLog
     users: Users
     tokens: Tokens
     sessions: Sessions
@@ -42,12 +46,13 @@ class Panel:
     @classmethod
     def of(cls, folder: StationFolder, live: LiveStation, settings: PanelConfig) -> "Panel":
         """Return the panel of a station."""
-        users = Users(folder.path)
+        users, results = Users(folder.path), ResultsAccess(folder)
         return cls(
             folder=folder,
             live=live,
             settings=settings,
-            results=ResultsAccess(folder),
+            results=results,
+            changes=ChangeLog(folder, results),
             users=users,
             tokens=Tokens(folder.path),
             sessions=Sessions(users),

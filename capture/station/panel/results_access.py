@@ -11,6 +11,10 @@ from classify.errors import InputError
 _PATIENCE_S = 5.0
 
 
+class NoResultsYet(ResultsUnavailable):
+    """The station has not run yet."""
+
+
 class ResultsAccess:
     """Opens the results when they are asked for first: the run makes them at its start.
 
@@ -31,21 +35,21 @@ class ResultsAccess:
 
         Raises
         ------
+        NoResultsYet
+            Before the first run.
         ResultsUnavailable
-            If there are none yet, or the database does not answer.
+            If the database does not answer.
         """
         with self._lock:
             if self._store is None:
                 config = self._folder.config
+                results = config.results_in(self._folder.path)
                 try:
                     self._store = open_store(
-                        config.results_in(self._folder.path),
-                        config.name,
-                        alone=False,
-                        patience_s=_PATIENCE_S,
+                        results, config.name, alone=False, patience_s=_PATIENCE_S
                     )
                 except InputError as error:
-                    raise ResultsUnavailable(f"there are no results yet: {error}") from error
+                    raise NoResultsYet(f"there are no results yet: {error}") from error
             return self._store
 
     def close(self) -> None:

@@ -30,6 +30,10 @@ _STOP_S = 5
 _START_POLL_S = 0.01
 
 
+class PortTaken(InputError):  # noqa: N818 - the state of the machine, no error of the program
+    """The panel cannot listen where it should."""
+
+
 class _Protocol(H11Protocol):
     """HTTP/1.1 with a limit of connections, and deadlines for heads and for slow readers."""
 
@@ -82,7 +86,9 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     Raises
     ------
     InputError
-        If the settings are not safe, the port is not free, or the TLS files cannot be used.
+        If the settings are not safe, or the TLS files cannot be used.
+    PortTaken
+        If it cannot listen there.
     """
     settings = panel.settings
     require_safe(panel)
@@ -174,7 +180,7 @@ def _listener(settings: PanelConfig) -> socket.socket:
         listener.listen(MAX_CONNECTIONS)
     except OSError as error:
         listener.close()
-        raise InputError(
+        raise PortTaken(
             f"[panel] {settings.host}:{settings.port}: {error.strerror}; give another port with "
             "--port, or --no-panel"
         ) from error

@@ -1,0 +1,44 @@
+"""`ChangeLog`: every change that a person or a program makes, before it is made."""
+
+from contextlib import suppress
+
+from capture.process.utc_time import utc_text
+from capture.station.folder import StationFolder
+from capture.station.results.change_log import ChangeRecord, record_change
+
+from .results_access import NoResultsYet, ResultsAccess
+from .roles import Identity
+
+
+class ChangeLog:
+    """Writes changes to the results and to ``station.log``; before the first run only to the log.
+
+    A change is recorded before it is made: a change without a row would be worse than a row of a
+    change that failed.
+    """
+
+    def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
+        self._folder, self._results = folder, results
+
+    def record(
+        self, who: Identity, what: str, before: str | None = None, after: str | None = None
+    ) -> None:
+        """Record a change.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer: the change must not be made.
+        """
+        change = ChangeRecord(
+            utc=utc_text(timespec="milliseconds"),
+            by=who.name,
+            role=who.role,
+            what=what,
+            before=before,
+            after=after,
+        )
+        with suppress(NoResultsYet):
+            record_change(self._results.store, change)
+        values = f"{'nothing' if before is None else before} -> {after or 'nothing'}"
+        self._folder.log(f"change by {who.name} ({who.role}, {who.via}): {what}: {values}")
