@@ -8,14 +8,21 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from . import login, operator_page
+from . import accounts_api, api, event_stream, login, openapi, operator_page
 from .guard import endpoint_of, error_answer
 from .panel import Panel
 from .render import STATIC
 from .routes import PanelRoute
 from .security import HostRule, SecureHeaders
 
-ROUTES: tuple[PanelRoute, ...] = (*login.ROUTES, *operator_page.ROUTES)
+ROUTES: tuple[PanelRoute, ...] = (
+    *login.ROUTES,
+    *operator_page.ROUTES,
+    *api.ROUTES,
+    *event_stream.ROUTES,
+    *accounts_api.ROUTES,
+    *openapi.ROUTES,
+)
 """Every page and API call; tests try each with every role."""
 
 
@@ -36,5 +43,6 @@ def panel_app(panel: Panel) -> Starlette:
         middleware=[Middleware(SecureHeaders, rule=rule, is_https=panel.settings.is_https)],
         exception_handlers={HTTPException: http_error},
     )
+    app.state.routes = ROUTES
     app.state.menu = [each for each in ROUTES if each.menu]
     return app

@@ -62,6 +62,8 @@ class Snapshot:
         Where triggers come from.
     last, latency_ms
         The last announced result, and its time since the exposure; None before the first.
+    total_latency_ms
+        Sum over all parts of this run.
     announced, refused
         Parts of this run by verdict, and triggers that were not served.
     parts_per_minute
@@ -81,6 +83,7 @@ class Snapshot:
     trigger: str
     last: PartResult | None
     latency_ms: float | None
+    total_latency_ms: float
     announced: Mapping[Decision, int]
     refused: int
     parts_per_minute: float
@@ -137,6 +140,7 @@ class LiveStation:
         self._state, self._reason = State.PREOPERATIONAL, "the station is starting"
         self._last: PartResult | None = None
         self._latency_ms: float | None = None
+        self._total_latency_ms = 0.0
         self._announced: Counter[Decision] = Counter()
         self._refused = 0
         self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
@@ -161,6 +165,7 @@ class LiveStation:
                     self._refused += 1
                 case PartAnnounced(result, latency_ms):
                     self._last, self._latency_ms = result, latency_ms
+                    self._total_latency_ms += latency_ms
                     self._announced[result.verdict.decision] += 1
                     self._announced_s.append(self._now_s())
                     if result.verdict.decision is not Decision.PASS:
@@ -241,6 +246,7 @@ class LiveStation:
                 trigger=self._trigger,
                 last=self._last,
                 latency_ms=self._latency_ms,
+                total_latency_ms=self._total_latency_ms,
                 announced=dict(self._announced),
                 refused=self._refused,
                 parts_per_minute=self._rate(),
@@ -248,9 +254,16 @@ class LiveStation:
                 rejected=tuple(self._rejected),
             )
 
-    def subscribe(self, wake: Callable[[], None] | None = None) -> Subscription:
-        """Return a bounded queue of the events from now on; see `Subscription`."""
+    def subscribe(
+        self, wake: Callable[[], None] | None = None, most: int | None = None
+    ) -> Subscription | None:
+        """Return a bounded queue of the events from now on; see `Subscription`.
+
+        It is None if there are `most` subscriptions already.
+        """
         with self._lock:
+            if most is not None and len(self._subscriptions) >= most:
+                return None
             subscription = Subscription(wake)
             if self._is_closed:
                 subscription.close()

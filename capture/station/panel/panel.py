@@ -10,6 +10,7 @@ from .live import LiveStation
 from .results_access import ResultsAccess
 from .sessions import LoginLimit, Sessions
 from .tokens import Tokens
+from .triggering import KeyedTriggers
 from .users import Users
 
 
@@ -31,6 +32,8 @@ class Panel:
         The log of changes.
     users, tokens, sessions, logins
         Who may ask.
+    triggers
+        Passes triggers of HTTP to the station.
     """
 
     folder: StationFolder
@@ -41,6 +44,7 @@ class Panel:
     users: Users
     tokens: Tokens
     sessions: Sessions
+    triggers: KeyedTriggers
     logins: LoginLimit = field(default_factory=LoginLimit)
 
     @classmethod
@@ -56,4 +60,5 @@ class Panel:
             users=users,
             tokens=Tokens(folder.path),
             sessions=Sessions(users),
+            triggers=KeyedTriggers(live, results),
         )

@@ -37,9 +37,15 @@ class Call:
     fields: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def someone(self) -> Identity:
+        """Who asks, on a route that needs a role."""
+        assert self.who is not None
+        return self.who
+
+    @property
     def name(self) -> str:
         """Name of who asks, for records."""
-        return "nobody" if self.who is None else self.who.name
+        return self.someone.name
 
     @property
     def path(self) -> Mapping[str, Any]:
