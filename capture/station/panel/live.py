@@ -137,6 +137,7 @@ class LiveStation:
         self._now_s = now_s
         self._lock = threading.Lock()
         self._target: TriggerTarget | None = None
+        self._has_target = threading.Event()
         self._state, self._reason = State.PREOPERATIONAL, "the station is starting"
         self._last: PartResult | None = None
         self._latency_ms: float | None = None
@@ -184,6 +185,7 @@ class LiveStation:
         """Pass triggers to `target` from now on."""
         with self._lock:
             self._target = target
+            self._has_target.set()
 
     def close(self) -> None:
         """End all subscriptions; no event comes any more."""
@@ -206,9 +208,12 @@ class LiveStation:
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
+        ends_s = self._now_s() + timeout_s
+        if not self._has_target.wait(timeout_s):
+            return False
         with self._lock:
             target = self._target
-        return target is not None and target.wait_until_ready(timeout_s)
+        return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
 
     def set_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""
