@@ -4,6 +4,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+from capture.session.plan import file_name
+from classify.errors import InputError
+
 
 class Role(StrEnum):
     """What somebody may do; each role may do what the one before may."""
@@ -39,3 +42,20 @@ class Identity:
     role: Role
     via: Literal["session", "token", "local"]
     csrf: str = ""
+
+
+def require_name(kind: str, name: str) -> None:
+    """Check the name of a user or client.
+
+    Raises
+    ------
+    InputError
+        If it cannot be one.
+    """
+    try:
+        file_name(name)
+    except ValueError as error:
+        raise InputError(
+            f"{kind} name {name[:100]!r}: up to 100 letters, digits and _ . -, the first a letter "
+            "or digit"
+        ) from error

@@ -14,7 +14,7 @@ from rig.config.section import Section
 from rig.config.toml_file import validated
 
 from .private_file import change_stamp, read_private, write_private
-from .roles import Role
+from .roles import Role, require_name
 
 FILE = "tokens.json"
 MOST_CLIENTS = 1000
@@ -84,8 +84,7 @@ class Tokens:
         client = validated(values, Client, "client")
         with self._changing:
             clients = self.all()
-            if any(each.name == name for each in clients):
-                raise InputError(f"client {name}: there is one already; remove it first")
+            require_new_client(name, clients)
             if len(clients) >= MOST_CLIENTS:
                 raise InputError(f"client {name}: there are {MOST_CLIENTS} clients already")
             write_private(self._path, _File(clients=(*clients, client)))
@@ -116,6 +115,19 @@ class Tokens:
                 self._clients = {client.sha256: client for client in clients}
                 self._stamp = stamp
             return dict(self._clients)
+
+
+def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
+    """Check the name of a new client.
+
+    Raises
+    ------
+    InputError
+        If it cannot be one, or is that of one of `clients`.
+    """
+    require_name("client", name)
+    if any(each.name == name for each in clients):
+        raise InputError(f"client {name}: there is one already; remove it first")
 
 
 def _sha256(token: str) -> str:

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
-from pydantic import Field, TypeAdapter, ValidationError, field_validator
+from pydantic import Field, field_validator
 
 from capture.session.plan import Name
 from classify.errors import InputError
 from rig.config.section import Section
 
 from .private_file import change_stamp, read_private, write_private
-from .roles import Role
+from .roles import Role, require_name
 
 FILE = "users.json"
 MOST_USERS = 1000
@@ -91,8 +91,7 @@ class Users:
             If the name cannot be one, the password is too short or too long, there are too many
             users, or the last administrator would be none.
         """
-        _require_name(name)
-        user = User(name=name, role=role, password=self._hash(_usable(password)))
+        user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._changing:
             before, others = self._apart(name)
             if len(others) >= MOST_USERS:
@@ -150,7 +149,15 @@ def _require_administrator(users: tuple[User, ...], changed: User | None) -> Non
         raise InputError(f"user {changed.name}: is the last administrator; add another one first")
 
 
-def _usable(password: str) -> str:
+def require_account(name: str, password: str) -> str:
+    """Check name and password of a new user; return the password in its normal form.
+
+    Raises
+    ------
+    InputError
+        If the name cannot be one, or the password is too short or too long.
+    """
+    require_name("user", name)
     normal = unicodedata.normalize("NFKC", password)
     if not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
         raise InputError(
@@ -158,16 +165,3 @@ def _usable(password: str) -> str:
             f"this one has {len(normal)}"
         )
     return normal
-
-
-_NAME: TypeAdapter[str] = TypeAdapter(Name)
-
-
-def _require_name(name: str) -> None:
-    try:
-        _NAME.validate_python(name)
-    except ValidationError as error:
-        raise InputError(
-            f"user name {name[:100]!r}: up to 100 letters, digits and _ . -, the first a letter "
-            "or digit"
-        ) from error
