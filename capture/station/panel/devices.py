@@ -1,5 +1,6 @@
 """States of camera, lights, PLC, disk and database, from the events of a station."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
@@ -97,13 +98,18 @@ class DeviceStates:
 
     def _learn(self, checks: Iterable[Check]) -> None:
         found: dict[str, Device] = {}
+        counts: Counter[str] = Counter()
         for check in checks:
             prefixes = [prefix for prefix in _CHECKED if check.name.startswith(prefix)]
             for name in _CHECKED[prefixes[0]] if prefixes else ("camera",):
+                counts[name] += 1
+                device = Device(name, check.status, f"{check.name}: {check.seen}")
                 before = found.get(name)
-                device = Device(name, check.status, check.seen)
                 if before is None or _GRAVITY.index(device.status) > _GRAVITY.index(before.status):
                     found[name] = device
+        for name, device in found.items():
+            if device.status == "ok" and counts[name] > 1:
+                found[name] = Device(name, "ok", f"{counts[name]} checks are ok")
         if "lights" in found and "camera" not in found:
             # Light was measured, with the camera.
             found["camera"] = Device("camera", "ok", "light images were captured")
