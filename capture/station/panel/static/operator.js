@@ -1,6 +1,4 @@
 // The operator's page: follows the events of the station, and never shows an old verdict as a new one.
-"use strict";
-
 const SILENCE_MS = 20000; // the server says something each 15 s
 const REFRESH_MS = 5000; // for the rate, which falls without an event
 const REJECTED = 12;
