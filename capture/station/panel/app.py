@@ -13,7 +13,7 @@ from .guard import endpoint_of, error_answer
 from .panel import Panel
 from .render import STATIC
 from .routes import PanelRoute
-from .security import HostRule, SecureHeaders
+from .security import STATIC_PATH, HostRule, SecureHeaders
 
 ROUTES: tuple[PanelRoute, ...] = (
     *login.ROUTES,
@@ -38,7 +38,7 @@ def panel_app(panel: Panel) -> Starlette:
     app = Starlette(
         routes=[
             *(Route(each.path, endpoint_of(panel, each), methods=[each.method]) for each in ROUTES),
-            Mount("/static", StaticFiles(directory=STATIC)),
+            Mount(STATIC_PATH, StaticFiles(directory=STATIC)),
         ],
         middleware=[Middleware(SecureHeaders, rule=rule, is_https=panel.settings.is_https)],
         exception_handlers={HTTPException: http_error},

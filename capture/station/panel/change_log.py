@@ -40,5 +40,7 @@ class ChangeLog:
         )
         with suppress(NoResultsYet):
             record_change(self._results.store, change)
-        values = f"{'nothing' if before is None else before} -> {after or 'nothing'}"
-        self._folder.log(f"change by {who.name} ({who.role}, {who.via}): {what}: {values}")
+        said = "nothing" if before is None else before
+        line = f"{who.name} ({who.role}, {who.via}): {what}: {said} -> {after or 'nothing'}"
+        # One line, whatever somebody gave as a reason.
+        self._folder.log("change by " + "".join(c if c.isprintable() else " " for c in line))

@@ -72,6 +72,8 @@ class Snapshot:
         Camera, lights, PLC, disk and database.
     rejected
         The last parts that did not pass, the newest first.
+    subscribers
+        Number of browsers and programs that follow the events.
     """
 
     station: str
@@ -89,6 +91,7 @@ class Snapshot:
     parts_per_minute: float
     devices: tuple[Device, ...]
     rejected: tuple[RejectedPart, ...]
+    subscribers: int
 
     def fields(self) -> dict[str, Any]:
         """Return the snapshot as fields of JSON."""
@@ -257,6 +260,7 @@ class LiveStation:
                 parts_per_minute=self._rate(),
                 devices=self._devices.all(),
                 rejected=tuple(self._rejected),
+                subscribers=len(self._subscriptions),
             )
 
     def subscribe(

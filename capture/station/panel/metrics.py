@@ -34,6 +34,8 @@ def _lines(live: Snapshot) -> Iterator[str]:
         yield f'ps4rig_parts_total{{verdict="{decision}"}} {count}'
     yield from _family("refused_triggers_total", "counter", "Triggers that were not served.")
     yield f"ps4rig_refused_triggers_total {live.refused}"
+    yield from _family("subscribers", "gauge", "Browsers and programs that follow the events.")
+    yield f"ps4rig_subscribers {live.subscribers}"
     yield from _family("latency_seconds", "summary", "From the exposure to the announcement.")
     yield f"ps4rig_latency_seconds_sum {live.total_latency_ms / 1e3:.6f}"
     yield f"ps4rig_latency_seconds_count {sum(live.announced.values())}"

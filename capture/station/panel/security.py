@@ -15,6 +15,7 @@ MAX_BODY_BYTES = 64 * 1024
 # A body of 64 kB takes a tenth of a second at 5 Mbit/s.
 BODY_S = 5.0
 MAX_FIELDS = 200
+STATIC_PATH = "/static"
 SAFE_METHODS = ("GET", "HEAD")
 
 _HEADERS = {
@@ -108,7 +109,9 @@ class SecureHeaders:
                 known = {key for key, _ in message["headers"]}
                 added = [pair for pair in self._headers if pair[0] not in known]
                 if b"cache-control" not in known:
-                    added.append((b"cache-control", b"no-store"))
+                    # Files are asked for again by their hash, answers with secrets are not kept.
+                    kept = b"no-cache" if scope["path"].startswith(STATIC_PATH) else b"no-store"
+                    added.append((b"cache-control", kept))
                 message["headers"] = [*message["headers"], *added]
             await send(message)
 

@@ -5,6 +5,7 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import Selection
 from capture.station.triggers import Accepted, Refused, Trigger
 from classify.errors import InputError
@@ -16,6 +17,8 @@ LONGEST_KEY = 200
 # A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.
 _KEPT_KEYS = 1000
 _DIGITS = 20
+# Each may wait for a database that does not answer, in one of the 40 threads that serve requests.
+MOST_WAITING = 8
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class KeyedTriggers:
     def __init__(self, live: LiveStation, results: ResultsAccess) -> None:
         self._live, self._results = live, results
         self._lock = threading.Lock()
+        self._slots = threading.BoundedSemaphore(MOST_WAITING)
         self._accepted: OrderedDict[str, Accepted] = OrderedDict()
 
     def submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
@@ -49,8 +53,16 @@ class KeyedTriggers:
         InputError
             If the key is empty or too long.
         ResultsUnavailable
-            If the database does not answer.
+            If the database does not answer, or `MOST_WAITING` triggers wait for it already.
         """
+        if not self._slots.acquire(blocking=False):
+            raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")
+        try:
+            return self._submit(key, part_id)
+        finally:
+            self._slots.release()
+
+    def _submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
         if key is None:
             return self._live.submit(Trigger("http", part_id))
         if not 1 <= len(key) <= LONGEST_KEY:

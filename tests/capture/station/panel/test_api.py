@@ -11,9 +11,10 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.panel.roles import Role
+from capture.station.panel.triggering import MOST_WAITING
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import write_recipe
-from capture.station.triggers import Refused
+from capture.station.triggers import Refused, Trigger
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
@@ -97,6 +98,40 @@ def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
     assert panel.local.post("/api/v1/trigger", Idempotency_Key="order 8").status == 202
 
 
+def test_triggers_that_wait_leave_threads_for_other_requests(panel: RunningPanel) -> None:
+    """A database that does not answer keeps each trigger; the others are sent away."""
+    panel.until_ready()
+    answering, asked = threading.Event(), threading.Semaphore(0)
+
+    class SlowStation:
+        is_stopping = False
+
+        def submit(self, trigger: Trigger) -> Refused:
+            asked.release()
+            assert answering.wait(60)
+            return Refused(f"not ready: {trigger.source}")
+
+        def wait_until_ready(self, timeout_s: float) -> bool:
+            return timeout_s > 60.0
+
+    panel.live.attach(SlowStation())
+    threads = [
+        threading.Thread(target=panel.local.post, args=("/api/v1/trigger",))
+        for _ in range(MOST_WAITING)
+    ]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        assert asked.acquire(timeout=60)
+    further = [panel.local.post("/api/v1/trigger") for _ in range(40)]
+    assert {answer.status for answer in further} == {503}
+    assert panel.local.get("/api/v1/state").status == 200
+    answering.set()
+    for thread in threads:
+        thread.join()
+    assert panel.local.post("/api/v1/trigger").status == 409
+
+
 def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPanel) -> None:
     verdicts = iter([PASSED, BAD, PASSED, BAD, PASSED])
     panel.bench.inspector.inspect = lambda _: Said(next(verdicts))
@@ -160,13 +195,15 @@ def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPa
     assert (empty.status, empty.json) == (400, {"error": "reason: must not be empty"})
     wrong = engineer.post(override, {"decision": "UNKNOWN", "reason": "a hair"})
     assert "a person decides PASS or FAIL" in wrong.json["error"]
-    done = engineer.post(override, {"decision": "PASS", "reason": "a hair"})
+    forged = "a hair\n2026-01-02T03:04:05.678Z change by nobody"
+    done = engineer.post(override, {"decision": "PASS", "reason": forged})
     assert (done.json["verdict"], done.json["station_verdict"]) == ("PASS", "FAIL")
     (change,) = engineer.get("/api/v1/audit").json["changes"]
     assert (change["by"], change["role"]) == ("client-engineer", "engineer")
     assert (change["what"], change["before"], change["after"]) == (
-        f"part {part_id}", "FAIL", "PASS: a hair"
+        f"part {part_id}", "FAIL", f"PASS: {forged}"
     )  # fmt: skip
+    assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
 
 
 def test_an_operator_acknowledges_a_rejected_part_once(panel: RunningPanel) -> None:
