@@ -8,7 +8,7 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from . import accounts_api, api, event_stream, login, openapi, operator_page
+from . import account_pages, accounts_api, api, event_stream, login, openapi, operator_page
 from .guard import endpoint_of, error_answer
 from .panel import Panel
 from .render import STATIC
@@ -21,6 +21,7 @@ ROUTES: tuple[PanelRoute, ...] = (
     *api.ROUTES,
     *event_stream.ROUTES,
     *accounts_api.ROUTES,
+    *account_pages.ROUTES,
     *openapi.ROUTES,
 )
 """Every page and API call; tests try each with every role."""
