@@ -66,7 +66,7 @@ def _change_password(call: Call) -> Response:
     who, panel = call.someone, call.panel
     user = panel.users.get(who.name) if who.via == "session" else None
     if user is None:
-        raise Denied(403, "only a user who is logged in has a password")
+        raise InputError("only a user who is logged in has a password")
     client = call.request.client
     address = "" if client is None else client.host
     if panel.logins.begin(user.name, address) > 0.0:
