@@ -1,4 +1,4 @@
-"""Sections of ``station.toml`` for the station's faces."""
+"""Sections of ``station.toml`` for the station's faces: `PanelConfig`."""
 
 import ipaddress
 import re

@@ -19,6 +19,7 @@ from capture.station.triggers import Accepted, Refused
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
+from .awaiting import awaited
 from .metrics import MEDIA_TYPE, metrics_text
 from .roles import Role
 from .routes import Call, PanelRoute
@@ -169,14 +170,8 @@ def _parts_csv(call: Call) -> Response:
 async def _part(call: Call) -> Response:
     """Answer with a part, as soon as it has a result, within the time that the client gives."""
     wait_s = _seconds(call.query.get("wait_s", "0"))
-    loop, changed = asyncio.get_running_loop(), asyncio.Event()
-
-    def wake() -> None:
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(changed.set)
-
-    live = call.panel.live
-    subscription = live.subscribe(wake)
+    live, loop = call.panel.live, asyncio.get_running_loop()
+    subscription, changed = awaited(live)
     try:
         ends_s = loop.time() + wait_s
         while True:

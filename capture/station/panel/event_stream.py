@@ -8,6 +8,7 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
+from .awaiting import awaited
 from .guard import identity_of
 from .live import LiveStation, Snapshot
 from .roles import Role
@@ -26,14 +27,7 @@ async def events(call: Call) -> Response:
     """Answer with the events from now on, or from ``Last-Event-ID`` on."""
     last = call.request.headers.get("last-event-id", call.query.get("after", ""))
     live = call.panel.live
-    loop, changed = asyncio.get_running_loop(), asyncio.Event()
-
-    def wake() -> None:
-        # The loop is closed at the end of the run, while the last events are told.
-        if not loop.is_closed():
-            loop.call_soon_threadsafe(changed.set)
-
-    subscription = live.subscribe(wake, most=MOST_STREAMS)
+    subscription, changed = awaited(live, MOST_STREAMS)
     if subscription is None:
         raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
 

@@ -2,7 +2,6 @@
 
 import hashlib
 import secrets
-import threading
 from pathlib import Path
 
 from pydantic import Field
@@ -13,7 +12,7 @@ from classify.errors import InputError
 from rig.config.section import Section
 from rig.config.toml_file import validated
 
-from .private_file import change_stamp, read_private, write_private
+from .private_file import PrivateFile
 from .roles import Role, require_name
 
 FILE = "tokens.json"
@@ -48,11 +47,7 @@ class Tokens:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE
-        self._lock = threading.Lock()
-        self._changing = threading.Lock()
-        self._stamp: object = ()
-        self._clients: dict[str, Client] = {}
+        self._file = PrivateFile(folder / FILE, _File)
 
     def all(self) -> tuple[Client, ...]:
         """Return all clients, by name.
@@ -62,12 +57,14 @@ class Tokens:
         InputError
             If the file is damaged.
         """
-        return tuple(sorted(self._by_hash().values(), key=lambda client: client.name))
+        return tuple(sorted(self._file.read().clients, key=lambda client: client.name))
 
     def find(self, token: str) -> Client | None:
         """Return the client of a token."""
-        # A dictionary of hashes: the time tells nothing of the token itself.
-        return self._by_hash().get(_sha256(token))
+        # Hashes are compared: the time tells nothing of the token itself.
+        digest = _sha256(token)
+        found = (client for client in self._file.read().clients if client.sha256 == digest)
+        return next(found, None)
 
     def add(self, name: str, role: Role) -> str:
         """Add a client and return its token, which is kept nowhere.
@@ -82,12 +79,12 @@ class Tokens:
             "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
         }  # fmt: skip
         client = validated(values, Client, "client")
-        with self._changing:
+        with self._file.changing:
             clients = self.all()
             require_new_client(name, clients)
             if len(clients) >= MOST_CLIENTS:
                 raise InputError(f"client {name}: there are {MOST_CLIENTS} clients already")
-            write_private(self._path, _File(clients=(*clients, client)))
+            self._file.write(_File(clients=(*clients, client)))
         return token
 
     def remove(self, name: str) -> Client:
@@ -98,23 +95,14 @@ class Tokens:
         InputError
             If there is no such client.
         """
-        with self._changing:
+        with self._file.changing:
             clients = self.all()
             found = [client for client in clients if client.name == name]
             if not found:
                 raise InputError(f"client {name}: there is none; see ps4rig station token list")
             others = tuple(client for client in clients if client.name != name)
-            write_private(self._path, _File(clients=others))
+            self._file.write(_File(clients=others))
         return found[0]
-
-    def _by_hash(self) -> dict[str, Client]:
-        with self._lock:
-            stamp = change_stamp(self._path)
-            if stamp != self._stamp:
-                clients = read_private(self._path, _File).clients
-                self._clients = {client.sha256: client for client in clients}
-                self._stamp = stamp
-            return dict(self._clients)
 
 
 def require_new_client(name: str, clients: tuple[Client, ...]) -> None:

@@ -13,7 +13,7 @@ from capture.session.plan import Name
 from classify.errors import InputError
 from rig.config.section import Section
 
-from .private_file import change_stamp, read_private, write_private
+from .private_file import PrivateFile
 from .roles import Role, require_name
 
 FILE = "users.json"
@@ -53,13 +53,9 @@ class Users:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE
-        self._lock = threading.Lock()
-        self._changing = threading.Lock()
+        self._file = PrivateFile(folder / FILE, _File)
         # One at a time: each takes 64 MiB and a core for 50 ms.
         self._hashing = threading.Lock()
-        self._stamp: object = ()
-        self._users: dict[str, User] = {}
         # Verified for names that are unknown, so that the time does not tell them.
         self._nobody = ""
 
@@ -71,12 +67,7 @@ class Users:
         InputError
             If the file is damaged.
         """
-        with self._lock:
-            stamp = change_stamp(self._path)
-            if stamp != self._stamp:
-                self._users = {user.name: user for user in read_private(self._path, _File).users}
-                self._stamp = stamp
-            return tuple(sorted(self._users.values(), key=lambda user: user.name))
+        return tuple(sorted(self._file.read().users, key=lambda user: user.name))
 
     def get(self, name: str) -> User | None:
         """Return the user of a name."""
@@ -92,12 +83,12 @@ class Users:
             users, or the last administrator would be none.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
-        with self._changing:
+        with self._file.changing:
             before, others = self._apart(name)
             if len(others) >= MOST_USERS:
                 raise InputError(f"user {name}: there are {MOST_USERS} users already")
             _require_administrator((*others, user), before)
-            write_private(self._path, _File(users=(*others, user)))
+            self._file.write(_File(users=(*others, user)))
         return before
 
     def remove(self, name: str) -> User:
@@ -108,12 +99,12 @@ class Users:
         InputError
             If there is no such user, or it is the last administrator beside other users.
         """
-        with self._changing:
+        with self._file.changing:
             user, others = self._apart(name)
             if user is None:
                 raise InputError(f"user {name}: there is none; see ps4rig station user list")
             _require_administrator(others, user)
-            write_private(self._path, _File(users=others))
+            self._file.write(_File(users=others))
         return user
 
     def verified(self, name: str, password: str) -> User | None:
