@@ -64,6 +64,19 @@ class PanelConfig(Section):
             raise ValueError("tls_cert and tls_key: give both, or none")
         return self
 
+    @model_validator(mode="after")
+    def _only_the_proxy_is_asked_without_tls(self) -> Self:
+        if self.behind_proxy and not self._is_loopback:
+            raise ValueError(
+                f"behind_proxy = true with host = {self.host!r}: others could pass by the proxy; "
+                "give 127.0.0.1"
+            )
+        return self
+
+    @property
+    def _is_loopback(self) -> bool:
+        return self.host == LOCALHOST or ipaddress.ip_address(self.host).is_loopback
+
     @property
     def is_https(self) -> bool:
         """Whether browsers reach it by HTTPS only."""
@@ -72,8 +85,7 @@ class PanelConfig(Section):
     @property
     def is_for_this_machine(self) -> bool:
         """Whether all requests come from programs on this machine."""
-        is_loopback = self.host == LOCALHOST or ipaddress.ip_address(self.host).is_loopback
-        return is_loopback and not self.behind_proxy
+        return self._is_loopback and not self.behind_proxy
 
     def tls_files(self, folder: Path) -> tuple[Path, Path] | None:
         """Return certificate and key of a station in `folder`, or None without TLS."""

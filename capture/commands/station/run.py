@@ -89,7 +89,7 @@ def run(
         )
         shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
-        chart = ControlChart(names, shown, log)
+        chart = ControlChart(names, shown, log, live.tell)
         with ExitStack() as faces:
             if panel is False and given == "http":
                 raise InputError("--no-panel: triggers come from the panel; give --trigger timer")

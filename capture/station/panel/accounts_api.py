@@ -5,7 +5,8 @@ from starlette.responses import Response
 from classify.errors import InputError
 
 from .accounts import Accounts
-from .api import V1, Answer
+from .api import V1
+from .render import Answer
 from .roles import Role
 from .routes import Call, PanelRoute
 

@@ -1,13 +1,12 @@
 """The HTTP API: everything that the pages show and do, for programs."""
 
 import asyncio
-import json
 from collections.abc import Iterator
 from itertools import chain, islice
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.process.utc_time import utc_text
 from capture.station.recipe_file import SUFFIX, read_recipe
@@ -21,6 +20,7 @@ from classify.errors import InputError
 
 from .awaiting import awaited
 from .metrics import MEDIA_TYPE, metrics_text
+from .render import Answer
 from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
@@ -36,14 +36,6 @@ _FILTERS = {
     "recipe": "name of the recipe",
     "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
 }
-
-
-class Answer(JSONResponse):
-    """JSON without NaN, which JSON has not."""
-
-    def render(self, content: Any) -> bytes:
-        """Return the text of the answer."""
-        return json.dumps(content, ensure_ascii=False, allow_nan=False).encode()
 
 
 def selection_of(call: Call, **more: Any) -> Selection:

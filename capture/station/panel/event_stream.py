@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -14,11 +14,12 @@ from .live import LiveStation, Snapshot
 from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
-from .subscription import LiveEvent, Subscription
+from .subscription import LiveEvent
 
 # Proxies and browsers give up silent connections after 30 s and more.
 KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
+_MEDIA_TYPE = "text/event-stream"
 # Beside other requests, of the 256 connections that the server takes.
 MOST_STREAMS = 128
 
@@ -27,8 +28,9 @@ async def events(call: Call) -> Response:
     """Answer with the events from now on, or from ``Last-Event-ID`` on."""
     last = call.request.headers.get("last-event-id", call.query.get("after", ""))
     live = call.panel.live
-    subscription, changed = awaited(live, MOST_STREAMS)
-    if subscription is None:
+    if call.request.method == "HEAD":
+        return Response(media_type=_MEDIA_TYPE)
+    if live.snapshot().subscribers >= MOST_STREAMS:
         raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
 
     async def may_go_on() -> bool:
@@ -39,19 +41,19 @@ async def events(call: Call) -> Response:
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    stream = _messages(live, subscription, changed, last, may_go_on)
+    stream = _messages(live, last, may_go_on)
     # Without buffering by a proxy.
     headers = {"X-Accel-Buffering": "no"}
-    return StreamingResponse(stream, media_type="text/event-stream", headers=headers)
+    return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
 
 
 async def _messages(
-    live: LiveStation,
-    subscription: Subscription,
-    changed: asyncio.Event,
-    last: str,
-    may_go_on: Callable[[], Any],
+    live: LiveStation, last: str, may_go_on: Callable[[], Awaitable[bool]]
 ) -> AsyncIterator[str]:
+    # Not before the stream begins: one that never does would keep its subscription.
+    subscription, changed = awaited(live, MOST_STREAMS)
+    if subscription is None:
+        return
     try:
         yield f"retry: {_RETRY_MS}\n\n"
         texts, sent = _missed(live, last)

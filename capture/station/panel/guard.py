@@ -9,13 +9,13 @@ from urllib.parse import quote
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse, Response
 
 from capture.station.results.database import ResultsUnavailable
 from classify.errors import InputError, Ps4rigError
 
 from .panel import Panel
-from .render import page
+from .render import Answer, page
 from .roles import Identity, Role
 from .routes import API, Call, PanelRoute
 from .security import (
@@ -105,7 +105,7 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
 
 
 def _same(given: str, expected: str) -> bool:
-    return hmac.compare_digest(given.encode(), expected.encode())
+    return hmac.compare_digest(given.encode("utf-8", "replace"), expected.encode())
 
 
 def error_answer(
@@ -113,7 +113,7 @@ def error_answer(
 ) -> Response:
     """Return an error: JSON for programs, a page for people."""
     if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
-        return JSONResponse({"error": message}, status, headers)
+        return Answer({"error": message}, status, headers)
     call = Call(panel, request, None)
     answer = page(call, "error.html", status=status, message=message)
     answer.status_code = status

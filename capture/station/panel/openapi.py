@@ -7,8 +7,8 @@ from typing import Any
 
 from starlette.responses import Response
 
-from .api import V1, Answer
-from .render import page
+from .api import V1
+from .render import Answer, page
 from .roles import Role
 from .routes import Call, PanelRoute
 

@@ -1,12 +1,13 @@
-"""Pages from the templates of this folder."""
+"""Pages from the templates of this folder, and answers in JSON."""
 
+import json
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from starlette.responses import HTMLResponse
+from starlette.responses import HTMLResponse, JSONResponse
 
 if TYPE_CHECKING:
     from .routes import Call
@@ -24,6 +25,14 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+class Answer(JSONResponse):
+    """JSON in ASCII, which also holds what UTF-8 cannot, and without NaN."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the text of the answer."""
+        return json.dumps(content, allow_nan=False).encode()
 
 
 def page(call: "Call", template: str, **values: Any) -> HTMLResponse:

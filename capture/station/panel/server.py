@@ -54,8 +54,10 @@ class _Protocol(H11Protocol):
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
+        before = self.cycle
         super().on_response_complete()
-        self._expect_request()
+        if self.cycle is before:  # no further request has arrived already
+            self._expect_request()
 
     def pause_writing(self) -> None:
         super().pause_writing()
@@ -105,7 +107,7 @@ def serving_panel(panel: Panel) -> Iterator[str]:
         date_header=True,
         # A proxy on this machine may say for whom it asks, nobody else.
         proxy_headers=settings.behind_proxy,
-        forwarded_allow_ips="127.0.0.1",
+        forwarded_allow_ips=["127.0.0.1", "::1"],
         h11_max_incomplete_event_size=_MAX_HEAD_BYTES,
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_STOP_S,
@@ -117,6 +119,8 @@ def serving_panel(panel: Panel) -> Iterator[str]:
     thread.start()
     while thread.is_alive() and not server.started:
         thread.join(_START_POLL_S)
+    if not server.started:
+        raise InputError("the panel's web server did not start; see the error above")
     try:
         yield _address(settings, listener)
     finally:
