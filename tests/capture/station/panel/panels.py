@@ -106,6 +106,7 @@ class RunningPanel:
     panel: Panel
     bench: Bench
     url: str
+    tokens: dict[Role, str] = field(default_factory=dict)
 
     @property
     def live(self) -> LiveStation:
@@ -116,9 +117,10 @@ class RunningPanel:
         return Client(self.url)
 
     def client(self, role: Role) -> Client:
-        """A client with a token."""
-        token = self.panel.tokens.add(f"client-{role}", role)
-        return Client(self.url, {"Authorization": f"Bearer {token}"})
+        """A client with a token, called ``client-ROLE``."""
+        if role not in self.tokens:
+            self.tokens[role] = self.panel.tokens.add(f"client-{role}", role)
+        return Client(self.url, {"Authorization": f"Bearer {self.tokens[role]}"})
 
     def until_ready(self) -> None:
         """Wait until the station takes a trigger."""

@@ -161,8 +161,9 @@ def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPane
         ("simulated=yes", "true, false or only"),
     ],
 )
-def test_a_query_that_is_wrong_is_named(panel: RunningPanel, query: str, said: str) -> None:
-    answer = panel.local.get(f"/api/v1/parts?{quote(query, safe='=')}")
+def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str, said: str) -> None:
+    without_users.until_ready()  # there are results
+    answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=')}")
     assert answer.status == 400
     assert said in answer.json["error"]
 
@@ -240,13 +241,13 @@ def test_metrics_are_those_of_the_run(panel: RunningPanel) -> None:
 
 
 def test_the_description_names_every_call_and_its_page_loads_nothing_from_elsewhere(
-    panel: RunningPanel,
+    without_users: RunningPanel,
 ) -> None:
-    document = panel.local.get("/api/v1/openapi.json").json
+    document = without_users.local.get("/api/v1/openapi.json").json
     assert document["openapi"] == "3.1.0"
     override = document["paths"]["/api/v1/parts/{part_id}/override"]["post"]
     assert [each["name"] for each in override["parameters"]] == ["part_id"]
-    page = panel.local.get("/api").text
+    page = without_users.local.get("/api").text
     for path in document["paths"]:
         assert path in page
     assert "http://" not in page

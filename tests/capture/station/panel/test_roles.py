@@ -47,7 +47,7 @@ def cases() -> Iterator[tuple[PanelRoute, Role]]:
 
 
 @pytest.mark.parametrize(
-    ("route", "role"), cases(), ids=lambda each: getattr(each, "path", None) or str(each)
+    ("route", "role"), list(cases()), ids=lambda each: getattr(each, "path", None) or str(each)
 )
 def test_a_route_serves_its_role_and_those_above_alone(
     clients: dict[Role, Client], route: PanelRoute, role: Role
