@@ -21,7 +21,7 @@ MOST_USERS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
 SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
 # The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
-_HASHER = PasswordHasher()
+HASHER = PasswordHasher()
 
 
 class User(Section):
@@ -116,7 +116,7 @@ class Users:
         try:
             with self._hashing:
                 stored = self._nobody if user is None else user.password
-                _HASHER.verify(stored, unicodedata.normalize("NFKC", password))
+                HASHER.verify(stored, unicodedata.normalize("NFKC", password))
         except (Argon2Error, InvalidHashError):
             return None
         return user
@@ -129,7 +129,7 @@ class Users:
 
     def _hash(self, password: str) -> str:
         with self._hashing:
-            return _HASHER.hash(password)
+            return HASHER.hash(password)
 
 
 def _require_administrator(users: tuple[User, ...], changed: User | None) -> None:

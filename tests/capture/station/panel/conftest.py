@@ -4,11 +4,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from argon2 import PasswordHasher
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.panel.roles import Role
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import small_set
+
+QUICK = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def quick_hashes() -> Iterator[None]:
+    """Hash passwords in a millisecond; `test_accounts.py` tests the hashes of the program."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("capture.station.panel.users.HASHER", QUICK)
+        yield
 
 
 @pytest.fixture(scope="session")

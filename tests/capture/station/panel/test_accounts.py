@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from capture.station.folder import make_station
+from capture.station.panel import users as users_module
 from capture.station.panel.roles import Role
 from capture.station.panel.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
 from capture.station.panel.tokens import Tokens
@@ -19,6 +20,7 @@ from capture.station.results.store import open_store
 from classify.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel
 
+SHIPPED = users_module.HASHER  # before the fixture that replaces it
 UTC = "2026-01-02T03:04:05.678Z"
 
 
@@ -39,6 +41,10 @@ def test_a_password_is_kept_as_a_hash_that_only_the_owner_may_read(folder: Path)
     assert users.verified("ada", PASSWORD + "x") is None
     assert users.verified("kim", PASSWORD) is None
     assert users.verified("ada", 300 * "x") is None
+
+
+def test_a_hash_takes_the_memory_that_rfc_9106_recommends() -> None:
+    assert SHIPPED.hash(PASSWORD).startswith("$argon2id$v=19$m=65536,t=3,p=4$")
 
 
 def test_a_password_is_the_same_however_it_is_typed(folder: Path) -> None:
