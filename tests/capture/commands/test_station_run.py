@@ -41,9 +41,7 @@ def test_init_refuses_a_folder_with_other_files(ps4rig: Any, tmp_path: Path) -> 
     assert "is not empty" in done.stderr
 
 
-def test_a_folder_whose_name_cannot_name_a_station_is_refused(
-    ps4rig: Any, tmp_path: Path
-) -> None:
+def test_a_folder_whose_name_cannot_name_a_station_is_refused(ps4rig: Any, tmp_path: Path) -> None:
     done = ps4rig("station", "init", tmp_path / "line 3")
     assert done.exit_code == 2
     assert not (tmp_path / "line 3" / CONFIG).exists()

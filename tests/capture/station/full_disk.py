@@ -15,7 +15,7 @@ from pathlib import Path
 # The kernels of forked processes run in one thread.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
-from tests.capture.station.production import (  # noqa: E402
+from tests.capture.station.production import (
     ForkedRun,
     contradictions,
     taught_station,
