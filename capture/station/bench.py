@@ -24,11 +24,12 @@ from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 
 from .config import StationConfig
-from .cycle import Parts, Station
+from .cycle import Station
 from .events import Event, PartAnnounced, Publisher
 from .inspector import Inspector
 from .measured_surface import MeasuredSurface
 from .outcome import PartJudge
+from .parts import Parts
 from .recipe import Recipe
 from .results.store import open_store
 from .station_clock import StationClock

@@ -25,7 +25,7 @@ def run(
         typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
     ] = None,
     trigger: Annotated[
-        Literal["timer", "enter"] | None,
+        Literal["timer", "enter", "sensor"] | None,
         typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
     ] = None,
     operator: options.Operator = None,
@@ -45,7 +45,7 @@ def run(
     from capture.station.events import Publisher
     from capture.station.folder import station_folder
     from capture.station.run import RunOptions, run_station
-    from capture.station.triggers import LineTrigger, TimerTrigger, TriggerSource
+    from capture.station.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
     from rig.config.rig import config_of
 
     from .terminal import print_event, print_event_as_json, read_key_line
@@ -53,9 +53,12 @@ def run(
     with station_folder(folder) as opened:
         config = opened.config
         rig_config = config_of(rig or config.rig_in(folder))
-        source: TriggerSource = LineTrigger(read_key_line)
-        if (trigger or config.trigger) == "timer":
-            source = TimerTrigger(config.timer_s)
+        sources: dict[str, TriggerSource] = {
+            "enter": LineTrigger(read_key_line),
+            "timer": TimerTrigger(config.timer_s),
+            "sensor": SensorTrigger(),
+        }
+        source = sources[trigger or config.trigger]
         shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
         with Publisher(shown, log, ControlChart(names, shown, log)) as publisher:
