@@ -22,7 +22,7 @@ from .recipe import require_approved
 from .recovery import damaged_sets, finish_interrupted, unknown_files
 from .results.store import ResultStore, open_store
 from .retention_thread import retention_in_background
-from .self_test import check_calibration_age, check_disk, check_results
+from .self_test import check_calibration_age, check_disk, check_judge, check_results
 from .station_clock import StationClock
 from .station_rig import StationRig
 from .triggers import SensorTrigger, TriggerSource
@@ -84,8 +84,10 @@ def run_station(
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
 
+        judged = list(check_judge(files, inspector))
+
         def prepare() -> list[Check]:
-            return list(_checks(folder, store, publisher, clock, rig, inspector))
+            return [*judged, *_checks(folder, store, publisher, clock, rig, inspector)]
 
         judge = PartJudge(
             config.name,

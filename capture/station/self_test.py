@@ -13,8 +13,12 @@ from rig import HardwareError, Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images, check_leds
 
+from .challenge import replay_challenge
+from .inspector import Inspector
 from .recipe import CalibrationRule
+from .recipe_folder import RecipeFolder
 from .results.store import ResultStore
+from .verdict import Decision
 
 # Two computers that write to one database may differ by this much.
 _CLOCK_TOLERANCE = timedelta(seconds=2)
@@ -91,6 +95,20 @@ def check_results(store: ResultStore) -> Iterator[Check]:
         yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
         return
     yield Check("clock", "ok", f"after the last result, of {last_utc}")
+
+
+def check_judge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+    """Judge the challenge set up to its first good part, which also loads all kernels.
+
+    Without it the first part of a run waits a second for them.
+    """
+    for outcome in replay_challenge(files, inspector):
+        if outcome.is_regression:
+            yield Check("judge", "warning", str(outcome), "run ps4rig station challenge")
+            return
+        if outcome.expected == Decision.PASS:
+            yield Check("judge", "ok", f"{outcome.file} of the challenge set passes")
+            return
 
 
 def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:

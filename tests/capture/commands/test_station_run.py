@@ -90,10 +90,10 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
         events.append(json.loads(process.stdout.readline()))
     # A second run is refused meanwhile.
     second = spawn(*command)
-    assert "in use by ps4rig, process" in second.communicate(timeout=60)[1]
+    assert "in use by ps4rig, process" in second.communicate(timeout=300)[1]
     assert second.returncode == 2
     process.send_signal(signal.SIGINT)
-    rest, said = process.communicate(timeout=60)
+    rest, said = process.communicate(timeout=300)
     events += map(json.loads, rest.splitlines())
     assert (process.returncode, said) == (130, "ps4rig: interrupted\n")
     begun = [event["part_id"] for event in events if event["event"] == "begun"]
@@ -108,7 +108,7 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
         pass
     third.stdin.write("A-7\nq\n")
     third.stdin.flush()
-    events = [json.loads(line) for line in third.communicate(timeout=60)[0].splitlines()]
+    events = [json.loads(line) for line in third.communicate(timeout=300)[0].splitlines()]
     [part] = [event for event in events if event["event"] == "part"]
     assert part["part_id"] == "A-7"
     assert third.returncode == (0 if part["decision"] == "PASS" else 1)
