@@ -16,8 +16,9 @@ from classify.surface.estimate import FloatMap, SurfaceEstimate
 from . import ps4def
 from .defect_map import DefectMap
 from .fields import PartFields, part_fields
+from .local_statistics import STATISTICS
 from .observation import Observation
-from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES, STATISTICS
+from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
 
 _CONFIDENCE = 0.95
 # Shapes of the arrays of a model; None is any length.

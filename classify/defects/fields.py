@@ -18,7 +18,7 @@ HALF_CELL = CELL_PX // 2
 COARSEST = 16
 # Pixels at half resolution over which the fields fade to zero towards the frame and large gaps:
 # a transform repeats the frame, and a step at its border would look like a scratch.
-_FADE = 9
+_FADE = 17
 # Gaussian that fills gaps, and the share of valid pixels below it that makes a gap too large.
 _FILL_PX = 2.0
 _LEAST_FILLED = np.float32(0.25)
