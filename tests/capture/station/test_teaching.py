@@ -170,6 +170,18 @@ def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
         assert inspection.result_fields()["sdq"] is None
 
 
+def test_a_dark_hole_that_no_map_can_judge_does_not_pass(files: RecipeFolder) -> None:
+    captured = patch("rock", 3)
+    assert captured.ambient is not None
+    images, hole = captured.images.copy(), np.s_[100:132, 60:92]
+    images[:, *hole] = captured.ambient[hole]
+    part = CapturedSet(images, captured.ambient, captured.metadata)
+    inspection = Inspector.load(files).inspect(part)
+    assert inspection.verdict.decision is not Decision.PASS
+    assert inspection.measures.unjudged_px is not None
+    assert inspection.measures.unjudged_px >= 256
+
+
 def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(
     taught: tuple[Path, Teaching],
 ) -> None:
