@@ -113,9 +113,6 @@ def whitened(
     )
     relief: FloatMap = scipy.fft.irfft2(p, s=shape)
     albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
-    # The filter rings at the fading borders.
-    relief *= fields.weight
-    albedo *= fields.weight
     return relief, albedo
 
 
