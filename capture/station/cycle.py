@@ -35,7 +35,7 @@ from .results.store import BegunPart
 from .self_test import disk_fault, require_no_fault
 from .states import Change, State, StateMachine
 from .triggers import Accepted, Answer, Refused, Trigger, TriggerSource
-from .verdict import Decision
+from .verdict import Cause, Decision
 
 # How often a thread that waits looks whether the station stops.
 _POLL_S = 0.2
@@ -289,6 +289,8 @@ class Station:
                     self._announced[result.verdict.decision] += 1
                     self._waiting -= 1
                     self._become_free()
+                    if Cause.STORAGE in result.verdict.causes:
+                        self._fail(result.verdict.reason)
                 if not isinstance(error, Exception | None):
                     self.stop(error)
 
