@@ -156,8 +156,8 @@ class SessionFolder:
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
         """Whole files of planned sets that a killed run could not enter into the journal.
 
-        A file that cannot be read, is of another specimen or orientation, or has the pixels of a
-        set in the journal is none of them.
+        A file that cannot be read, is of another specimen, orientation or number of lights, or has
+        the pixels of a set in the journal is none of them.
         """
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
@@ -170,11 +170,20 @@ class SessionFolder:
                     continue
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
-        """Whether a file is of a planned set, with pixels that are not in the journal."""
+        """Whether a file is of a planned set and this rig, with pixels that are not in the journal.
+
+        In place of a set in the journal it must be of a run: it may be copied from elsewhere.
+        """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
+        lights = len(metadata.lighting.directions)
         return (
             captured_as == [planned.specimen, planned.orientation_deg]
+            and self.journal.lights in (None, lights)
             and self.journal.entry_with(metadata.pixels_sha256) is None
+            and (
+                self.journal.entry_of(planned) is None
+                or self.journal.has_run_at(metadata.created_utc)
+            )
         )
 
     def first_set_of(self, specimen: str) -> Path | None:

@@ -38,11 +38,9 @@ def check_rig(folder: SessionFolder, config: RigConfig) -> None:
 
 def _check_lights(folder: SessionFolder, config: RigConfig) -> None:
     """Refuse a rig whose sets could not be compared with those of the session."""
-    lights = len(config.lights.tilts_deg)
-    for entry in folder.journal.entries:
-        if entry.measures is not None and len(entry.measures.led_levels) != lights:
-            raise InputError(
-                f"{folder.path}: its sets have {len(entry.measures.led_levels)} lights, the rig "
-                f"{config.name} has {lights}; give --rig with the rig of the "
-                "session, or another name in the plan for a new session"
-            )
+    lights, known = len(config.lights.tilts_deg), folder.journal.lights
+    if known not in (None, lights):
+        raise InputError(
+            f"{folder.path}: its sets have {known} lights, the rig {config.name} has {lights}; "
+            "give --rig with the rig of the session, or another name in the plan for a new session"
+        )

@@ -135,11 +135,44 @@ def test_a_kill_in_a_repeat_leaves_a_file_that_the_next_run_enters(
     (session / "sets" / f"{FILES[0]}.ome.tif").unlink()
     run()
     # As if the program had been killed after it replaced the set and before it wrote the journal.
-    before.write(session / "journal.json")
+    killed = folder().journal.runs[-1].model_copy(update={"ended_utc": None, "finish": None})
+    before.with_run(killed).write(session / "journal.json")
     run()
     assert [each.state for path in files_below(session) for each in verify_file(path)] == (
         ["good"] * 5
     )
+
+
+@pytest.mark.parametrize(("lights", "copied"), [(4, FILES[0]), (6, FILES[1])])
+def test_a_set_copied_from_another_session_is_not_entered(
+    run: Run,
+    folder: Folder,
+    session: Path,
+    tmp_path: Path,
+    config: RigConfig,
+    monkeypatch: pytest.MonkeyPatch,
+    lights: int,
+    copied: str,
+) -> None:
+    (tmp_path / "other").mkdir()
+    plan = tmp_path / "other" / "stones.toml"
+    plan.write_text(PLAN, encoding="utf-8")
+    other = config.with_changes(
+        lights={"tilts_deg": tuple(360.0 / lights * light for light in range(lights))},
+        camera={"exposure_ms": 15.0},
+    )
+    with session_folder(make_session(plan)) as foreign:
+        run_session(foreign, other, Script([Answer.GO] * 2 + [Answer.STOP]).ask, [].append)
+    # The runs of this session begin after those of the other one.
+    monkeypatch.setattr(runner, "utc_text", lambda: "2100-01-01T00:00:00Z")
+    run(Answer.GO, Answer.STOP)
+    # In place of a captured set, and of a missing one.
+    shutil.copy(foreign.path / "sets" / f"{copied}.ome.tif", session / "sets")
+    script = run()
+    assert not any(isinstance(event, SetAdopted) for event in script.events)
+    assert folder().missing() == []
+    assert folder().journal.lights == 4
+    assert len(list((session / "replaced").iterdir())) == 1
 
 
 def test_a_captured_set_that_is_left_out_later_is_kept_aside(
