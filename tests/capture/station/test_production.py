@@ -30,7 +30,8 @@ from tests.capture.station.production import SMALL_RIG, run_parts, taught_statio
 from tests.capture.station.teaching_sets import SIDE_PX
 
 ROOT = Path(__file__).parents[3]
-# Growth of the resident memory over the last half of a run that still counts as flat.
+# Growth of the resident memory over the last half of a run that still counts as flat. The cache of
+# rendered scenes, 64 MB, is full after 50 parts of 256 px, or 600 of 64 px: in the first half.
 FLAT_MB = 16.0
 # Parts that share one plan of faults.
 PARTS_OF_A_PLAN = 10
