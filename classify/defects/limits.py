@@ -50,8 +50,9 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     # Mean of the excess weighted by its probability of being exceeded.
     weighted = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail), axis=1)
     shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
-    # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k.
-    shapes = np.clip(shapes, 0.0, _LONGEST_TAIL) + 1.0 / tail
+    # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k. Half of
+    # it, as the same step is taken again for the common limit.
+    shapes = np.clip(shapes, 0.0, _LONGEST_TAIL) + 0.5 / tail
     per_tile = -np.expm1(np.log1p(-false_alarm_rate) * parts / tiles)
     ratio = max(tail / tiles / per_tile, 1.0)
     reach = np.expm1(shapes * np.log(ratio)) / shapes
