@@ -26,7 +26,7 @@ from .sets_table import sets_table
 
 PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
-SETS, _REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
+SETS, REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 # Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
 _ENTRY_BYTES = 2_000
@@ -115,9 +115,9 @@ class SessionFolder:
 
     def _move_aside(self, path: Path) -> None:
         if path.exists():
-            make_folder(self.path / _REPLACED)
+            make_folder(self.path / REPLACED)
             stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-            path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+            path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
 
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str]]:
         """Read and hash the file of each captured set: its metadata, or why it is damaged.
@@ -290,4 +290,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, _REPLACED, _RESERVE, *_LOCKS}
+    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

@@ -59,6 +59,8 @@ class SetEntry(_Record):
     ----------
     file, pixels_sha256, captured_utc, measures
         None for a set that was left out.
+    label
+        Class in the file; None in entries of earlier versions.
     skipped
         Why it was left out; None for a captured set.
     corrected
@@ -71,6 +73,7 @@ class SetEntry(_Record):
     file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None
     captured_utc: str | None = None
+    label: str | None = None
     measures: SetMeasures | None = None
     skipped: str | None = None
     corrected: dict[str, FiniteFloat | str | None] = Field(default_factory=dict)

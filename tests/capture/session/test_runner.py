@@ -27,7 +27,7 @@ from capture.session.events import (
     SetDamaged,
     without_questions,
 )
-from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.folder import SessionFolder, make_session, session_folder, use_plan
 from capture.session.rig_comparison import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
@@ -323,6 +323,24 @@ def test_a_rig_with_another_number_of_lights_is_refused(
     with pytest.raises(InputError, match=r"stones: its sets have 4 lights, the rig big has 8"):
         run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
     assert len(folder().journal.runs) == 1
+
+
+def test_a_rig_with_frames_of_another_size_is_refused(run: Run, config: RigConfig) -> None:
+    run(Answer.GO, Answer.STOP)
+    larger = config.with_changes(camera={"width_px": 192, "height_px": 128})
+    with pytest.raises(InputError, match=r"its sets have 128 x 128 px, the camera .* 192 x 128"):
+        run(rig=larger)
+
+
+def test_the_table_keeps_the_label_of_a_captured_set(
+    run: Run, session: Path, plan_file: Path
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    plan_file.write_text(PLAN.replace('label = "rock"', 'label = "granite"'), encoding="utf-8")
+    with session_folder(session) as opened:
+        use_plan(plan_file, opened)
+    rows = list(csv.DictReader((session / "sets.csv").open(encoding="utf-8")))
+    assert [row["label"] for row in rows[:2]] == ["rock", "granite"]
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, times: int) -> None:
