@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from capture.studies.reproduction.defects import measure
-from capture.studies.reproduction.defects.parts import Part, part_of
+from capture.studies.reproduction.defects.parts import part_of
 from capture.studies.reproduction.defects.plan import DefectCase
 from capture.studies.reproduction.plan import Texture, material_textures
-from classify import learn_defects
+from classify import TextureLibrary, learn_defects
 from classify.defects import fields, learning, limits, local_statistics, whitening
+from classify.surface.estimate import SurfaceEstimate
+
+Oriented = tuple[SurfaceEstimate, float]
 
 TAUGHT = 10
 GOOD = 8
@@ -35,8 +38,8 @@ CONSTANTS = {
 
 
 @pytest.fixture(scope="module")
-def parts() -> list[tuple[list[Part], list[Part], list[Part]]]:
-    """Taught, good and defective parts of each texture."""
+def parts() -> list[tuple[list[Oriented], list[Oriented], list[Oriented]]]:
+    """Taught, good and defective parts of each texture, with the orientations that are found."""
     textures = [*material_textures(None), *map(Texture, ("malv", "brushed", "weave_dyed"))]
     found = []
     for texture, foreign in zip(textures, [*textures[1:], textures[0]], strict=True):
@@ -46,7 +49,13 @@ def parts() -> list[tuple[list[Part], list[Part], list[Part]]]:
             measure.tested_part(texture, foreign, GOOD + index, case)
             for index, case in enumerate(CASES)
         ]
-        found.append((taught, good, defective))
+        library = TextureLibrary.train([(texture.name, part.surface) for part in taught[:1]])
+        found.append(
+            tuple(
+                [(part.surface, measure.orientation_deg(library, part)) for part in group]
+                for group in (taught, good, defective)
+            )
+        )
     return found
 
 
@@ -54,12 +63,8 @@ def _rates(parts) -> tuple[float, ...]:
     """Alarms of good parts and found defects of each group, %; mean log score of defects."""
     alarms, scores = [], []
     for taught, good, defective in parts:
-        model = learn_defects(
-            [part.surface for part in taught], [part.orientation_deg for part in taught]
-        )
-        worst = [
-            model.map_of(part.surface, part.orientation_deg).worst for part in (*good, *defective)
-        ]
+        model = learn_defects(*zip(*taught, strict=True))
+        worst = [model.map_of(*part).worst for part in (*good, *defective)]
         alarms += worst[:GOOD]
         scores.append(worst[GOOD:])
     table = np.array(scores)
