@@ -13,7 +13,7 @@ import typer
 
 from classify.errors import InputError, Ps4rigError
 
-from .commands import export, info, sets, solve, studies, textures, verify
+from .commands import compare, export, info, sets, solve, studies, textures, verify
 from .commands.calibrate import calibrate_app
 from .commands.rig import rig_app
 from .commands.session import session_app
@@ -37,6 +37,7 @@ app.command()(textures.classify)
 app.command("evaluate")(textures.evaluate_)
 app.command()(info.info)
 app.command()(export.export)
+app.command()(compare.compare)
 app.command()(verify.verify)
 app.command()(studies.reproduce)
 app.command()(studies.bench)

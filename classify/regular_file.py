@@ -11,6 +11,8 @@ from .errors import InputError
 # Windows has neither among its files.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
+_PIECE_BYTES = 1 << 20
+
 
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
     """Open a regular file for reading; links to one are followed.
@@ -48,12 +50,21 @@ def read_regular_file(path: Path, max_bytes: int) -> bytes:
     with open_regular_file(path, max_bytes) as file:
         try:
             # The size that a file states may be wrong: it may grow, and files of /proc state 0.
-            content = file.read(max_bytes + 1)
+            content = _read(file, max_bytes + 1)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if len(content) > max_bytes:
         raise _too_large(path, max_bytes)
     return content
+
+
+def _read(file: BinaryIO, most_bytes: int) -> bytes:
+    """Read in pieces: one read of up to 1 GB would allocate 1 GB, whatever the file holds."""
+    pieces: list[bytes] = []
+    while most_bytes > 0 and (piece := file.read(min(most_bytes, _PIECE_BYTES))):
+        pieces.append(piece)
+        most_bytes -= len(piece)
+    return b"".join(pieces)
 
 
 def _descriptor(path: str, flags: int) -> int:

@@ -2,16 +2,21 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from enum import Enum
 
 from .camera import Frame, FrameFlag
-from .errors import CameraError
+from .config.sequence_plan import SequencePlan
+from .errors import CameraError, LightControllerError
 from .lights.driver import Switch
+from .lights.sequence import RunningSequence, exposure_left_s
 from .rig import Rig
 
 # Time to wait beyond what frame rate and queue explain, for a camera that has just started to
 # stream or a busy computer. A longer time only delays the error message.
 _SPARE_S = 2.0
+# Interval of asking whether a sequence is over.
+_POLL_S = 0.001
 
 
 class FrameKind(Enum):
@@ -54,10 +59,26 @@ def fresh_frame(rig: Rig, light: int | None) -> Frame:
     HardwareError
         If the controller or the camera fails, or no such frame arrives.
     """
+    plan = rig.config.sequence_plan
+    if plan is not None and plan.triggers:
+        return _triggered_frame(rig, replace(plan, lights=(light,)))
     switch = switch_to(rig, light)
     settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
     frame = next_fresh_frame(rig, settled_s)
     rig.lights.confirm(light)
+    return frame
+
+
+def _triggered_frame(rig: Rig, plan: SequencePlan) -> Frame:
+    """The frame of a sequence of one step: without a trigger the camera gives none."""
+    rig.clock.sleep_s(exposure_left_s(rig.lights, plan))
+    sequence = RunningSequence(rig.lights, plan)
+    frame = next_fresh_frame(rig, sequence.asked_s)
+    while sequence.is_running():
+        rig.clock.sleep_s(_POLL_S)  # the step lasts longer than its frame
+    cause = sequence.report().cause
+    if cause is not None:
+        raise LightControllerError(f"{rig.lights.port}: the light went out early: {cause}")
     return frame
 
 

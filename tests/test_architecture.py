@@ -61,7 +61,7 @@ STOREYS = {
         {"batch", "calibration_page"},
         {"exchange", "preview"},
         {"session"},
-        {"station"},
+        {"comparison", "station"},
         {"studies"},
         {"commands"},
         {"cli"},

@@ -34,7 +34,7 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
     ------
     InputError
         If another program, or another block of this one, holds the lock; the message names it.
-        If the folder cannot be locked.
+        If the folder cannot be locked, or the disk is full or read-only.
     """
     owner_path = folder / owner_file
     try:
@@ -49,11 +49,18 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{folder}: cannot be locked: {error.strerror or error}") from error
     try:
-        owner_path.write_text(f"ps4rig, process {os.getpid()} since {utc_text()}", encoding="utf-8")
+        _write_owner(owner_path)
         yield
         owner_path.unlink(missing_ok=True)
     finally:
         release()
+
+
+def _write_owner(path: Path) -> None:
+    try:
+        path.write_text(f"ps4rig, process {os.getpid()} since {utc_text()}", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 def _lock_folder(folder: Path) -> Callable[[], None]:

@@ -26,7 +26,7 @@ from .sets_table import sets_table
 
 PLAN, JOURNAL, TABLE = "plan.toml", "journal.json", "sets.csv"
 LOG, REPORT = "session.log", "report.html"
-SETS, _REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
+SETS, REPLACED, _LOCK, _RESERVE = "sets", "replaced", "session.lock", "session.reserve"
 _LOCKS = (_LOCK, _LOCK + LOCK_FILE_SUFFIX)
 # Of a set in journal and table: 1.2 kB on four lights without warnings (test_disk_full.py).
 _ENTRY_BYTES = 2_000
@@ -115,9 +115,9 @@ class SessionFolder:
 
     def _move_aside(self, path: Path) -> None:
         if path.exists():
-            make_folder(self.path / _REPLACED)
+            make_folder(self.path / REPLACED)
             stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-            path.rename(self.path / _REPLACED / f"{stamp}-{path.name}")
+            path.rename(self.path / REPLACED / f"{stamp}-{path.name}")
 
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str]]:
         """Read and hash the file of each captured set: its metadata, or why it is damaged.
@@ -156,8 +156,8 @@ class SessionFolder:
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
         """Whole files of planned sets that a killed run could not enter into the journal.
 
-        A file that cannot be read, is of another specimen or orientation, or has the pixels of a
-        set in the journal is none of them.
+        A file that cannot be read, is of another specimen, orientation or number of lights, or has
+        the pixels of a set in the journal is none of them.
         """
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
@@ -170,11 +170,20 @@ class SessionFolder:
                     continue
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
-        """Whether a file is of a planned set, with pixels that are not in the journal."""
+        """Whether a file is of a planned set and this rig, with pixels that are not in the journal.
+
+        In place of a set in the journal it must be of a run: it may be copied from elsewhere.
+        """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
+        lights = len(metadata.lighting.directions)
         return (
             captured_as == [planned.specimen, planned.orientation_deg]
+            and self.journal.lights in (None, lights)
             and self.journal.entry_with(metadata.pixels_sha256) is None
+            and (
+                self.journal.entry_of(planned) is None
+                or self.journal.has_run_at(metadata.created_utc)
+            )
         )
 
     def first_set_of(self, specimen: str) -> Path | None:
@@ -281,4 +290,4 @@ def _lacks_its_journal(folder: Path) -> bool:
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".writing-")}
-    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, _REPLACED, _RESERVE, *_LOCKS}
+    return names <= {PLAN, TABLE, LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

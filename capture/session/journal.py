@@ -1,6 +1,7 @@
 """The journal of a session: what was captured, in one file that is replaced whole."""
 
 from collections.abc import Mapping
+from datetime import datetime, timedelta
 from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Literal, Self
@@ -58,6 +59,8 @@ class SetEntry(_Record):
     ----------
     file, pixels_sha256, captured_utc, measures
         None for a set that was left out.
+    label
+        Class in the file; None in entries of earlier versions.
     skipped
         Why it was left out; None for a captured set.
     corrected
@@ -70,6 +73,7 @@ class SetEntry(_Record):
     file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None
     captured_utc: str | None = None
+    label: str | None = None
     measures: SetMeasures | None = None
     skipped: str | None = None
     corrected: dict[str, FiniteFloat | str | None] = Field(default_factory=dict)
@@ -134,6 +138,24 @@ class Journal(_Record):
         """Return the entry of the set with these pixels; None if there is none."""
         same = (entry for entry in self.entries if entry.pixels_sha256 == pixels_sha256)
         return next(same, None)
+
+    @property
+    def lights(self) -> int | None:
+        """Number of lights of the captured sets; None before the first."""
+        counts = (len(each.measures.led_levels) for each in self.entries if each.measures)
+        return next(counts, None)
+
+    def has_run_at(self, moment_utc: str) -> bool:
+        """Whether a run had begun at a time and not ended; a killed one ends at the next one."""
+        moment = datetime.fromisoformat(moment_utc)
+        begun = [run for run in self.runs if datetime.fromisoformat(run.started_utc) <= moment]
+        if not begun:
+            return False
+        ended_utc = begun[-1].ended_utc
+        if ended_utc is None:
+            return True
+        # The end of a run is kept in whole seconds.
+        return moment < datetime.fromisoformat(ended_utc) + timedelta(seconds=1)
 
     @cached_property
     def _by_key(self) -> Mapping[tuple[str, float, int], SetEntry]:

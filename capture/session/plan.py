@@ -187,7 +187,7 @@ class SessionPlan(Section):
         ids = [each.id.casefold() for each in self.specimen]
         named: tuple[tuple[str, Sequence[object]], ...] = (
             ("specimen.id", ids),
-            ("orientations_deg", self.orientations_deg),
+            ("orientations_deg", [each % 360.0 for each in self.orientations_deg]),
         )
         for key, names in named:
             twice = [each for each, count in Counter(names).items() if count > 1]

@@ -1,10 +1,14 @@
 """Whether a rig suits the plan of a session, and the sets that it has."""
 
+from pathlib import Path
+
+from capture.sets.ome_tiff import read_header
 from classify.errors import InputError
 from rig import RigConfig
+from rig.simulation.scenes import require_surface
 
 from .folder import PLAN, SessionFolder
-from .plan import SEARCH
+from .plan import SEARCH, SessionPlan
 
 
 def check_rig(folder: SessionFolder, config: RigConfig) -> None:
@@ -13,36 +17,66 @@ def check_rig(folder: SessionFolder, config: RigConfig) -> None:
     Raises
     ------
     InputError
-        If the plan needs another rig, or the captured sets are those of another number of lights.
+        If the plan needs another rig, or the captured sets are those of another number of lights,
+        or of frames of another size.
     """
-    plan = folder.plan
-    without = [each.id for each in plan.specimen if each.surface is None]
-    with_surface = [each.id for each in plan.specimen if each.surface is not None]
-    if config.is_simulated and without:
-        raise InputError(
-            f"specimen {without[0]}: the simulated rig needs its surface; add surface = 'rock'"
-        )
-    if not config.is_simulated and with_surface:
-        raise InputError(
-            f"specimen {with_surface[0]}: surface is for the simulated rig only; remove the key"
-        )
+    check_plan(folder.plan, folder.path / PLAN, config)
     _check_lights(folder, config)
+    _check_frame(folder, config)
+
+
+def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
+    """Check that a rig can capture a plan, which was read from `source`.
+
+    Raises
+    ------
+    InputError
+        If it needs another rig, or a surface is missing.
+    """
+    for each in plan.specimen:
+        if not config.is_simulated and each.surface is not None:
+            raise InputError(
+                f"specimen {each.id}: surface is for the simulated rig only; remove the key"
+            )
+        if config.is_simulated and each.surface is None:
+            raise InputError(
+                f"specimen {each.id}: the simulated rig needs its surface; add surface = 'rock'"
+            )
+        if each.surface is not None:
+            require_surface(each.surface)
     if plan.exposure_ms not in (None, SEARCH):
         config.with_changes(camera={"exposure_ms": plan.exposure_ms})
     if plan.calibration_required and config.calibration is None:
         raise InputError(
-            f"{folder.path / PLAN}: calibration_required, but the rig names no calibration; make "
+            f"{source}: calibration_required, but the rig names no calibration; make "
             "one with ps4rig calibrate, and set calibration = 'FILE.ps4cal' in rig.toml"
         )
 
 
 def _check_lights(folder: SessionFolder, config: RigConfig) -> None:
     """Refuse a rig whose sets could not be compared with those of the session."""
-    lights = len(config.lights.tilts_deg)
-    for entry in folder.journal.entries:
-        if entry.measures is not None and len(entry.measures.led_levels) != lights:
-            raise InputError(
-                f"{folder.path}: its sets have {len(entry.measures.led_levels)} lights, the rig "
-                f"{config.name} has {lights}; give --rig with the rig of the "
-                "session, or another name in the plan for a new session"
-            )
+    lights, known = len(config.lights.tilts_deg), folder.journal.lights
+    if known not in (None, lights):
+        raise InputError(
+            f"{folder.path}: its sets have {known} lights, the rig {config.name} has {lights}; "
+            "give --rig with the rig of the session, or another name in the plan for a new session"
+        )
+
+
+def _check_frame(folder: SessionFolder, config: RigConfig) -> None:
+    """Refuse a rig whose frames differ in size from the first captured set of a specimen."""
+    firsts = (folder.first_set_of(each.id) for each in folder.plan.specimen)
+    first = next((each for each in firsts if each is not None), None)
+    if first is None:
+        return
+    try:
+        _, (rows, columns) = read_header(first)
+    except InputError:
+        return  # the run finds a damaged set and captures it again
+    camera = config.camera
+    if (camera.height_px, camera.width_px) != (rows, columns):
+        raise InputError(
+            f"{folder.path}: its sets have {columns} x {rows} px, the camera of the rig "
+            f"{config.name} gives {camera.width_px} x {camera.height_px}; set it as before, or "
+            "give another name in the plan for a new session"
+        )

@@ -323,6 +323,7 @@ class _Runner:
             repeat=planned.repeat,
             pixels_sha256=captured.metadata.pixels_sha256,
             captured_utc=captured.metadata.created_utc,
+            label=captured.label,
             measures=measures,
             corrected=corrections_of(captured.metadata),
         )

@@ -21,7 +21,7 @@ def sets_table(plan: SessionPlan, journal: Journal) -> str:
     writer.writerow(COLUMNS)
     labels = {each.id: each.label or each.id for each in plan.specimen}
     for entry in _entries(plan, journal):
-        writer.writerow(_row(entry, labels.get(entry.specimen, "")))
+        writer.writerow(_row(entry, entry.label or labels.get(entry.specimen, "")))
     return text.getvalue()
 
 

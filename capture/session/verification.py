@@ -18,7 +18,7 @@ from classify.defects.defect_model import DefectModel
 from classify.defects.ps4def import SUFFIX as DEFECTS_SUFFIX
 from classify.errors import InputError
 
-from .folder import JOURNAL, SessionFolder
+from .folder import JOURNAL, REPLACED, SessionFolder
 
 State = Literal[
     "good",
@@ -45,6 +45,8 @@ class Finding:
 def files_below(folder: Path, *names: str) -> list[Path]:
     """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
 
+    Files that a session has replaced, such as damaged ones, belong to nothing any more.
+
     Parameters
     ----------
     names
@@ -61,6 +63,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
         path
         for path in folder.rglob("*")
         if (path.name.endswith(_SUFFIXES) or path.name in (JOURNAL, *names))
+        and not (path.parent.name == REPLACED and (path.parent.parent / JOURNAL).is_file())
         and path.is_file()
         and not path.name.startswith(".")
     )

@@ -11,9 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from capture.acquisition.attempts import capture_set
+from capture.acquisition.light_checks import (
+    check_agreement,
+    check_ambient,
+    check_different,
+    check_images,
+    check_order,
+)
 from capture.batch.tasks import PLANAR
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
+from capture.sets.image_checks import LightImages
 from classify import TextureLibrary
 from classify.defects.learning import LEAST_PARTS, learn_defects
 from classify.durable_file import make_folder
@@ -22,13 +30,15 @@ from classify.methods import default_method
 from classify.texture.spectra import segment_for
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
+from rig.set_file import pixels_sha256
 
 from .config import StationConfig
-from .cycle import Parts, Station
+from .cycle import Station
 from .events import Event, PartAnnounced, Publisher
 from .inspector import Inspector
 from .measured_surface import MeasuredSurface
 from .outcome import PartJudge
+from .parts import Parts
 from .recipe import Recipe
 from .results.store import open_store
 from .station_clock import StationClock
@@ -128,12 +138,31 @@ class _StoredSets:
         return []
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Return the next set after the time of its exposures."""
+        """Return the next set after the time of its exposures and the checks of a capture."""
         time.sleep(_EXPOSURES_S)
-        return self._sets[number % len(self._sets)], time.monotonic()
+        captured, exposed_s = self._sets[number % len(self._sets)], time.monotonic()
+        _check_as_captured(captured)
+        return captured, exposed_s
 
     def close(self) -> None:
         """There is nothing to close."""
+
+
+def _check_as_captured(captured: CapturedSet) -> None:
+    """Make the checks that `capture_set` makes of an undisturbed set, and hash its pixels."""
+    assert captured.ambient is not None
+    lighting, full_scale = captured.lighting, captured.metadata.full_scale
+    names = [f"LED {light}" for light in range(len(lighting))]
+    images = LightImages(
+        captured.images, captured.ambient, captured.ambient, lighting, names, full_scale,
+        captured.noise,
+    )  # fmt: skip
+    check_ambient(images)
+    check_images(images)
+    check_different(images)
+    check_agreement(images)
+    check_order(images)
+    pixels_sha256(captured.images, captured.ambient)
 
 
 def run_bench(

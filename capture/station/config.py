@@ -103,7 +103,10 @@ class StationConfig(Section):
     trigger
         Where triggers come from, unless ``station run --trigger`` says another.
     timer_s
-        Period of the timer; 0 triggers as soon as the station is ready.
+        Period of the timer; 0 triggers as soon as the station is ready. Before a simulated part
+        sensor a part arrives so long after the station became ready.
+    sensor_delay_ms
+        Time from the edge of the part sensor to the first light.
     buffers
         Parts that may wait for their verdict; a further trigger is refused.
     disk_floor_mb
@@ -124,8 +127,9 @@ class StationConfig(Section):
         "results.sqlite"
     )
     operator: Text | None = None
-    trigger: Literal["timer", "enter", "http"] = "enter"
+    trigger: Literal["timer", "enter", "sensor", "http"] = "enter"
     timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
+    sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
     buffers: int = Field(default=2, ge=1, le=64)
     disk_floor_mb: int = Field(default=500, ge=1, le=10_000_000)
     plate_check: bool = False
@@ -163,8 +167,9 @@ rig = "sim"                  # the simulated rig, or a rig.toml relative to this
 recipe = "example"           # recipes/example.toml: which textures pass
 results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
 # operator = "Your name"
-trigger = "enter"            # the Enter key, "timer", or "http": the panel and the API alone
+trigger = "enter"            # the Enter key, "timer", "sensor" at the light controller, or "http"
 timer_s = 2.0                # period of the timer; 0 is as fast as possible
+sensor_delay_ms = 0          # from the sensor's edge to the first light
 buffers = 2                  # parts that may wait for their verdict
 disk_floor_mb = 500          # with less free space triggers are refused
 plate_check = false          # true: a white sheet is below the camera when the station starts

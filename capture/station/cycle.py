@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from capture.errors import CalibrationError, SetRejected
@@ -22,22 +21,21 @@ from .events import (
     ExposureComplete,
     PartAnnounced,
     PartBegun,
-    Publisher,
     SelfTestFinished,
     StateChanged,
     StationStopped,
     TriggerRefused,
 )
-from .outcome import ExposedPart, PartJudge, said
+from .outcome import ExposedPart, said
+from .part_sensor import PartSensor
+from .parts import Parts
 from .results.database import ResultsUnavailable
 from .results.part_result import PartResult
-from .results.store import BegunPart, ResultStore
+from .results.store import BegunPart
 from .self_test import disk_fault, require_no_fault
 from .states import Change, State, StateMachine
-from .station_clock import StationClock
-from .station_rig import PartCamera
 from .triggers import Accepted, Answer, Refused, Trigger, TriggerSource
-from .verdict import Decision
+from .verdict import Cause, Decision
 
 # How often a thread that waits looks whether the station stops.
 _POLL_S = 0.2
@@ -50,34 +48,6 @@ _RETRY_S = 0.5
 _LAST_WAIT_S = 5.0
 # The rig is as it was: the set alone failed.
 _OF_THE_SET = (SetRejected, CalibrationError)
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """What a station works with.
-
-    Attributes
-    ----------
-    camera
-        Its rig.
-    judge
-        Makes the result of an exposed part.
-    store
-        Its results.
-    prepare
-        Checks all but the rig, before the station becomes ready; no part is in progress then.
-    clock
-        For times of records.
-    publisher
-        Gets all events.
-    """
-
-    camera: PartCamera
-    judge: PartJudge
-    store: ResultStore
-    prepare: Callable[[], list[Check]]
-    clock: StationClock
-    publisher: Publisher
 
 
 class Station:
@@ -99,7 +69,7 @@ class Station:
         self._folder, self._config = folder, config
         self._camera, self._judge, self._store = parts.camera, parts.judge, parts.store
         self._prepare, self._clock = parts.prepare, parts.clock
-        self._publish = parts.publisher.publish
+        self._publish, self._sensor = parts.publisher.publish, parts.sensor
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
         self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
@@ -132,7 +102,7 @@ class Station:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
         utc, reason = self._clock.now(), self._reserve()
         if reason is not None:
-            return self._refuse(trigger, utc, reason)
+            return self.refuse(trigger, reason)
         try:
             step = self._clock.step()
             begun = self._store.begin(
@@ -144,7 +114,7 @@ class Station:
         except BaseException as error:
             reason = said(error)
             self._release(None if isinstance(error, InputError) else reason)
-            return self._refuse(trigger, utc, reason)
+            return self.refuse(trigger, reason)
         self._publish(PartBegun(begun.part_id, begun.number))
         self._next.put((begun, step, self._clock.monotonic_s()))
         return Accepted(begun.part_id, begun.number)
@@ -219,6 +189,8 @@ class Station:
                 if not self._exposing and not self._is_open():
                     self._become_ready()
                 else:
+                    if self._sensor is not None and self._is_ready():
+                        self._await_part(self._sensor)
                     with suppress(queue.Empty):
                         self._expose(*self._next.get(timeout=_POLL_S))
         finally:
@@ -227,6 +199,15 @@ class Station:
 
     def _is_open(self) -> bool:
         return self._machine.state not in (State.PREOPERATIONAL, State.ERROR)
+
+    def _is_ready(self) -> bool:
+        return self._machine.state is State.READY
+
+    def _await_part(self, sensor: PartSensor) -> None:
+        try:
+            sensor.await_part(self, lambda: self.is_stopping or not self._is_ready())
+        except Exception as error:
+            self._fail(said(error))
 
     def _become_ready(self) -> None:
         """Open the rig and test everything; an error at the start ends the run."""
@@ -308,6 +289,8 @@ class Station:
                     self._announced[result.verdict.decision] += 1
                     self._waiting -= 1
                     self._become_free()
+                    if Cause.STORAGE in result.verdict.causes:
+                        self._fail(result.verdict.reason)
                 if not isinstance(error, Exception | None):
                     self.stop(error)
 
@@ -364,12 +347,13 @@ class Station:
             else:
                 self._fail(failure)
 
-    def _refuse(self, trigger: Trigger, utc: str, reason: str) -> Refused:
+    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        """Record a trigger that cannot be served. Never raises."""
         is_recorded = False
         with suppress(BaseException):
             self._store.refuse(
                 trigger=trigger.source,
-                utc=utc,
+                utc=self._clock.now(),
                 reason=reason,
                 simulated=self._camera.is_simulated,
                 part_id=trigger.part_id,

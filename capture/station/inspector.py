@@ -65,7 +65,7 @@ class Inspection:
     measures
         What it follows from.
     defect_map
-        Scores of the region; None for a part that is not of a texture that passes.
+        Scores of the region; None for a part whose nearest texture does not pass.
     defects
         Places above the recipe's limit in it, the largest score first, in px of the whole image.
     led_levels
@@ -201,19 +201,21 @@ class Inspector:
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
-                match = _matched(self._library, measured.surface)
-                measures = replace(measures, match=match)
-        label = "" if measures.match is None else measures.match.label or ""
+                measures = replace(measures, match=_matched(self._library, measured.surface))
+        # A part with a large defect may be unknown: where it departs from the nearest texture is
+        # recorded, too.
+        match = measures.match
+        texture = "" if match is None else match.label or match.nearest
         defect_map: DefectMap | None = None
         defects: tuple[DefectRecord, ...] = ()
-        if measures.match is not None and label in self._defect_models:
+        if match is not None and texture in self._defect_models:
             with _timed(timings_ms, "defects"):
-                orientation_deg = measures.match.orientation_deg
-                defect_map = self._defect_models[label].map_of(measured.surface, orientation_deg)
+                model = self._defect_models[texture]
+                defect_map = model.map_of(measured.surface, match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
-                defects = self._defects(defect_map, self.recipe.limits_for(label).defect)
-        taught = self._signals.get(label, np.mean([*self._signals.values()], axis=0))
+                defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
+        taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = np.array(measured.light_signals) / taught
         verdict = verdict_of(self.recipe, measures)
         return Inspection(

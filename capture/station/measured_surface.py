@@ -26,7 +26,7 @@ class MeasuredSurface:
     Attributes
     ----------
     surface
-        The surface in the region, without images.
+        The surface in the region; without images where that is not the whole frame.
     inside
         (H, W) bool of the region, false outside the mask of the set.
     shadowed, saturated
@@ -69,8 +69,12 @@ class MeasuredSurface:
             ambient=None if captured.ambient is None else _cut(captured.ambient, region),
             mask=None if captured.mask is None else _cut(captured.mask, region),
         )
+        surface = whole
+        if region is not None:
+            rows = slice(region.y, region.y + region.height)
+            surface = whole.cropped(rows, slice(region.x, region.x + region.width))
         return cls(
-            _cropped(whole, region),
+            surface,
             _cut(inside, region),
             _cut(whole.shadow_mask, region),
             _cut(whole.saturated, region),
@@ -106,15 +110,3 @@ def _cut(plane: npt.NDArray[Any], region: Region | None) -> npt.NDArray[Any]:
     if region is None:
         return plane
     return plane[..., region.y : region.y + region.height, region.x : region.x + region.width]
-
-
-def _cropped(whole: SurfaceEstimate, region: Region | None) -> SurfaceEstimate:
-    if region is None:
-        return whole
-    p, q, albedo, valid = (
-        np.ascontiguousarray(_cut(plane, region))
-        for plane in (whole.p, whole.q, whole.albedo, whole.valid)
-    )
-    return SurfaceEstimate(
-        p, q, albedo, valid, whole.method, lighting=whole.lighting, planar=whole.planar
-    )

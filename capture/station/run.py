@@ -11,19 +11,21 @@ from rig import RigConfig
 from rig.doctor.check import Check
 
 from .challenge import require_challenge
-from .cycle import Parts, Station
+from .cycle import Station
 from .events import PartRecovered, Publisher, StationStopped, Warned
 from .folder import StationFolder
 from .inspector import Inspector
 from .outcome import PartJudge
+from .part_sensor import PartSensor
+from .parts import Parts
 from .recipe import require_approved
 from .recovery import damaged_sets, finish_interrupted, unknown_files
 from .results.store import ResultStore, open_store
 from .retention_thread import retention_in_background
-from .self_test import check_calibration_age, check_disk, check_results
+from .self_test import check_calibration_age, check_disk, check_judge, check_results
 from .station_clock import StationClock
 from .station_rig import StationRig
-from .triggers import TriggerSource
+from .triggers import SensorTrigger, TriggerSource
 
 
 @dataclass(frozen=True)
@@ -82,8 +84,10 @@ def run_station(
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
 
+        judged = list(check_judge(files, inspector))
+
         def prepare() -> list[Check]:
-            return list(_checks(folder, store, publisher, clock, rig, inspector))
+            return [*judged, *_checks(folder, store, publisher, clock, rig, inspector)]
 
         judge = PartJudge(
             config.name,
@@ -99,7 +103,8 @@ def run_station(
             lambda captured, set_file: _save(captured, folder.path / set_file, calibration),
             clock,
         )
-        parts = Parts(rig, judge, store, prepare, clock, publisher)
+        sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
+        parts = Parts(rig, judge, store, prepare, clock, publisher, sensor)
         with retention_in_background(folder.path, store, config.retention, warn):
             return Station(folder.path, config, parts, options.parts).run(source)
 

@@ -8,13 +8,18 @@ from pathlib import Path
 from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.rig_check import checks_of_drift, drift_of_rig
-from classify.durable_file import durable_file
+from classify.durable_file import durable_file, make_folder
 from rig import HardwareError, Rig
 from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images, check_leds
 
+from .challenge import replay_challenge
+from .folder import PARTS
+from .inspector import Inspector
 from .recipe import CalibrationRule
+from .recipe_folder import RecipeFolder
 from .results.store import ResultStore
+from .verdict import Decision
 
 # Two computers that write to one database may differ by this much.
 _CLOCK_TOLERANCE = timedelta(seconds=2)
@@ -66,14 +71,21 @@ def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
 
 
 def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:
-    """Check that a file can be written to `folder`, and that more than the floor is free."""
-    reason = disk_fault(folder, floor_mb)
+    """Check that a set can be written below `folder`, and that more than the floor is free.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written.
+    """
+    make_folder(folder / PARTS)
+    reason = disk_fault(folder / PARTS, floor_mb)
     if reason is not None:
         yield Check("disk", "fault", reason.removeprefix("disk: "))
         return
-    with durable_file(folder / _PROBE) as probe:
+    with durable_file(folder / PARTS / _PROBE) as probe:
         probe.write_bytes(b"self-test")
-    (folder / _PROBE).unlink()
+    (folder / PARTS / _PROBE).unlink()
     yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free")
 
 
@@ -91,6 +103,20 @@ def check_results(store: ResultStore) -> Iterator[Check]:
         yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
         return
     yield Check("clock", "ok", f"after the last result, of {last_utc}")
+
+
+def check_judge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+    """Judge the challenge set up to its first good part, which also loads all kernels.
+
+    Without it the first part of a run waits a second for them.
+    """
+    for outcome in replay_challenge(files, inspector):
+        if outcome.is_regression:
+            yield Check("judge", "warning", str(outcome), "run ps4rig station challenge")
+            return
+        if outcome.expected == Decision.PASS:
+            yield Check("judge", "ok", f"{outcome.file} of the challenge set passes")
+            return
 
 
 def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:

@@ -1,20 +1,26 @@
 """The rig of a station: opened and tested, a part in place, one captured set for each part."""
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
 from capture.acquisition.attempts import capture_set
+from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
 from capture.calibration.lookup import read_calibration
 from capture.sets.captured_set import CapturedSet
-from rig import HardwareError, Rig, RigConfig, open_rig
+from rig import HardwareError, Rig, RigConfig, Simulation, open_rig
 from rig.doctor.check import Check
+from rig.lights.sequence import parts_seen
 
 from .config import StationConfig
 from .recipe import Recipe
 from .self_test import check_rig
 from .simulated_parts import simulated_part
+
+# A simulated part arrives at least so long after the wait began: the controller is armed by then.
+_SIMULATED_ARRIVAL_S = 0.1
 
 
 class PartCamera(Protocol):
@@ -58,6 +64,8 @@ class StationRig:
         self._config = config
         self._rig_config = rig_config.with_changes(camera=wanted) if wanted else rig_config
         self._rig: Rig | None = None
+        self._part: ArrivedPart | None = None
+        self._counted: int | None = None  # parts that the sensor saw and that are accounted for
         path = rig_config.calibration
         self.calibration = None if path is None else read_calibration(Path(path))
 
@@ -65,6 +73,11 @@ class StationRig:
     def is_simulated(self) -> bool:
         """Whether its sets are simulated."""
         return self._rig_config.is_simulated
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """The simulated hardware of the open rig."""
+        return self._opened().simulation
 
     def open(self) -> None:
         """Open the rig.
@@ -75,11 +88,52 @@ class StationRig:
             If it cannot be opened.
         """
         self._rig = open_rig(self._rig_config)
+        self._counted = None
 
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; with the plate, if there is one, only at the start."""
         with_plate = is_start and self._config.plate_check
         return check_rig(self._opened(), self.calibration if with_plate else None)
+
+    def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
+        """Wait until the sensor has seen a part and its first light is lit; False if `is_over`.
+
+        Raises
+        ------
+        InputError
+            If the rig is synchronised by software.
+        HardwareError
+            If controller or camera fail.
+        """
+        rig = self._opened()
+        if rig.simulation is not None:
+            self._place(number)
+            rig.simulation.see_part(max(self._config.timer_s, _SIMULATED_ARRIVAL_S))
+        self._part = wait_for_part(rig, self._config.sensor_delay_ms / 1e3, is_over)
+        if self._part is None:
+            return False
+        if self._counted is not None:
+            self._counted += 1
+        return True
+
+    def missed_parts(self) -> int:
+        """Return how many parts the sensor has seen without a wait for them since the last call.
+
+        The first call after the rig was opened returns 0.
+
+        Raises
+        ------
+        HardwareError
+            If the controller fails, or its firmware knows no part sensor.
+        """
+        seen = parts_seen(self._opened().lights)
+        before, self._counted = self._counted, seen
+        return 0 if before is None else max(0, seen - before)
+
+    def forget_part(self) -> None:
+        """Drop the part that the sensor saw; the LEDs go out."""
+        self._part = None
+        self._opened().lights.off()
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Capture the part with this number, which a simulated rig puts below its camera first.
@@ -91,13 +145,11 @@ class StationRig:
         SetRejected, CalibrationError, HardwareError
             As `capture_set`.
         """
-        rig = self._opened()
-        simulation, camera = rig.simulation, self._rig_config.camera
-        if simulation is not None and simulation.placement is not None:
-            frame_px = min(camera.width_px, camera.height_px)
-            feed = self._config.simulated_parts
-            simulation.place(simulated_part(feed, number, frame_px).placement)
-        captured = capture_set(rig, calibration=self.calibration)
+        rig, simulation = self._opened(), self._opened().simulation
+        part, self._part = self._part, None
+        if part is None:
+            self._place(number)
+        captured = capture_set(rig, calibration=self.calibration, part=part)
         if simulation is not None and self._rig_config.simulation.clock == "virtual":
             return captured, time.monotonic()
         frames = [frame for image in captured.metadata.images for frame in image.frames]
@@ -110,6 +162,14 @@ class StationRig:
             # Nothing is known of a rig that failed; its watchdog puts the LEDs out.
             with suppress(Exception):
                 rig.close()
+
+    def _place(self, number: int) -> None:
+        """Put a part below the camera of a simulated rig."""
+        simulation, camera = self._opened().simulation, self._rig_config.camera
+        if simulation is not None and simulation.placement is not None:
+            frame_px = min(camera.width_px, camera.height_px)
+            feed = self._config.simulated_parts
+            simulation.place(simulated_part(feed, number, frame_px).placement)
 
     def _opened(self) -> Rig:
         if self._rig is None:

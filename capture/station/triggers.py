@@ -14,7 +14,7 @@ class Trigger:
     Attributes
     ----------
     source
-        ``timer``, ``enter``, ``http`` or ``modbus``.
+        ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
     part_id
         Identity of the part, unique in the station; None lets the station choose one.
     """
@@ -46,6 +46,9 @@ class TriggerTarget(Protocol):
 
     def submit(self, trigger: Trigger) -> Answer:
         """Accept or refuse a trigger; the answer comes before the exposure. Never raises."""
+
+    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        """Record a trigger that cannot be served. Never raises."""
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
@@ -94,6 +97,16 @@ class TimerTrigger:
                 continue
             station.submit(Trigger("timer"))
             next_s += self._period_s
+
+
+class SensorTrigger:
+    """The part sensor at the light controller; the cycle itself waits for it."""
+
+    def run(self, station: TriggerTarget) -> None:
+        """Wait until the station stops."""
+        pause = threading.Event()
+        while not station.is_stopping:
+            pause.wait(_POLL_S)
 
 
 class LineTrigger:

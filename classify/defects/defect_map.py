@@ -86,18 +86,17 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
     score = defect_map.score
     above = (score > 1.0).astype(np.uint8)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-    kinds = np.stack([getattr(defect_map, kind) for kind in KINDS])
     rows, columns = defect_map.shape
     cell = defect_map.cell_px
     regions = []
     for label in range(1, count):
-        inside = labels == label
-        peak = int(np.argmax(np.where(inside, score, -np.inf)))
-        kind = KINDS[int(np.argmax(kinds.reshape(len(KINDS), -1)[:, peak]))]
         left, top, width, height, cells = (int(each) for each in boxes[label])
+        place = np.s_[top : top + height, left : left + width]
+        inside = labels[place] == label
+        peak = int(np.argmax(np.where(inside, score[place], -np.inf)))
+        at_peak = [getattr(defect_map, kind)[place].flat[peak] for kind in KINDS]
         # Cells as blocks of pixels: the outline follows their borders.
-        block = inside[top : top + height, left : left + width].astype(np.uint8)
-        block = np.kron(block, np.ones((cell, cell), np.uint8))
+        block = np.kron(inside.astype(np.uint8), np.ones((cell, cell), np.uint8))
         outlines, _ = cv2.findContours(block, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         outline = outlines[0][:, 0] + np.array([left * cell, top * cell])
         outline = np.minimum(outline, [columns - 1, rows - 1]).astype(np.int32)
@@ -106,6 +105,8 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
             min(width * cell, columns - left * cell), min(height * cell, rows - top * cell),
         )  # fmt: skip
         regions.append(
-            DefectRegion(kind, box, cells * cell * cell, float(score.flat[peak]), outline)
+            DefectRegion(
+                KINDS[int(np.argmax(at_peak))], box, cells * cell**2, float(max(at_peak)), outline
+            )
         )
     return tuple(sorted(regions, key=lambda region: -region.score))

@@ -10,19 +10,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import beta
 
+from classify.errors import DefectModelError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from . import ps4def
 from .defect_map import DefectMap
 from .fields import PartFields, part_fields
+from .local_statistics import STATISTICS
 from .observation import Observation
-from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES, STATISTICS
-from .whitening import SEGMENT
+from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
 
 _CONFIDENCE = 0.95
 # Shapes of the arrays of a model; None is any length.
 _SHAPES = {
-    "gains": (2, SEGMENT + 1, SEGMENT + 1),
+    "gains": (2, None, None),
     "relief_limits": (RELIEF_RESPONSES,),
     "albedo_limits": (ALBEDO_RESPONSES,),
     "statistics_mean": (STATISTICS,),
@@ -108,6 +109,8 @@ class DefectModel:
     def load(cls, path: str | Path) -> Self:
         """Read a ``.ps4def`` file; DefectModelError, which names it, if it cannot be used."""
         false_alarm_rate, arrays = ps4def.read(Path(path), _SHAPES)
+        if len(set(arrays["gains"].shape[1:])) > 1:
+            raise DefectModelError(f"{path}: its gains are not square; teach it again")
         return cls(**arrays, false_alarm_rate=false_alarm_rate)
 
     @property

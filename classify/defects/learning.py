@@ -16,12 +16,10 @@ from .fields import part_fields
 from .limits import common_limit, limits_of, tile_maxima
 from .observation import Observation
 from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
-from .whitening import SEGMENT, Spectrum, mean_spectrum
+from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 
 LEAST_PARTS = 3
 MOST_PARTS = 100
-MIN_SIDE_PX = 2 * SEGMENT
-"""Shortest side of a part: one segment of the spectra at half resolution."""
 
 # Share of the variance of each statistic that is added to it: keeps directions in which few parts
 # happen to agree from deciding.

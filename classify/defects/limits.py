@@ -13,6 +13,8 @@ _TILE = 64 // CELL_PX
 _TAIL_SHARE, _LEAST_TAIL = 0.2, 10
 # Bounds of the tail's shape: never shorter than exponential, and of finite variance.
 _LONGEST_TAIL = 0.4
+# Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
+_LEAST_LIMIT = 1e-3
 
 Maxima = npt.NDArray[np.float64]
 
@@ -39,7 +41,6 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
-    ordered = ordered[:, np.isfinite(ordered[0]).argmin() :]
     ordered = ordered[:, np.isfinite(ordered).all(axis=0)]
     tiles = ordered.shape[1]
     tail = min(max(int(_TAIL_SHARE * tiles), _LEAST_TAIL), tiles - 1)
@@ -49,11 +50,13 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     # Mean of the excess weighted by its probability of being exceeded.
     weighted = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail), axis=1)
     shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
-    shapes = np.clip(shapes, 1e-6, _LONGEST_TAIL)
+    # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k. Half of
+    # it, as the same step is taken again for the common limit.
+    shapes = np.clip(shapes, 0.0, _LONGEST_TAIL) + 0.5 / tail
     per_tile = -np.expm1(np.log1p(-false_alarm_rate) * parts / tiles)
     ratio = max(tail / tiles / per_tile, 1.0)
     reach = np.expm1(shapes * np.log(ratio)) / shapes
-    return np.asarray(start + mean * (1.0 - shapes) * reach)
+    return np.asarray(np.maximum(start + mean * (1.0 - shapes) * reach, _LEAST_LIMIT))
 
 
 def common_limit(maxima: Maxima, false_alarm_rate: float) -> float:

@@ -7,10 +7,10 @@ from typing import Self
 from classify.surface.estimate import FloatMap
 
 from .fields import PartFields
+from .local_statistics import local_statistics
 from .responses import (
     ALBEDO_LINES,
     RELIEF_LINES,
-    local_statistics,
     pyramid,
     spot_and_line_responses,
 )

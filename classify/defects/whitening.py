@@ -22,9 +22,12 @@ from classify.threads import run_on_rows
 
 from .fields import PartFields
 
-# Side of a segment of the spectra, in pixels at half resolution: lines of periodic textures are
-# resolved, and a frame of 512 px has nine segments.
-SEGMENT = 128
+# Sides of a segment of the spectra, in pixels at half resolution; the first is for frames that hold
+# two of them beside each other. A segment as large as the frame gives noisy gains, and a small one
+# does not resolve the lines of periodic textures (classify/README.md).
+_SEGMENTS = (128, 64)
+MIN_SIDE_PX = 4 * _SEGMENTS[-1]
+"""Shortest side of a good part: two segments at half resolution."""
 # Segments that faded this far carry no information.
 _LEAST_WEIGHT = 0.5
 # Power added to every frequency, as a share of the mean power: errors of focus, scale and
@@ -38,7 +41,7 @@ Power = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power of relief and albedo, (SEGMENT, SEGMENT) float64 each, zero frequency in the middle.
+    """Power of relief and albedo, (n, n) float64 each, zero frequency in the middle.
 
     In the frame of the texture: orientation 0, x to the right, y up along falling rows. The relief
     is the slope along the wave vector, which no curl enters.
@@ -50,14 +53,16 @@ class Spectrum:
     @classmethod
     def of(cls, fields: PartFields, orientation_deg: float) -> Self:
         """Mean power of the segments of a part; InputError if too little of it is valid."""
-        window = _window()
-        u, v = _frequencies((SEGMENT, SEGMENT))
+        fits = [side for side in _SEGMENTS if 2 * side <= min(fields.p.shape)]
+        segment = fits[0] if fits else _SEGMENTS[-1]
+        window = _window(segment)
+        u, v = _frequencies((segment, segment))
         length = np.maximum(np.hypot(u, v), 1e-9)
-        relief = np.zeros((SEGMENT, SEGMENT // 2 + 1))
+        relief = np.zeros((segment, segment // 2 + 1))
         albedo = np.zeros_like(relief)
         count = 0
-        for top, left in _segment_corners(fields.p.shape):
-            piece = np.s_[top : top + SEGMENT, left : left + SEGMENT]
+        for top, left in _segment_corners(fields.p.shape, segment):
+            piece = np.s_[top : top + segment, left : left + segment]
             if fields.weight[piece].mean() < _LEAST_WEIGHT:
                 continue
             p, q, a = (
@@ -69,13 +74,13 @@ class Spectrum:
             count += 1
         if count == 0:
             raise InputError(
-                f"no area of {2 * SEGMENT} x {2 * SEGMENT} px of a good part has enough valid "
+                f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
         return cls(*(_rotated(_whole(each / count), orientation_deg) for each in (relief, albedo)))
 
     def gains(self) -> FloatMap:
-        """(2, SEGMENT + 1, SEGMENT + 1) float32 whitening gains of relief and albedo."""
+        """(2, n + 1, n + 1) float32 whitening gains of relief and albedo."""
         gains = []
         for power in (self.relief, self.albedo):
             power = _with_lowest(power)
@@ -103,40 +108,39 @@ def whitened(
     p, q, a = (scipy.fft.rfft2(plane) for plane in (fields.p, fields.q, fields.albedo))
     angle = np.radians(orientation_deg)
     turn = np.array([np.cos(angle), np.sin(angle)], np.float32)
-    run_on_rows(partial(_apply_gains, p, q, a, gains, _low_pass(shape), turn), p.shape)
+    run_on_rows(
+        partial(_apply_gains, p, q, a, gains, _low_pass(shape, gains.shape[1] - 1), turn), p.shape
+    )
     relief: FloatMap = scipy.fft.irfft2(p, s=shape)
     albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
-    # The filter rings at the fading borders.
-    relief *= fields.weight
-    albedo *= fields.weight
     return relief, albedo
 
 
-@lru_cache(maxsize=1)
-def _window() -> FloatMap:
+@lru_cache(maxsize=2)
+def _window(segment: int) -> FloatMap:
     """Hann window of unit mean square over the segment's pixels in all."""
-    line = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(SEGMENT) + 0.5) / SEGMENT)
+    line = 0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(segment) + 0.5) / segment)
     window = np.outer(line, line)
     return np.asarray(window / np.sqrt(np.sum(window**2)), np.float32)
 
 
-def _segment_corners(shape: tuple[int, ...]) -> list[tuple[int, int]]:
+def _segment_corners(shape: tuple[int, ...], segment: int) -> list[tuple[int, int]]:
     """Corners of segments that overlap by about a half and cover the frame."""
     lines = []
     for side in shape:
-        count = 1 + -(-2 * (side - SEGMENT) // SEGMENT)
-        lines.append(np.linspace(0, side - SEGMENT, max(count, 1)).round().astype(int).tolist())
+        count = 1 + -(-2 * (side - segment) // segment)
+        lines.append(np.linspace(0, side - segment, max(count, 1)).round().astype(int).tolist())
     return [(top, left) for top in lines[0] for left in lines[1]]
 
 
 @lru_cache(maxsize=4)
-def _low_pass(shape: tuple[int, int]) -> FloatMap:
+def _low_pass(shape: tuple[int, int], segment: int) -> FloatMap:
     """The band of a half spectrum that is whitened."""
     u, v = _frequencies(shape)
     radius = np.hypot(u, v)
     low_pass = 0.5 + 0.5 * np.cos(np.pi * np.clip((radius - _PASS) / (_STOP - _PASS), 0.0, 1.0))
     # Waves longer than a segment are drift of lights and form, of which the spectra know nothing.
-    low_pass *= -np.expm1(-((radius * SEGMENT) ** 2))
+    low_pass *= -np.expm1(-((radius * segment) ** 2))
     return np.asarray(low_pass, np.float32)
 
 
@@ -197,10 +201,11 @@ def _rotated(power: Power, orientation_deg: float) -> Power:
     """The spectrum in the frame of a texture that is rotated by `orientation_deg` in the image."""
     angle = np.radians(orientation_deg)
     c, s = np.cos(angle), np.sin(angle)
-    u = (np.arange(SEGMENT) - SEGMENT // 2)[None, :] / SEGMENT
+    side = len(power)
+    u = (np.arange(side) - side // 2)[None, :] / side
     v = -u.T
-    x = (c * u - s * v + 0.5) * SEGMENT
-    y = (0.5 - s * u - c * v) * SEGMENT
+    x = (c * u - s * v + 0.5) * side
+    y = (0.5 - s * u - c * v) * side
     padded = np.pad(power, ((0, 1), (0, 1)), mode="wrap").astype(np.float32)
     rotated = cv2.remap(
         padded, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR,
@@ -211,7 +216,7 @@ def _rotated(power: Power, orientation_deg: float) -> Power:
 
 def _with_lowest(power: Power) -> Power:
     """The spectrum, with the lowest frequencies, which the window mixes with 0, from a ring."""
-    index = np.arange(SEGMENT) - SEGMENT // 2
+    index = np.arange(len(power)) - len(power) // 2
     radius = np.hypot(index[None, :], index[:, None])
     lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
     return np.where(lowest, power[ring].max(), power)

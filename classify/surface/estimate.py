@@ -201,6 +201,27 @@ class SurfaceEstimate:
             mask=mask,
         )
 
+    def cropped(self, rows: slice, columns: slice) -> Self:
+        """Return a part of this surface, with its shadows and highlights but without images.
+
+        Lights and flat field refer to the whole frame, so that images of a part do not fit them.
+        """
+
+        def cut(plane: Any) -> Any:
+            return None if plane is None else np.ascontiguousarray(plane[rows, columns])
+
+        planes = ("p", "q", "albedo", "valid", "left_out", "highlights", "repaired", "mask")
+        part = replace(
+            self,
+            images=None,
+            ambient=None,
+            divided_by=None,
+            **{name: cut(getattr(self, name)) for name in planes},
+        )
+        # Where a cached property keeps its value.
+        vars(part)["_shadows_and_highlights"] = tuple(map(cut, self._shadows_and_highlights))
+        return part
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""

@@ -15,8 +15,12 @@ _MISSING = {
 
 
 def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
-    """Describe the first error of the validation of `root`, a model of the file's sections."""
-    first = error.errors(include_url=False)[0]
+    """Describe an error of the validation of `root`, a model of the file's sections.
+
+    A misspelt key is said before the key that is missing because of it.
+    """
+    errors = error.errors(include_url=False)
+    first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
     location, value, cause = list(first["loc"]), first["input"], first["msg"]
     kind = str(location.pop(1)) if location[:1] == ["camera"] and len(location) > 1 else None
     field = ".".join(map(str, location))

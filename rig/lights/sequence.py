@@ -31,6 +31,11 @@ def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
     return max(0.0, 1e-6 * (started_us + passed_us + plan.wait_us - now_us)) if code else 0.0
 
 
+def parts_seen(lights: LightController) -> int:
+    """Return how many parts the sensor has seen since the controller was reset."""
+    return lights.ask("PART:STAT?", 3).numbers[0]
+
+
 def _status(lights: LightController) -> Answer:
     return lights.ask("SEQ:STAT?", 7)
 

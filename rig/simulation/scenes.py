@@ -35,6 +35,21 @@ def surface_names() -> tuple[str, ...]:
     return (*SYNTHETIC_NAMES, *bundled_materials())
 
 
+def require_surface(name: str) -> None:
+    """Check that there is a surface of this name, without loading it.
+
+    Raises
+    ------
+    InputError
+        If it is neither a name nor a material folder.
+    """
+    names = (*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS)
+    if name not in names and not Path(name).is_dir():
+        raise InputError(
+            f"surface {name!r} is neither a material folder nor one of {', '.join(names)}"
+        )
+
+
 class SceneCache:
     """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig.
 
@@ -158,13 +173,5 @@ def _bytes_of(scene: SceneImages) -> int:
 def _load(name: str, seed: int, size_px: int) -> Surface:
     if name in SYNTHETIC_TEXTURES:
         return synthetic_surface(name, seed, tile_side_px(size_px))
-    bundled = bundled_materials()
-    if name in bundled:
-        return load_material(bundled[name])
-    folder = Path(name)
-    if not folder.is_dir():
-        raise InputError(
-            f"surface {name!r} is neither a material folder nor one of "
-            + ", ".join((*SYNTHETIC_TEXTURES, *bundled, *TARGETS))
-        )
-    return load_material(folder)
+    require_surface(name)
+    return load_material(bundled_materials().get(name, Path(name)))

@@ -1,6 +1,7 @@
 """Reading input files: regular files of bounded size."""
 
 import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -39,3 +40,16 @@ def test_a_file_that_states_no_size_is_bounded_by_what_was_read() -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="none: no such file"):
         read_regular_file(tmp_path / "none", 1)
+
+
+def test_a_small_file_takes_little_memory_whatever_its_limit(tmp_path: Path) -> None:
+    path = tmp_path / "journal.json"
+    content = bytes(range(256)) * 10_000  # more than one piece
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        assert read_regular_file(path, 1 << 30) == content
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 4 * len(content)

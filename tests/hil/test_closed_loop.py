@@ -12,6 +12,7 @@ import pytest
 
 from capture import CapturedSet
 from capture.calibration.ps4cal import CalibrationFile
+from capture.session.folder import SessionFolder
 from classify import Lighting
 from rig import synthetic_surface
 from rig.scene.render import render_frame
@@ -24,10 +25,12 @@ from .guest.loop_bench import (
     HOT_PIXELS,
     ROTATE_DEG,
     SEED,
+    SESSION_SETS,
     SETS,
     SIDE_PX,
     SURFACE,
     ps4rig,
+    session_plan,
 )
 
 pytestmark = pytest.mark.kernel
@@ -76,6 +79,10 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
     rendered = ("capture", "--rig", "sim", "--surface", SURFACE, "--rotate", ROTATE_DEG)
     cache = {"NUMBA_CACHE_DIR": str(shared / "numba")}
     run(*rendered, "--size", SIDE_PX, shared / "here.ome.tif", environment=compiled | cache)
+    # A session compares its sets, which takes further kernels.
+    plan = shared / "here.toml"
+    plan.write_text(session_plan("here", f'surface = "{SURFACE}"'))
+    run("session", "run", plan, "--rig", "sim", "--yes", environment=compiled | cache)
     there = {"NUMBA_CACHE_DIR": "/mnt/numba"}
     outcomes = run_checks(CHECKS, shared, modules=MODULES, environment=compiled | there)
     return Loop(outcomes, shared)
@@ -113,6 +120,20 @@ def test_every_frame_began_after_its_light_had_settled(loop: Loop) -> None:
         (frame,) = image.frames
         assert image.led_acknowledged_s is not None
         assert frame.exposure_start_s >= image.led_acknowledged_s + 0.02
+
+
+def test_the_sets_of_the_session_are_whole_and_agree(loop: Loop) -> None:
+    session = SessionFolder(loop.shared / "lab")
+    run("verify", session.path)
+    assert session.missing() == []
+    assert [record.finish for record in session.journal.runs] == [None, "complete"]
+    estimates = [
+        entry.measures.estimated_deg for entry in session.journal.entries if entry.measures
+    ]
+    assert len({entry.pixels_sha256 for entry in session.journal.entries}) == SESSION_SETS
+    assert [each for each in estimates if each is not None] == pytest.approx(
+        [ROTATE_DEG] * (SESSION_SETS - 1), abs=1.0
+    )
 
 
 def test_solve_accepts_the_set(loop: Loop) -> None:

@@ -49,3 +49,19 @@ def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(
         with pytest.raises(NoFreshFrameError, match=rf"no fresh frame .*{counts}"):
             fresh_frame(with_frames(rig, lambda frame: replace(frame, **changes)), 0)
         assert rig.clock.now_s() - asked_s < 3.0
+
+
+@pytest.mark.parametrize("light", [None, 0, 3])
+def test_a_camera_that_waits_for_triggers_gets_one(light: int | None) -> None:
+    config = RigConfig().with_changes(
+        camera={"width_px": 16, "height_px": 16}, lights={"synchronisation": "trigger"}
+    )
+    with open_rig(config) as rig:
+        frame = fresh_frame(rig, light)
+        for led in range(4):
+            lit_s = rig.simulation.board.output_integral_s(
+                led, frame.exposure_start_s, frame.exposure_end_s
+            )
+            expected_s = frame.exposure_end_s - frame.exposure_start_s if led == light else 0.0
+            assert lit_s == pytest.approx(expected_s, rel=0.01)
+        assert rig.lights.state().led is None

@@ -55,11 +55,13 @@ def run(
         use_plan,
     )
     from capture.session.plan import read_plan
+    from capture.session.rig_checks import check_plan
     from rig.config.rig import config_of
 
     from .terminal import confirmed
 
     config, wanted = config_of(rig), read_plan(plan)
+    check_plan(wanted, plan, config)
     path = plan.absolute().parent / wanted.name
     if dry_run:
         missing = len(wanted)

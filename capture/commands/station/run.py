@@ -25,7 +25,7 @@ def run(
         typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
     ] = None,
     trigger: Annotated[
-        Literal["timer", "enter", "http"] | None,
+        Literal["timer", "enter", "sensor", "http"] | None,
         typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
     ] = None,
     panel: Annotated[
@@ -65,7 +65,7 @@ def run(
     from capture.station.results.database import database_url
     from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station
-    from capture.station.triggers import LineTrigger, TimerTrigger, TriggerSource
+    from capture.station.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
     from classify.errors import InputError
     from rig.config.rig import config_of
 
@@ -76,11 +76,13 @@ def run(
         config = opened.config
         rig_config = config_of(rig or config.rig_in(folder))
         given = trigger or config.trigger
-        source: TriggerSource | None = None
-        if given == "timer":
-            source = TimerTrigger(config.timer_s)
-        elif given == "enter":
-            source = LineTrigger(read_key_line)
+        sources: dict[str, TriggerSource | None] = {
+            "enter": LineTrigger(read_key_line),
+            "timer": TimerTrigger(config.timer_s),
+            "sensor": SensorTrigger(),
+            "http": None,
+        }
+        source = sources[given]
         live = LiveStation(
             config.name,
             simulated=rig_config.is_simulated,

@@ -124,7 +124,8 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
     InputError
         If the driver is not installed.
     """
-    settings = f"-c synchronous_commit=on -c statement_timeout={round(patience_s * 1000)}"
+    patience_ms = max(1, round(patience_s * 1000))  # 0 would be no limit
+    settings = f"-c synchronous_commit=on -c statement_timeout={patience_ms}"
     try:
         engine = create_engine(
             url,
@@ -140,7 +141,7 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
                 "keepalives_idle": 5,
                 "keepalives_interval": 5,
                 "keepalives_count": 3,
-                "tcp_user_timeout": round(patience_s * 1000),
+                "tcp_user_timeout": patience_ms,
                 "application_name": f"ps4rig {writing_station or 'reader'}"[:63],
             },
         )
@@ -151,25 +152,37 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: Any, _record: Any) -> None:
-        with connection.cursor() as cursor:
-            encoding = cursor.execute("SHOW server_encoding").fetchone()[0]
-            if encoding != "UTF8":
-                raise InputError(
-                    f"{shown(url)}: the database has the encoding {encoding}, which cannot hold "
-                    "every text; make one with UTF8"
-                )
-            if writing_station is not None:
-                lock = "SELECT pg_try_advisory_lock(%s, hashtext(%s))"
-                [is_free] = cursor.execute(lock, (_LOCK_CLASS, writing_station)).fetchone()
-                if not is_free:
-                    raise ResultsUnavailable(
-                        f"{shown(url)}: another program writes for station {writing_station}; end "
-                        "it, or give this station another name",
-                        may_pass=True,
-                    )
-        connection.commit()
+        try:
+            with connection.cursor() as cursor:
+                _require_utf8(cursor, url)
+                if writing_station is not None:
+                    _lock_for(cursor, url, writing_station)
+            connection.commit()
+        except BaseException:
+            connection.close()
+            raise
 
     return engine
+
+
+def _require_utf8(cursor: Any, url: URL) -> None:
+    encoding = cursor.execute("SHOW server_encoding").fetchone()[0]
+    if encoding != "UTF8":
+        raise InputError(
+            f"{shown(url)}: the database has the encoding {encoding}, which cannot hold every "
+            "text; make one with UTF8"
+        )
+
+
+def _lock_for(cursor: Any, url: URL, station: str) -> None:
+    lock = "SELECT pg_try_advisory_lock(%s, hashtext(%s))"
+    [is_free] = cursor.execute(lock, (_LOCK_CLASS, station)).fetchone()
+    if not is_free:
+        raise ResultsUnavailable(
+            f"{shown(url)}: another program writes for station {station}; end it, or give this "
+            "station another name",
+            may_pass=True,
+        )
 
 
 @contextmanager

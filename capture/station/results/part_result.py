@@ -54,7 +54,7 @@ class PartResult:
     number
         Position in the order of triggers, from 1, without gaps within a station.
     trigger
-        Source of the trigger: ``timer``, ``enter``, ``http`` or ``modbus``.
+        Source of the trigger: ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
     triggered_utc, exposed_utc, decided_utc
         Trigger, end of the last exposure and verdict, as in ``2026-11-22T17:08:13.042Z``;
         `exposed_utc` is None where no exposure was completed.

@@ -240,6 +240,17 @@ class ResultStore:
 
         self.write(work)
 
+    def last_number(self) -> int:
+        """Return the number of the latest part that this station has begun, 0 without any.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer.
+        """
+        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+            return self._last(connection, begun_parts.c.number)
+
     def unfinished(self) -> list[BegunPart]:
         """Parts without a result, by number: after a kill or a loss of power.
 

@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from capture.console import out, print_json
+from classify.defects.whitening import MIN_SIDE_PX
 from classify.threads import thread_count
 
 from . import memory
+from .defects import defects_section
 from .measurements import Section, as_json, print_section
 from .mixtures import SETS_OF_A_CLASS, Mixtures, Textures, observed_textures
 from .pipeline import pipeline_section
@@ -53,6 +55,7 @@ def _sections(settings: Settings, free: Free | None) -> Iterator[Section]:
     textures = observed_textures(settings.textures, settings.texture_frame_px)
     for size_px in settings.frames_px:
         yield pipeline_section(textures.library, size_px, settings.pipeline_rounds)
+        yield defects_section(max(size_px, MIN_SIDE_PX), settings.pipeline_rounds)
     with tempfile.TemporaryDirectory(prefix="ps4rig-bench-") as name:
         folder = Path(name)
         largest, references = None, settings.library_sizes[-1]

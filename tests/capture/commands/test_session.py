@@ -63,8 +63,20 @@ def test_a_dry_run_shows_the_plan_and_captures_nothing(ps4rig: Command, plan: Pa
     assert not (plan.parent / "fabrics").exists()
 
 
+def test_a_plan_that_does_not_suit_the_rig_is_refused_before_a_folder_is_made(
+    refused: Refused, plan: Path
+) -> None:
+    text = plan.read_text()
+    plan.write_text(text.replace('surface = "rock"', 'surface = "rok"'))
+    for option in ("--dry-run", "--yes"):
+        assert "surface 'rok' is neither" in refused("session", "run", plan, option)
+    plan.write_text("calibration_required = true\n" + text)
+    assert "calibration_required, but" in refused("session", "run", plan, "--dry-run")
+    assert not (plan.parent / "fabrics").exists()
+
+
 def test_a_disk_that_is_too_small_is_refused(ps4rig: Command, refused: Refused, plan: Path) -> None:
-    plan.write_text(plan.read_text().replace("[0, 30]", str(list(range(3600)))))
+    plan.write_text(plan.read_text().replace("[0, 30]", str([each / 10 for each in range(3600)])))
     (plan.parent / "rig.toml").write_text(RIG.replace("96", "8192"))
     dry = ps4rig("session", "run", plan, "--dry-run")
     assert dry.exit_code == 2

@@ -48,3 +48,12 @@ def test_a_folder_that_cannot_be_locked_is_named(program: str, tmp_path: Path) -
     refused = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
     assert "InputError" in refused.stderr
     assert "none: cannot be locked: " in refused.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("program", HOLDERS, ids=["with fcntl", "without fcntl"])
+def test_a_full_disk_is_named_with_the_file(program: str, tmp_path: Path) -> None:
+    (tmp_path / "owner.lock").symlink_to("/dev/full")
+    command = [sys.executable, "-c", program, str(tmp_path)]
+    refused = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert "owner.lock: cannot be written: No space left on device" in refused.stderr

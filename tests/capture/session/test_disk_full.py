@@ -34,8 +34,8 @@ class Disk:
         return sum(path.stat().st_size for path in self._home.rglob("*") if path.is_file())
 
     @contextmanager
-    def durable_file(self, path: Path) -> Iterator[Path]:
-        with durable.durable_file(path) as temporary:
+    def durable_file(self, path: Path, home: Path | None = None) -> Iterator[Path]:
+        with durable.durable_file(path, home) as temporary:
             yield temporary
             if self.free_bytes is not None and self._held() > self._used_bytes:
                 raise OSError(28, os.strerror(28))

@@ -63,6 +63,8 @@ def test_every_commented_key_of_the_example_is_a_key(tmp_path: Path) -> None:
         ),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'label = "unknown"', "'unknown' sta"),
         ('name = "a"\norientations_deg = [0]' + _SPECIMEN + 'note = "a\\nb"', "use printable"),
+        ('name = "a"\norientations_deg = [0, 360]' + _SPECIMEN, "0.0 is named twice"),
+        ('name = "a"\norientation_deg = [0]' + _SPECIMEN, "did you mean orientations_deg"),
         ('name = "a"\noperator = "\\t"\norientations_deg = [0]' + _SPECIMEN, "use printable"),
     ],
 )
@@ -100,7 +102,8 @@ def test_a_missing_plan_names_the_command_that_writes_one(tmp_path: Path) -> Non
         min_size=1, max_size=4, unique_by=str.casefold,
     ),
     orientations_deg=st.lists(
-        st.integers(-3600, 3600).map(float), min_size=1, max_size=4, unique=True
+        st.integers(-3600, 3600).map(float),
+        min_size=1, max_size=4, unique_by=lambda each: each % 360.0,
     ),
     repeats=st.integers(1, 3),
 )  # fmt: skip

@@ -27,7 +27,7 @@ from capture.session.events import (
     SetDamaged,
     without_questions,
 )
-from capture.session.folder import SessionFolder, make_session, session_folder
+from capture.session.folder import SessionFolder, make_session, session_folder, use_plan
 from capture.session.rig_comparison import compare_rig
 from capture.session.runner import run_session
 from capture.session.verification import files_below, verify_file
@@ -135,11 +135,44 @@ def test_a_kill_in_a_repeat_leaves_a_file_that_the_next_run_enters(
     (session / "sets" / f"{FILES[0]}.ome.tif").unlink()
     run()
     # As if the program had been killed after it replaced the set and before it wrote the journal.
-    before.write(session / "journal.json")
+    killed = folder().journal.runs[-1].model_copy(update={"ended_utc": None, "finish": None})
+    before.with_run(killed).write(session / "journal.json")
     run()
     assert [each.state for path in files_below(session) for each in verify_file(path)] == (
         ["good"] * 5
     )
+
+
+@pytest.mark.parametrize(("lights", "copied"), [(4, FILES[0]), (6, FILES[1])])
+def test_a_set_copied_from_another_session_is_not_entered(
+    run: Run,
+    folder: Folder,
+    session: Path,
+    tmp_path: Path,
+    config: RigConfig,
+    monkeypatch: pytest.MonkeyPatch,
+    lights: int,
+    copied: str,
+) -> None:
+    (tmp_path / "other").mkdir()
+    plan = tmp_path / "other" / "stones.toml"
+    plan.write_text(PLAN, encoding="utf-8")
+    other = config.with_changes(
+        lights={"tilts_deg": tuple(360.0 / lights * light for light in range(lights))},
+        camera={"exposure_ms": 15.0},
+    )
+    with session_folder(make_session(plan)) as foreign:
+        run_session(foreign, other, Script([Answer.GO] * 2 + [Answer.STOP]).ask, [].append)
+    # The runs of this session begin after those of the other one.
+    monkeypatch.setattr(runner, "utc_text", lambda: "2100-01-01T00:00:00Z")
+    run(Answer.GO, Answer.STOP)
+    # In place of a captured set, and of a missing one.
+    shutil.copy(foreign.path / "sets" / f"{copied}.ome.tif", session / "sets")
+    script = run()
+    assert not any(isinstance(event, SetAdopted) for event in script.events)
+    assert folder().missing() == []
+    assert folder().journal.lights == 4
+    assert len(list((session / "replaced").iterdir())) == 1
 
 
 def test_a_captured_set_that_is_left_out_later_is_kept_aside(
@@ -290,6 +323,24 @@ def test_a_rig_with_another_number_of_lights_is_refused(
     with pytest.raises(InputError, match=r"stones: its sets have 4 lights, the rig big has 8"):
         run(rig=config.with_changes(lights=eight).model_copy(update={"name": "big"}))
     assert len(folder().journal.runs) == 1
+
+
+def test_a_rig_with_frames_of_another_size_is_refused(run: Run, config: RigConfig) -> None:
+    run(Answer.GO, Answer.STOP)
+    larger = config.with_changes(camera={"width_px": 192, "height_px": 128})
+    with pytest.raises(InputError, match=r"its sets have 128 x 128 px, the camera .* 192 x 128"):
+        run(rig=larger)
+
+
+def test_the_table_keeps_the_label_of_a_captured_set(
+    run: Run, session: Path, plan_file: Path
+) -> None:
+    run(Answer.GO, Answer.STOP)
+    plan_file.write_text(PLAN.replace('label = "rock"', 'label = "granite"'), encoding="utf-8")
+    with session_folder(session) as opened:
+        use_plan(plan_file, opened)
+    rows = list(csv.DictReader((session / "sets.csv").open(encoding="utf-8")))
+    assert [row["label"] for row in rows[:2]] == ["rock", "granite"]
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception, times: int) -> None:

@@ -10,10 +10,11 @@ from typing import Any
 from capture.acquisition.attempts import capture_set
 from capture.sets.captured_set import CapturedSet
 from capture.station.config import StationConfig
-from capture.station.cycle import Parts, Station
+from capture.station.cycle import Station
 from capture.station.events import Event, PartAnnounced, PartRecovered, Publisher
 from capture.station.folder import StationFolder, make_station
 from capture.station.outcome import PartJudge
+from capture.station.parts import Parts
 from capture.station.recovery import finish_interrupted
 from capture.station.results.store import ResultStore, open_store
 from capture.station.station_clock import StationClock

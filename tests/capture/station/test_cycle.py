@@ -1,5 +1,6 @@
 """The cycle: order, overlap, commit order, refusals, and no way from an exception to PASS."""
 
+import shutil
 import sqlite3
 import threading
 import time
@@ -21,7 +22,7 @@ from capture.station.events import (
     TriggerRefused,
 )
 from capture.station.results.database import ResultsUnavailable
-from capture.station.self_test import SelfTestFailed
+from capture.station.self_test import SelfTestFailed, check_disk
 from capture.station.states import State
 from capture.station.station_clock import StationClock
 from capture.station.triggers import Accepted, Answer, Refused, Trigger, TriggerTarget
@@ -166,6 +167,31 @@ def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench
     station.run(Manual(feed), buffers=2)
     assert len(station.announced()) == 2
     assert station.store.counters().simulated.refused_triggers == len(station.of(TriggerRefused))
+
+
+def test_a_folder_that_cannot_be_written_keeps_the_station_from_ready(station: Bench) -> None:
+    parts = station.folder.path / "parts"
+    station.prepare = lambda: list(check_disk(station.folder.path, 1))
+
+    def feed(target: TriggerTarget) -> None:
+        until_ready(target)
+        trigger(target)
+        while not station.announced():
+            time.sleep(0.01)
+        until_ready(target)
+        shutil.rmtree(parts)
+        parts.write_text("a file in its place")
+        trigger(target)
+        while "cannot be" not in getattr(trigger(target), "reason", ""):
+            time.sleep(0.01)
+        parts.unlink()
+        until_ready(target)
+        trigger(target)
+
+    station.run(Manual(feed))
+    decisions = [decision for _, decision in station.announced()]
+    assert decisions == [Decision.PASS, Decision.ERROR, Decision.PASS]
+    assert station.of(PartAnnounced)[1].result.verdict.causes == (Cause.STORAGE,)
 
 
 def test_a_part_id_is_taken_once(station: Bench) -> None:

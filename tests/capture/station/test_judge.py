@@ -236,7 +236,7 @@ def every_condition_holds(recipe: Recipe, m: Measures) -> bool:
     return all(conditions)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(MEASURES, LIMITS, RULES)
 def test_no_part_passes_unless_every_condition_holds(
     measures: Measures, limits: Limits, rule: Orientation
@@ -268,7 +268,7 @@ GOOD_MEASURES = st.builds(
 )  # fmt: skip
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(GOOD_MEASURES)
 def test_a_part_passes_exactly_if_every_condition_holds(measures: Measures) -> None:
     passed = verdict_of(RECIPE, measures).decision is Decision.PASS

@@ -30,7 +30,8 @@ from tests.capture.station.production import SMALL_RIG, run_parts, taught_statio
 from tests.capture.station.teaching_sets import SIDE_PX
 
 ROOT = Path(__file__).parents[3]
-# Growth of the resident memory over the last half of a run that still counts as flat.
+# Growth of the resident memory over the last half of a run that still counts as flat. The cache of
+# rendered scenes, 64 MB, is full after 50 parts of 256 px, or 600 of 64 px: in the first half.
 FLAT_MB = 16.0
 # Parts that share one plan of faults.
 PARTS_OF_A_PLAN = 10
@@ -135,3 +136,12 @@ def test_no_fault_lets_a_wrong_part_pass(
         print("", *(f"{count:6} {end}" for end, count in sorted(ends.items())), sep="\n")
     assert wrong == []
     assert ends["good: PASS"] > 0
+
+
+@pytest.mark.slow
+def test_a_full_disk_makes_errors_and_loses_nothing(tmp_path: Path) -> None:
+    command = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-m",
+               "tests.capture.station.full_disk", str(tmp_path)]  # fmt: skip
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr

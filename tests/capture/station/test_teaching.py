@@ -17,7 +17,8 @@ from capture.station.teaching_limits import limits_of_texture
 from capture.station.teaching_page import teaching_page
 from capture.station.teaching_result import Teaching
 from capture.station.verdict import Cause, Decision
-from tests.capture.station.teaching_sets import patch, saved
+from rig.config.defect import Defect
+from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page
 
 
@@ -146,6 +147,20 @@ def test_a_weak_led_is_an_error_that_names_it(files: RecipeFolder) -> None:
     assert inspection.led_levels[2] == pytest.approx(0.61, abs=0.03)
 
 
+@pytest.mark.parametrize("kind", ["scratch", "stain"])
+def test_a_defect_is_found_where_it_is(files: RecipeFolder, kind: str) -> None:
+    # 40 px to the right of the centre and 30 px above it, in coordinates of the surface.
+    defect = Defect(kind=kind, x_px=340.0, y_px=130.0, size_px=50.0, depth_px=8.0, contrast=0.6)
+    placed = {"rotate_deg": 0.0, "shift_px": (300.0, 100.0)}
+    part = patch("rock", 3, **placed, defects=(defect.model_dump(),))
+    inspection = Inspector.load(files).inspect(part)
+    assert inspection.verdict.decision is not Decision.PASS
+    worst = inspection.defects[0]
+    middle = worst.column + worst.width / 2, worst.row + worst.height / 2
+    assert middle == pytest.approx((SIDE_PX / 2 + 40, SIDE_PX / 2 - 30), abs=16)
+    assert worst.score > 1.0
+
+
 def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
     captured, inspector = patch("rock", 3), Inspector.load(files)
     for images in (np.zeros_like(captured.images), np.full_like(captured.images, 4095)):
@@ -153,6 +168,18 @@ def test_black_and_saturated_sets_are_errors(files: RecipeFolder) -> None:
         assert inspection.verdict.decision is Decision.ERROR
         assert inspection.verdict.causes[0] is Cause.CAPTURE
         assert inspection.result_fields()["sdq"] is None
+
+
+def test_a_dark_hole_that_no_map_can_judge_does_not_pass(files: RecipeFolder) -> None:
+    captured = patch("rock", 3)
+    assert captured.ambient is not None
+    images, hole = captured.images.copy(), np.s_[100:132, 60:92]
+    images[:, *hole] = captured.ambient[hole]
+    part = CapturedSet(images, captured.ambient, captured.metadata)
+    inspection = Inspector.load(files).inspect(part)
+    assert inspection.verdict.decision is not Decision.PASS
+    assert inspection.measures.unjudged_px is not None
+    assert inspection.measures.unjudged_px >= 256
 
 
 def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(

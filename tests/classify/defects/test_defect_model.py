@@ -138,6 +138,16 @@ def test_cells_without_valid_pixels_are_nan_and_no_defects(model, good) -> None:
     assert found.worst < 1.2
 
 
+def test_a_stain_on_an_albedo_without_any_noise_is_found(stationary) -> None:
+    def painted(seed: int) -> SurfaceEstimate:
+        part = stationary("malv", seed=seed, side=SIDE)
+        return replace(part, albedo=np.full_like(part.albedo, 0.5))
+
+    model = learn_defects([painted(seed) for seed in range(3)], [0.0] * 3)
+    assert model.map_of(painted(3), 0.0).albedo.max() < 1.0
+    assert regions_of(model.map_of(with_stain(painted(3), 0.1), 0.0))[0].kind == "albedo"
+
+
 def test_few_parts_promise_little(model) -> None:
     assert model.parts == LEARNED
     assert (model.good_scores <= 1.0).all()
@@ -171,6 +181,6 @@ def test_parts_that_teach_nothing_are_refused(
 def test_parts_without_valid_pixels_are_refused(stationary) -> None:
     parts = [stationary(TEXTURE, seed=seed, side=SIDE) for seed in range(3)]
     valid = np.zeros((SIDE, SIDE), bool)
-    valid[:64, :64] = True
-    with pytest.raises(InputError, match="no area of 256 x 256 px"):
+    valid[:48, :48] = True
+    with pytest.raises(InputError, match="no area of 128 x 128 px"):
         learn_defects([replace(part, valid=valid) for part in parts], [0.0] * 3)

@@ -24,12 +24,14 @@ from rig.v4l2.pixel_packing import PACKINGS
 from tests.hil.guest.loop_bench import (
     HOT_PIXELS,
     PERIOD_S,
+    SESSION_SETS,
     SETS,
     SHARED,
     SIDE_PX,
     VIDEO,
     ps4rig,
     rig_toml,
+    session_plan,
     simulated_rig,
 )
 from tests.hil.guest.serial_bench import GADGET, Gadget, port_of
@@ -115,6 +117,32 @@ def test_sets_are_captured_through_real_devices(
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert len(list(SHARED.glob("part-*.ome.tif"))) == SETS
+    assert simulation.poll() is None
+
+
+def test_a_killed_session_goes_on_through_real_devices(
+    simulation: subprocess.Popen[str], config: Path
+) -> None:
+    plan, session = SHARED / "lab.toml", SHARED / "lab"
+    assert subprocess.run(ps4rig("session", "new", plan), check=False).returncode == 0
+    plan.write_text(session_plan("lab"))
+    options = ("--rig", config, "--yes")
+    with subprocess.Popen(
+        ps4rig("session", "run", plan, *options), stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        while not list(session.glob("sets/*.ome.tif")):
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(PERIOD_S)
+        process.kill()
+    # The controller's watchdog puts the LED out, and the camera is free again.
+    done = subprocess.run(
+        ps4rig("session", "resume", session, *options), capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1].startswith("complete: ")
+    assert len(list(session.glob("sets/*.ome.tif"))) == SESSION_SETS
+    assert subprocess.run(ps4rig("verify", session), check=False).returncode == 0
     assert simulation.poll() is None
 
 

@@ -36,7 +36,7 @@ def draw_examples(figure: Figure, examples: Sequence[Example]) -> None:
     for row, example in zip(axes, examples, strict=True):
         row[0].imshow(example.image, cmap="gray", interpolation="nearest")
         row[0].contour(example.mask, levels=[0.5], colors="#f4c542", linewidths=0.8)
-        row[0].set_title(f"{example.texture}: {example.defect}", fontsize=7)
+        row[0].set_title(f"{example.texture}\n{example.defect}", fontsize=7)
         for ax, (name, score) in zip(row[1:], example.scores.items(), strict=True):
             shown = ax.imshow(score, cmap="magma", vmin=0.0, vmax=_TOP, interpolation="nearest")
             ax.set_title(f"{name}: {np.nanmax(score):.2f}", fontsize=7)

@@ -47,15 +47,12 @@ class Part:
     ----------
     images, surface
         The set, and the surface solved from it.
-    orientation_deg
-        True orientation of the texture.
     mask
         (H, W) pixels of the defect.
     """
 
     images: SimulatedSet
     surface: SurfaceEstimate
-    orientation_deg: float
     mask: npt.NDArray[np.bool_]
 
 
@@ -94,7 +91,7 @@ def part_of(
     scene = render_frame(shown, Lighting.ring(CONDITIONS.slant_deg), size_px, rotate_deg, shift_px)
     images = expose(scene, CONDITIONS, int(rng.integers(2**31)))
     estimate = solve(images, BEST_SOLVER, planar=True)
-    return Part(images, estimate, rotate_deg, mask)
+    return Part(images, estimate, mask)
 
 
 @lru_cache(maxsize=2)

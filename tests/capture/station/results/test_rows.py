@@ -3,7 +3,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture.station.results.part_result import MEASURES, DefectRecord, PartResult
@@ -87,6 +87,7 @@ def sqlite_store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ResultSto
         yield store
 
 
+@settings(max_examples=40)  # each one is on disk twice
 @given(result=results)
 def test_a_result_comes_back_from_sqlite(sqlite_store: ResultStore, result: PartResult) -> None:
     comes_back(sqlite_store, result)

@@ -261,7 +261,7 @@ def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> N
     url = server.make_database("two-programs")
     with open_store(url, "line-1", create=True) as store:
         with pytest.raises(ResultsUnavailable, match="another program writes for station line-1"):
-            open_store(url, "line-1", patience_s=0.0)
+            open_store(url, "line-1", patience_s=0.5)
         part_id = inspect(store).part_id
         with open_store(url, "line-1", alone=False) as beside:
             beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)

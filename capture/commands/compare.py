@@ -1,0 +1,79 @@
+"""The command ``ps4rig compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from capture.console import out, print_json, reported
+from capture.outputs import check_output
+
+from . import options
+
+if TYPE_CHECKING:
+    from capture.comparison.comparison import Comparison
+
+_PAGE_SUFFIX = ".html"
+
+
+@reported
+def compare(
+    first: Annotated[
+        Path, typer.Argument(metavar="A", help="A captured set, or a folder of maps from solve.")
+    ],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="PAGE.html", help="The page.", show_default="none, or comparison.html"
+        ),
+    ] = None,
+    force: options.Force = False,
+    json: options.Json = False,
+) -> None:
+    """Compare two sets or folders of maps: maps side by side, distance and angle, what differs.
+
+    Differences pixel by pixel are given where both have one size. With --json no page is written
+    without --out.
+    """
+    from capture.comparison.comparison import compare as compared
+    from capture.comparison.page import comparison_page
+    from capture.comparison.side import side_of
+    from classify.durable_file import durable_file
+
+    page = output if output is not None or json else Path(f"comparison{_PAGE_SUFFIX}")
+    if page is not None:
+        check_output(page, suffix=_PAGE_SUFFIX, inputs=[first, second], force=force)
+    found = compared(side_of(first), side_of(second))
+    if page is not None:
+        with durable_file(page) as temporary:
+            temporary.write_text(comparison_page(found), encoding="utf-8")
+    if json:
+        print_json(found.as_json())
+        return
+    _print(found)
+    out.print(f"{page}: maps side by side", soft_wrap=True)
+
+
+def _print(found: Comparison) -> None:
+    texture = found.texture
+    if texture is None:
+        out.print("texture: too small to compare")
+    else:
+        angle = "no clear angle" if found.angle_deg is None else f"{found.angle_deg:.1f} degrees"
+        out.print(f"texture: distance {texture.distance:.2f}, {angle} from A to B")
+    if found.normals_deg is not None and found.is_aligned:
+        median, p95 = found.normals_deg
+        out.print(f"normals: median {median:.3g} degrees apart, 95 % within {p95:.3g}")
+    for name, each in found.maps.items() if found.is_aligned else ():
+        unit = f" {each.unit}" if each.unit else ""
+        out.print(f"{name}: B - A has mean {each.mean:.3g}, rms {each.rms:.3g}{unit}")
+    if found.maps and not found.is_aligned:
+        out.print("the part was moved, or another one: pixels do not belong together")
+    for difference in found.fields:
+        out.print(
+            f"{difference.field}: {difference.first} -> {difference.second}",
+            soft_wrap=True, markup=False,
+        )  # fmt: skip

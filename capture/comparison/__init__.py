@@ -1,0 +1,1 @@
+"""Two sets, or two folders of maps, side by side: ``ps4rig compare``."""

@@ -1,0 +1,110 @@
+"""The comparison of two sides: textures, maps pixel by pixel, and fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from capture.session.measures import LEAST_SHARPNESS
+from classify.errors import InputError
+from classify.library.texture_pair import TexturePair, compare_textures
+
+from .differences import (
+    FieldDifference,
+    MapDifference,
+    field_differences,
+    map_difference,
+    normal_angles_deg,
+)
+from .side import Side
+
+# Slopes of a part that lies as before correlate by 0.9 and more in noise; 3 px across the relief
+# leave less than 0.6 on the four textures of the thesis (tests/capture/comparison).
+_ALIGNED = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Two sides and what differs.
+
+    Attributes
+    ----------
+    texture
+        None where a side is too small for a texture, or has no valid pixel.
+    angle_deg
+        Angle from the first to the second texture, anticlockwise, [-90, 90); None where the
+        textures determine none.
+    maps
+        Pixel by pixel, of maps of equal size and unit.
+    normals_deg
+        Median and 95th percentile of the angle between normals; None for unlike sizes.
+    fields
+        What differs in the set, the rig, its settings, the calibration and the software.
+    """
+
+    first: Side
+    second: Side
+    texture: TexturePair | None
+    angle_deg: float | None
+    maps: Mapping[str, MapDifference]
+    normals_deg: tuple[float, float] | None
+    fields: tuple[FieldDifference, ...]
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the slopes correlate, as those of a part that was not moved."""
+        slopes = [each.correlation for name, each in self.maps.items() if name in ("p", "q")]
+        return bool(slopes) and min(slopes) >= _ALIGNED
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the comparison as values of JSON."""
+        return {
+            "a": str(self.first.path),
+            "b": str(self.second.path),
+            "distance": None if self.texture is None else self.texture.distance,
+            "angle_deg": self.angle_deg,
+            "sharpness": None if self.texture is None else self.texture.sharpness,
+            "blur_px": None if self.texture is None else self.texture.blur_px,
+            "aligned": self.is_aligned,
+            "normals_median_deg": None if self.normals_deg is None else self.normals_deg[0],
+            "normals_p95_deg": None if self.normals_deg is None else self.normals_deg[1],
+            "maps": {name: asdict(each) for name, each in self.maps.items()},
+            "differences": [
+                {"field": each.field, "a": each.first, "b": each.second} for each in self.fields
+            ],
+        }
+
+
+def compare(first: Side, second: Side) -> Comparison:
+    """Compare two sides."""
+    try:
+        texture = compare_textures(first.texture, second.texture)
+    except InputError:
+        texture = None
+    is_clear = texture is not None and texture.sharpness >= LEAST_SHARPNESS
+    maps, normals_deg = {}, None
+    if first.surface.shape == second.surface.shape:
+        valid = first.surface.valid & second.surface.valid
+        for name, (values, unit) in first.maps.items():
+            others, other_unit = second.maps[name]
+            found = map_difference(values, others, valid, unit)
+            if unit == other_unit and found is not None:
+                maps[name] = found
+        if valid.any():
+            angles = normal_angles_deg(
+                (first.surface.p, first.surface.q), (second.surface.p, second.surface.q)
+            )
+            median, p95 = np.percentile(angles[valid], (50, 95))
+            normals_deg = float(median), float(p95)
+    return Comparison(
+        first,
+        second,
+        texture,
+        texture.angle_deg if texture is not None and is_clear else None,
+        maps,
+        normals_deg,
+        tuple(field_differences(first.facts, second.facts)),
+    )

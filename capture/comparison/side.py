@@ -1,0 +1,162 @@
+"""One side of a comparison: the maps of a set or of a folder, and where they come from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from capture.batch.tasks import LoadedSet
+from capture.calibration.setting import Setting
+from capture.maps.map_tiff import read_description, read_map
+from capture.sets.captured_set import CapturedSet
+from capture.sets.ome_tiff import SUFFIX
+from classify import SurfaceEstimate, integrate_gradients
+from classify.errors import InputError
+
+_MAPS = ("p", "q", "albedo", "height", "residual")
+# Fields of a setting that say which rig it is; the others are settings.
+_OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One of two sets or folders.
+
+    Attributes
+    ----------
+    surface
+        Slopes, albedo and validity as maps show them.
+    texture
+        The same solved as a texture is; that of a folder is its surface.
+    maps
+        (H, W) maps by name, each with its unit; heights are in mm where the scale is known.
+    facts
+        By group, ``set``, ``rig``, ``settings``, ``calibration`` and ``software``: values by field.
+    orientation_deg
+        As entered; None where it is not known.
+    """
+
+    path: Path
+    surface: SurfaceEstimate
+    texture: SurfaceEstimate
+    maps: Mapping[str, tuple[npt.NDArray[np.float32], str]]
+    facts: Mapping[str, Mapping[str, Any]]
+    simulated: bool
+    orientation_deg: float | None
+
+
+def side_of(path: Path) -> Side:
+    """Read and solve a set, or read a folder of maps that ``ps4rig solve`` wrote.
+
+    Raises
+    ------
+    InputError
+        If it is neither, cannot be read or solved, or its calibration is missing.
+    """
+    if path.is_dir():
+        return _folder(path)
+    if not path.name.endswith(SUFFIX):
+        raise InputError(f"{path}: give a captured set ({SUFFIX}) or a folder of maps")
+    return _set(path)
+
+
+def _set(path: Path) -> Side:
+    loaded = LoadedSet.of(path)
+    captured, known = loaded.captured, loaded.calibration
+    surface = captured.solve(calibration=known)
+    scale = None if known is None or known.scale is None else known.scale.mm_per_px
+    height = integrate_gradients(surface.p, surface.q)
+    height *= 1.0 if scale is None else scale
+    maps = {
+        "p": (surface.p, ""),
+        "q": (surface.q, ""),
+        "albedo": (surface.albedo, "of full scale"),
+        "height": (height, "px, relative" if scale is None else "mm"),
+        "residual": (surface.residual, "of full scale"),
+    }
+    facts = _facts_of_set(captured)
+    if loaded.found is not None:
+        records = loaded.found.file.records
+        facts["calibration"] |= {
+            name: {"date": str(record.date), "quality": record.quality}
+            for name, record in records.items()
+        }
+    texture = loaded.solve_texture(None, planar=True)
+    about = captured.metadata
+    return Side(path, surface, texture, maps, facts, about.simulated, about.orientation_deg)
+
+
+def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
+    about = captured.metadata
+    setting = Setting.of_set(captured).model_dump(mode="json")
+    rig = {name: setting.pop(name) for name in _OF_THE_RIG}
+    rig["led_intensities"] = np.round(captured.lighting.intensities, 4).tolist()
+    if about.controller is not None:
+        rig["controller"] = about.controller.model_dump(mode="json")
+    frames = max((len(image.frames) for image in about.images), default=0)
+    settings = setting | {
+        "frames_averaged": frames,
+        "settle_ms": about.settle_ms,
+        "synchronisation": about.synchronisation,
+    }
+    if about.camera is not None:
+        settings |= {
+            "frame_rate_hz": about.camera.frame_rate_hz,
+            "controls": dict(about.camera.controls),
+        }
+    said = ("label", "specimen", "operator", "note", "orientation_deg", "created_utc")
+    placement = None if about.placement is None else about.placement.model_dump(mode="json")
+    return {
+        "set": {name: getattr(about, name) for name in said} | {"placement": placement},
+        "rig": rig,
+        "settings": settings,
+        "calibration": {"sha256": list(about.calibration_ids)},
+        "software": {"version": about.software_version, "schema": about.schema_version},
+    }
+
+
+def _folder(folder: Path) -> Side:
+    if not (folder / "p.tif").is_file():
+        raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
+    about = read_description(folder / "p.tif")
+    maps: dict[str, tuple[npt.NDArray[np.float32], str]] = {}
+    for name in _MAPS:
+        values, described = read_map(folder / f"{name}.tif")
+        unit = str(described.get("unit", ""))
+        relative = ", relative" if described.get("relative") else ""
+        words = {"1": "", "full scale": "of full scale"}.get(unit, unit + relative)
+        maps[name] = (_plane(folder / f"{name}.tif", values), words)
+    shapes = {name: values.shape for name, (values, _) in maps.items()}
+    if len(set(shapes.values())) > 1:
+        raise InputError(f"{folder}: maps of unlike sizes: {json.dumps(shapes)}; solve again")
+    valid, _ = read_map(folder / "valid.tif")
+    if valid.shape != maps["p"][0].shape:
+        raise InputError(f"{folder / 'valid.tif'}: not of the size of p.tif; solve again")
+    surface = SurfaceEstimate(
+        p=maps["p"][0], q=maps["q"][0], albedo=maps["albedo"][0], valid=valid > 0,
+        method=str(about.get("method", "")), planar=bool(about.get("planar")),
+    )  # fmt: skip
+    columns, rows = surface.shape[1], surface.shape[0]
+    facts = {
+        "set": {name: about.get(name) for name in ("label", "pixels_sha256")},
+        "rig": {},
+        "settings": {
+            "width_px": columns, "height_px": rows, "mm_per_px": about.get("mm_per_px"),
+            "method": about.get("method"), "planar": about.get("planar"),
+        },
+        "calibration": {"file": about.get("calibration")},
+        "software": {"version": about.get("software_version")},
+    }  # fmt: skip
+    return Side(folder, surface, surface, maps, facts, bool(about.get("simulated")), None)
+
+
+def _plane(path: Path, values: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    if values.ndim != 2 or not np.isfinite(values).all():
+        raise InputError(f"{path}: not a map of finite values in one channel; solve again")
+    return values.astype(np.float32, copy=False)

@@ -1,0 +1,84 @@
+"""Energy and anisotropy of the whitened fields around each cell."""
+
+from functools import partial
+
+import numpy as np
+
+from classify.compiling import Array, kernel
+from classify.surface.estimate import FloatMap
+from classify.threads import run_on_rows
+
+from .fields import HALF_CELL, gaussian_mean, resized
+
+LEVELS = 4
+"""Octaves of the local statistics."""
+STATISTICS = 2 * 3 * LEVELS
+"""Local statistics of a cell."""
+
+# Cells over which local statistics are averaged: standard deviation of the Gaussian.
+_STATISTICS_CELLS = 1.5
+# Energies of a white field of variance 1 are of order 1; this floor keeps logarithms finite.
+_ENERGY_FLOOR = np.float32(1e-3)
+
+
+def local_statistics(
+    relief: list[FloatMap], albedo: list[FloatMap], weight: FloatMap, orientation_deg: float
+) -> FloatMap:
+    """(h, w, STATISTICS) float32 statistics of every cell in the frame of the texture.
+
+    Per octave of relief and then of albedo: the logarithm of the energy of the gradient, and its
+    anisotropy as the cosine and sine of twice the direction.
+    """
+    rows, columns = (side // HALF_CELL for side in relief[0].shape)
+    angle = np.radians(2.0 * orientation_deg)
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
+    around += np.float32(1e-3)
+    values = np.empty((rows, columns, STATISTICS), np.float32)
+    levels = [*relief[:LEVELS], *albedo[:LEVELS]]
+    for number, level in enumerate(levels):
+        xx, yy, xy = (
+            gaussian_mean(resized(each, rows, columns), _STATISTICS_CELLS) / around
+            for each in _gradient_energies(level, HALF_CELL >> number % LEVELS or 1)
+        )
+        total, even, odd = xx + yy + 2 * _ENERGY_FLOOR, xx - yy, 2 * xy
+        values[..., 3 * number] = np.log(total)
+        values[..., 3 * number + 1] = (c * even + s * odd) / total
+        values[..., 3 * number + 2] = (c * odd - s * even) / total
+    return values
+
+
+def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
+    """(3, h, w) means of x^2, y^2 and x y of the gradient (y up) over `pixels` x `pixels`."""
+    rows, columns = (side // pixels for side in level.shape)
+    energies = np.empty((3, rows, columns), np.float32)
+    run_on_rows(partial(_sum_energies, level, pixels, energies), (rows, level[:pixels].size))
+    return energies
+
+
+@kernel
+def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: int) -> None:
+    """Means of rows of squares. Gradients are Sobel's; at the border of the frame they are 0."""
+    rows, columns = level.shape
+    sums = np.empty((3, columns), np.float32)
+    quarter, two = np.float32(0.25), np.float32(2.0)
+    share = np.float32(1.0) / np.float32(pixels * pixels)
+    for row in range(first, stop):
+        sums[:] = np.float32(0.0)
+        xx, yy, xy = sums[0], sums[1], sums[2]
+        for r in range(max(row * pixels, 1), min((row + 1) * pixels, rows - 1)):
+            above, here, below = level[r - 1], level[r], level[r + 1]
+            for c in range(1, columns - 1):
+                falling = above[c + 1] - below[c - 1]
+                rising = above[c - 1] - below[c + 1]
+                x = quarter * (falling - rising + two * (here[c + 1] - here[c - 1]))
+                y = quarter * (falling + rising + two * (above[c] - below[c]))
+                xx[c] += x * x
+                yy[c] += y * y
+                xy[c] += x * y
+        for index in range(3):
+            for column in range(energies.shape[2]):
+                total = np.float32(0.0)
+                for c in range(column * pixels, (column + 1) * pixels):
+                    total += sums[index, c]
+                energies[index, row, column] = share * total
