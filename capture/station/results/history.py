@@ -66,6 +66,10 @@ class Selection:
         Name of the recipe.
     simulated
         Whether parts of a simulated rig are selected, True for these alone.
+    part_id
+        Identity of the part.
+    below_number
+        Parts with a lower number.
     """
 
     since_utc: str | None = None
@@ -74,6 +78,8 @@ class Selection:
     label: str | None = None
     recipe: str | None = None
     simulated: bool | None = None
+    part_id: str | None = None
+    below_number: int | None = None
 
     def without_simulated(self) -> Self:
         """Return the same selection of production alone."""
@@ -188,9 +194,12 @@ def _conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bo
         (results.c.label, selection.label),
         (results.c.recipe, selection.recipe),
         (results.c.simulated, selection.simulated),
+        (results.c.part_id, selection.part_id),
     ):
         if value is not None:
             yield column == value
+    if selection.below_number is not None:
+        yield results.c.number < selection.below_number
 
 
 def _within(utc: ColumnElement[str], selection: Selection) -> Iterator[ColumnElement[bool]]:

@@ -1,6 +1,7 @@
 """A part of the history as a flat record, for CSV and JSON."""
 
 import csv
+import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
@@ -36,23 +37,40 @@ def record_of(entry: HistoryEntry) -> dict[str, Any]:
 
 def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
     """Write a line for each part (RFC 4180); lists and objects are JSON in their cell."""
-    writer = csv.writer(file)
-    writer.writerow(COLUMNS)
+    file.writelines(csv_pieces(entries))
+
+
+def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
+    """Yield the lines of `write_csv`, so that they never are in memory as a whole."""
+    yield _csv_line(COLUMNS)
     for entry in entries:
-        writer.writerow(map(_cell, record_of(entry).values()))
+        yield _csv_line(map(_cell, record_of(entry).values()))
+
+
+def _csv_line(cells: Iterable[Any]) -> str:
+    line = io.StringIO()
+    csv.writer(line).writerow(cells)
+    return line.getvalue()
 
 
 def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:
     """Yield the JSON of a history in pieces, so that it never is in memory as a whole."""
     about = {
         "station": station,
-        "production": _tally(counters.production),
-        "simulated": _tally(counters.simulated),
+        **counts_of(counters),
     }
     yield json.dumps(about)[:-1] + ', "parts": ['
     for position, entry in enumerate(entries):
         yield (",\n" if position else "\n") + json.dumps(record_of(entry), allow_nan=False)
     yield "\n]}\n"
+
+
+def counts_of(counters: Counters) -> dict[str, Any]:
+    """Return numbers of parts for JSON; those of a simulated rig apart."""
+    return {
+        "production": _tally(counters.production),
+        "simulated": _tally(counters.simulated),
+    }
 
 
 def _cell(value: Any) -> Any:

@@ -29,9 +29,30 @@ def _add_removed_sets(connection: Connection) -> None:
         connection.exec_driver_sql(statement)
 
 
+def _add_changes(connection: Connection) -> None:
+    connection.exec_driver_sql(
+        """
+        CREATE TABLE changes (
+            station TEXT NOT NULL, position BIGINT NOT NULL, request TEXT NOT NULL,
+            utc TEXT NOT NULL, "by" TEXT NOT NULL, role TEXT NOT NULL, what TEXT NOT NULL,
+            before TEXT, after TEXT,
+            PRIMARY KEY (station, position),
+            UNIQUE (request),
+            FOREIGN KEY (station) REFERENCES stations (station)
+        )
+        """
+    )
+    keys = (("request",), ("station", "position"))
+    for statement in append_only(connection.dialect.name, "changes", keys):
+        connection.exec_driver_sql(statement)
+
+
 # By the version that a step leads to. A step is written once and never changed: it must not use
 # the tables of `schema`, which are those of the last version.
-_STEPS: Mapping[int, Callable[[Connection], None]] = {2: _add_removed_sets}
+_STEPS: Mapping[int, Callable[[Connection], None]] = {
+    2: _add_removed_sets,
+    3: _add_changes,
+}
 
 
 def migrate(connection: Connection, name: str, *, create: bool) -> None:

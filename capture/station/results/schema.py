@@ -25,7 +25,7 @@ from sqlalchemy import (
     and_,
 )
 
-VERSION = 2
+VERSION = 3
 
 metadata = MetaData()
 
@@ -151,6 +151,22 @@ removed_sets = Table(
     Column("set_file", Text, nullable=False),
     PrimaryKeyConstraint("station", "part_id"),
     ForeignKeyConstraint(("station", "part_id"), ("results.station", "results.part_id")),
+)
+
+# What people and programs changed at the station, other than verdicts.
+changes = Table(
+    "changes",
+    metadata,
+    Column("station", Text, ForeignKey("stations.station"), nullable=False),
+    Column("position", BigInteger, nullable=False),
+    Column("request", Text, nullable=False, unique=True),
+    Column("utc", Text, nullable=False),
+    Column("by", Text, nullable=False),
+    Column("role", Text, nullable=False),
+    Column("what", Text, nullable=False),
+    Column("before", Text),
+    Column("after", Text),
+    PrimaryKeyConstraint("station", "position"),
 )
 
 

@@ -135,7 +135,7 @@ class ResultStore:
             written = connection.execute(_BEGUN.where(begun_parts.c.request == request)).first()
             if written is not None:
                 return _begun_part(written)
-            self._lock_station(connection, triggered_utc)
+            self.lock_station(connection, triggered_utc)
             if part_id is not None and self._find(connection, begun_parts, part_id) is not None:
                 raise InputError(f"part {part_id}: this station has had a part with this id")
             number = self._last(connection, begun_parts.c.number) + 1
@@ -196,8 +196,8 @@ class ResultStore:
         }
 
         def work(connection: Connection) -> None:
-            if not _has_request(connection, refused_triggers, row["request"]):
-                self._lock_station(connection, utc)
+            if not has_request(connection, refused_triggers, row["request"]):
+                self.lock_station(connection, utc)
                 position = self._last(connection, refused_triggers.c.position) + 1
                 connection.execute(insert(refused_triggers).values(row | {"position": position}))
 
@@ -230,9 +230,9 @@ class ResultStore:
         }
 
         def work(connection: Connection) -> None:
-            if _has_request(connection, overrides, row["request"]):
+            if has_request(connection, overrides, row["request"]):
                 return
-            self._lock_station(connection, utc)
+            self.lock_station(connection, utc)
             if self._find(connection, results, part_id) is None:
                 raise InputError(f"part {part_id}: station {self.station} has no result of it")
             position = self._last(connection, overrides.c.position, part_id=part_id) + 1
@@ -314,8 +314,8 @@ class ResultStore:
         with self.reading() as connection:
             return counters(connection, self.station, selection)
 
-    def _lock_station(self, connection: Connection, utc: str) -> None:
-        """Give numbers to one writer of this station at a time, until the end of the transaction.
+    def lock_station(self, connection: Connection, utc: str) -> None:
+        """Give numbers to one writer of this station at a time, until the end of a transaction.
 
         A transaction that writes to SQLite has the whole file locked from its begin.
         """
@@ -345,7 +345,7 @@ def _begun_part(row: Row[Any]) -> BegunPart:
     return BegunPart(**row._mapping)
 
 
-def _has_request(connection: Connection, table: Table, request: Any) -> bool:
+def has_request(connection: Connection, table: Table, request: Any) -> bool:
     statement = select(table.c.request).where(table.c.request == request)
     return connection.execute(statement).first() is not None
 

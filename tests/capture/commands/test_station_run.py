@@ -29,7 +29,7 @@ def test_init_writes_a_commented_configuration(ps4rig: Any, tmp_path: Path) -> N
 def test_the_example_names_every_key() -> None:
     keys = {*re.findall(r"^(?:# )?(\w+) = ", EXAMPLE, re.MULTILINE)}
     sections = {*re.findall(r"^\[(\w+)\]", EXAMPLE, re.MULTILINE)}
-    for section in ("retention", "simulated_parts"):
+    for section in ("retention", "simulated_parts", "panel"):
         keys -= {*type(getattr(StationConfig(name="a", recipe="b"), section)).model_fields}
     assert keys | sections == {*StationConfig.model_fields}
 

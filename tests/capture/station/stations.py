@@ -115,6 +115,7 @@ class Bench:
     save: Callable[[CapturedSet, Path], None] = lambda captured, path: captured.save(path)
     clock: StationClock = field(default_factory=StationClock)
     prepare: Callable[[], list[Check]] = list
+    listen: Callable[[Event], None] = lambda _: None
 
     def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
         """Run the station; `events` holds what happened."""
@@ -126,7 +127,7 @@ class Bench:
             path.parent.mkdir(parents=True, exist_ok=True)
             self.save(captured, path)
 
-        with Publisher(self.events.append) as publisher:
+        with Publisher(self.events.append, self.listen) as publisher:
 
             def prepare() -> list[Check]:
                 found = finish_interrupted(self.folder.path, self.store, self.clock.now)
@@ -155,8 +156,9 @@ class Bench:
 
 @contextmanager
 def bench(folder: Path, captured: CapturedSet) -> Iterator[Bench]:
-    """Make a station in `folder` with a fake rig and a fake inspector."""
-    make_station(folder)
+    """Open the station in `folder`, or make it, with a fake rig and a fake inspector."""
+    if not folder.exists():
+        make_station(folder)
     opened = StationFolder(folder)
     results = opened.config.results_in(folder)
     with open_store(results, opened.config.name, create=True, patience_s=0.2) as store:

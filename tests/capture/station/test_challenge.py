@@ -94,7 +94,7 @@ def test_the_commands_teach_challenge_approve_and_run(
     station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
 ) -> None:
     assert small_rig
-    run = ("station", "run", station, "--trigger", "timer", "--parts", 1)
+    run = ("station", "run", station, "--no-panel", "--trigger", "timer", "--parts", 1)
     refused = ps4rig(*run)
     assert refused.exit_code == 2
     assert "not approved" in refused.stderr

@@ -14,7 +14,8 @@ OLD = Path(__file__).parents[3] / "data" / "results" / "version-1.sqlite"
 def test_the_example_with_pandas_counts_verdicts_per_day(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    results = README.read_text(encoding="utf-8").partition("\n## Results\n")[2]
+    section = README.read_text(encoding="utf-8").partition("\n## Results\n")[2]
+    results = section.partition("\n## ")[0]
     [example] = re.findall(r"```python\n(.*?)```", results, re.DOTALL)
     (tmp_path / "line-3").mkdir()
     shutil.copy(OLD, tmp_path / "line-3" / "results.sqlite")

@@ -1,0 +1,61 @@
+"""The faces of a running station: what `ps4rig station run` starts beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+from capture.console import complain
+
+if TYPE_CHECKING:
+    from capture.station.face_config import PanelConfig
+    from capture.station.folder import StationFolder
+    from capture.station.panel.live import LiveStation
+
+
+@contextmanager
+def panel_of(
+    folder: StationFolder, live: LiveStation, settings: PanelConfig, *, is_asked: bool
+) -> Iterator[None]:
+    """Serve the panel while the block runs, and print its address.
+
+    Parameters
+    ----------
+    is_asked
+        Whether somebody asked for the panel: if not, and its port is taken, the station runs
+        without.
+
+    Raises
+    ------
+    InputError
+        If it cannot be served.
+    """
+    from capture.station.panel.panel import Panel
+    from capture.station.panel.server import PortTaken, serving_panel
+
+    with ExitStack() as stack:
+        try:
+            address = stack.enter_context(serving_panel(Panel.of(folder, live, settings)))
+        except PortTaken as error:
+            if is_asked:
+                raise
+            complain(f"warning: no panel: {error}")
+        else:
+            complain(f"panel: {address}")
+        yield
+
+
+def panel_settings(configured: PanelConfig, host: str | None, port: int | None) -> PanelConfig:
+    """Return the settings with what the command line changed.
+
+    Raises
+    ------
+    ConfigError
+        For a host that is no address of this machine.
+    """
+    from capture.station.face_config import PanelConfig
+    from rig.config.toml_file import validated
+
+    given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
+    return validated(configured.model_dump() | given, PanelConfig, "--host, --port")

@@ -1,0 +1,110 @@
+"""``ps4rig station user`` and ``ps4rig station token``: who may use a station's panel and API."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from capture.commands.group import command_group
+from capture.console import new_table, out, print_table, reported
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
+UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
+ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the program.")]
+RoleName = Annotated[
+    Literal["operator", "engineer", "administrator"],
+    typer.Option(
+        help="An operator sees everything and triggers, an engineer also teaches and overrides, an "
+        "administrator also changes users."
+    ),
+]
+
+user_app = command_group("The people who may use a station's panel.")
+token_app = command_group("The programs that may use a station's HTTP API.")
+
+
+@user_app.command("add")
+@reported
+def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
+    """Add a user, or give one another role and password.
+
+    The password is asked for, or is the first line of the standard input.
+    """
+    from capture.station.folder import StationFolder
+    from capture.station.panel.accounts import accounts_on_the_terminal
+    from capture.station.panel.roles import Role
+
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
+        accounts.put_user(name, Role(role), _password(name))
+    out.print(f"user {name}: {role}")
+
+
+@user_app.command("remove")
+@reported
+def remove_user(folder: Folder, name: UserName) -> None:
+    """Remove a user; the sessions of this user end at once."""
+    from capture.station.folder import StationFolder
+    from capture.station.panel.accounts import accounts_on_the_terminal
+
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
+        accounts.remove_user(name)
+    out.print(f"user {name}: removed")
+
+
+@user_app.command("list")
+@reported
+def list_users(folder: Folder) -> None:
+    """List the users."""
+    from capture.station.folder import StationFolder
+    from capture.station.panel.users import Users
+
+    table = new_table("user", "role")
+    for user in Users(StationFolder(folder).path).all():
+        table.add_row(user.name, user.role)
+    print_table(table)
+
+
+@token_app.command("add")
+@reported
+def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
+    """Add a program and print its token, which is kept nowhere."""
+    from capture.station.folder import StationFolder
+    from capture.station.panel.accounts import accounts_on_the_terminal
+    from capture.station.panel.roles import Role
+
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
+        out.print(accounts.add_client(name, Role(role)), soft_wrap=True)
+
+
+@token_app.command("remove")
+@reported
+def remove_token(folder: Folder, name: ClientName) -> None:
+    """Remove a program; its token is worth nothing at once."""
+    from capture.station.folder import StationFolder
+    from capture.station.panel.accounts import accounts_on_the_terminal
+
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
+        accounts.remove_client(name)
+    out.print(f"client {name}: removed")
+
+
+@token_app.command("list")
+@reported
+def list_tokens(folder: Folder) -> None:
+    """List the programs that have a token."""
+    from capture.station.folder import StationFolder
+    from capture.station.panel.tokens import Tokens
+
+    table = new_table("client", "role", "since (UTC)")
+    for client in Tokens(StationFolder(folder).path).all():
+        table.add_row(client.name, client.role, client.created_utc)
+    print_table(table)
+
+
+def _password(name: str) -> str:
+    if sys.stdin.isatty():
+        return str(typer.prompt(f"password of {name}", hide_input=True, confirmation_prompt=True))
+    return sys.stdin.readline().rstrip("\r\n")

@@ -1,0 +1,94 @@
+"""Sections of ``station.toml`` for the station's faces: `PanelConfig`."""
+
+import ipaddress
+import re
+from pathlib import Path
+from typing import Annotated, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from rig.config.section import Section
+
+_HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
+LOCALHOST = "localhost"
+
+
+def _address(text: str) -> str:
+    if text != LOCALHOST:
+        try:
+            ipaddress.ip_address(text)
+        except ValueError as error:
+            raise ValueError(
+                "give an IP address of this machine, such as 127.0.0.1, or 0.0.0.0 for all"
+            ) from error
+    return text
+
+
+def _host_name(text: str) -> str:
+    if not _HOST_NAME.fullmatch(text):
+        raise ValueError(f"{text!r}: give a host name in lower case, without port")
+    return text
+
+
+Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
+PathText = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
+class PanelConfig(Section):
+    """The panel and the HTTP API.
+
+    Attributes
+    ----------
+    host, port
+        Where it listens.
+    tls_cert, tls_key
+        PEM files for HTTPS, relative to the station's folder.
+    behind_proxy
+        Whether a proxy on this machine does HTTPS.
+    names
+        Host names by which browsers reach the panel; IP addresses need no entry.
+    """
+
+    host: Address = "127.0.0.1"
+    port: int = Field(default=8100, ge=0, le=65535)
+    tls_cert: PathText | None = None
+    tls_key: PathText | None = None
+    behind_proxy: bool = False
+    names: tuple[Annotated[str, AfterValidator(_host_name)], ...] = Field(
+        default=(), max_length=100, strict=False
+    )
+
+    @model_validator(mode="after")
+    def _tls_has_both_files(self) -> Self:
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise ValueError("tls_cert and tls_key: give both, or none")
+        return self
+
+    @model_validator(mode="after")
+    def _only_the_proxy_is_asked_without_tls(self) -> Self:
+        if self.behind_proxy and not self._is_loopback:
+            raise ValueError(
+                f"behind_proxy = true with host = {self.host!r}: others could pass by the proxy; "
+                "give 127.0.0.1"
+            )
+        return self
+
+    @property
+    def _is_loopback(self) -> bool:
+        return self.host == LOCALHOST or ipaddress.ip_address(self.host).is_loopback
+
+    @property
+    def is_https(self) -> bool:
+        """Whether browsers reach it by HTTPS only."""
+        return self.tls_cert is not None or self.behind_proxy
+
+    @property
+    def is_for_this_machine(self) -> bool:
+        """Whether all requests come from programs on this machine."""
+        return self._is_loopback and not self.behind_proxy
+
+    def tls_files(self, folder: Path) -> tuple[Path, Path] | None:
+        """Return certificate and key of a station in `folder`, or None without TLS."""
+        if self.tls_cert is None or self.tls_key is None:
+            return None
+        return folder / self.tls_cert, folder / self.tls_key

@@ -1,0 +1,116 @@
+"""Pages of users, API clients and changes; everybody's own password."""
+
+from starlette.responses import RedirectResponse, Response
+
+from capture.station.results.change_log import newest_changes
+from capture.station.results.database import ResultsUnavailable
+from classify.errors import InputError
+
+from .accounts_api import accounts_of, role_of
+from .render import page
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+
+_SHOWN_CHANGES = 200
+
+
+def _accounts(call: Call, message: str = "", token: str = "") -> Response:
+    panel = call.panel
+    answer = page(
+        call,
+        "accounts.html",
+        users=panel.users.all(),
+        clients=panel.tokens.all(),
+        roles=tuple(Role),
+        message=message,
+        token=token,
+    )
+    answer.status_code = 400 if message else 200
+    return answer
+
+
+def _change_accounts(call: Call) -> Response:
+    accounts, action, name = accounts_of(call), call.text("action"), call.text("name")
+    try:
+        if action == "put user":
+            accounts.put_user(name, role_of(call), call.text("password"))
+        elif action == "remove user":
+            accounts.remove_user(name)
+        elif action == "add client":
+            return _accounts(call, token=accounts.add_client(name, role_of(call)))
+        elif action == "remove client":
+            accounts.remove_client(name)
+        else:
+            raise InputError(f"action = {action[:20]!r}: there is none")
+    except ResultsUnavailable:
+        raise
+    except InputError as error:
+        return _accounts(call, message=str(error))
+    return RedirectResponse("/accounts", 303)
+
+
+def _changes(call: Call) -> Response:
+    changes = newest_changes(call.panel.results.store, _SHOWN_CHANGES)
+    return page(call, "changes.html", changes=changes, most=_SHOWN_CHANGES)
+
+
+def _password_form(call: Call, message: str = "") -> Response:
+    answer = page(call, "password.html", message=message)
+    answer.status_code = 400 if message else 200
+    return answer
+
+
+def _change_password(call: Call) -> Response:
+    """Replace the password of who asks, whose sessions end with that."""
+    who, panel = call.someone, call.panel
+    user = panel.users.get(who.name) if who.via == "session" else None
+    if user is None:
+        raise InputError("only a user who is logged in has a password")
+    client = call.request.client
+    address = "" if client is None else client.host
+    if panel.logins.begin(user.name, address) > 0.0:
+        raise Denied(429, "too many wrong passwords; try again in a minute")
+    if panel.users.verified(user.name, call.text("password")) is None:
+        return _password_form(call, "The present password is wrong.")
+    panel.logins.succeeded(user.name, address)
+    if call.text("new") != call.text("again"):
+        return _password_form(call, "The new passwords differ.")
+    try:
+        accounts_of(call).put_user(user.name, user.role, call.text("new"))
+    except ResultsUnavailable:
+        raise
+    except InputError as error:
+        return _password_form(call, str(error))
+    return RedirectResponse("/login", 303)
+
+
+_HTML = "text/html"
+ROUTES = (
+    PanelRoute(
+        "GET", "/accounts", Role.ADMINISTRATOR, _accounts, "Users and API clients.", answer=_HTML,
+        menu="Accounts",
+    ),
+    PanelRoute(
+        "POST", "/accounts", Role.ADMINISTRATOR, _change_accounts,
+        "Add or remove a user or an API client.",
+        fields={
+            "action": "put user, remove user, add client or remove client", "name": "whom",
+            "role": "of a new one", "password": "of a user",
+        },
+        answer=_HTML,
+    ),
+    PanelRoute(
+        "GET", "/changes", Role.ENGINEER, _changes, "Who changed what.", answer=_HTML,
+        menu="Changes",
+    ),
+    PanelRoute(
+        "GET", "/password", Role.OPERATOR, _password_form, "The form for another password.",
+        answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", "/password", Role.OPERATOR, _change_password, "Change the own password.",
+        fields={"password": "the present one", "new": "the new one", "again": "the new one again"},
+        answer=_HTML,
+    ),
+)  # fmt: skip

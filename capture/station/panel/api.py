@@ -1,0 +1,302 @@
+"""The HTTP API: everything that the pages show and do, for programs."""
+
+import asyncio
+from collections.abc import Iterator
+from itertools import chain, islice
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import FileResponse, Response, StreamingResponse
+
+from capture.process.utc_time import utc_text
+from capture.station.recipe_file import SUFFIX, read_recipe
+from capture.station.results.change_log import newest_changes
+from capture.station.results.history import HistoryEntry, Selection
+from capture.station.results.history_table import counts_of, csv_pieces, record_of
+from capture.station.results.utc import utc_bound
+from capture.station.triggers import Accepted, Refused
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+from .awaiting import awaited
+from .metrics import MEDIA_TYPE, metrics_text
+from .render import Answer
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+
+MOST_PARTS = 500
+_PARTS = 50
+LONGEST_WAIT_S = 30.0
+_FILTERS = {
+    "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
+    "until": "parts triggered then or earlier; a date: all its day",
+    "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
+    "class": "the texture that was found",
+    "recipe": "name of the recipe",
+    "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
+}
+
+
+def selection_of(call: Call, **more: Any) -> Selection:
+    """Return the selection that a query describes.
+
+    Raises
+    ------
+    InputError
+        For a value that is none of its name.
+    """
+    query = call.query
+    verdict, simulated = query.get("verdict"), query.get("simulated", "false")
+    if verdict is not None and verdict.upper() not in Decision.__members__:
+        raise InputError(f"verdict = {verdict[:20]!r}: give PASS, FAIL, UNKNOWN or ERROR")
+    if simulated not in ("true", "false", "only"):
+        raise InputError(f"simulated = {simulated[:20]!r}: give true, false or only")
+    since, until = query.get("since"), query.get("until")
+    return Selection(
+        since_utc=None if since is None else utc_bound("since", since),
+        until_utc=None if until is None else utc_bound("until", until, is_end=True),
+        decision=None if verdict is None else Decision(verdict.upper()),
+        label=query.get("class"),
+        recipe=query.get("recipe"),
+        simulated={"true": None, "false": False, "only": True}[simulated],
+        **more,
+    )
+
+
+def whole_number(call: Call, name: str, default: int, most: int) -> int:
+    """Return a whole number of a query, from 1 to `most`.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    text = call.query.get(name, str(default))
+    if not (text.isascii() and text.isdecimal() and len(text) < 16 and 1 <= int(text) <= most):
+        raise InputError(f"{name} = {text[:20]!r}: give a whole number from 1 to {most}")
+    return int(text)
+
+
+def entry_of(call: Call) -> HistoryEntry:
+    """Return the part that the path names.
+
+    Raises
+    ------
+    Denied
+        If there is no result of it.
+    """
+    part_id = call.path["part_id"]
+    entry = next(call.panel.results.store.parts(Selection(part_id=part_id)), None)
+    if entry is None:
+        raise Denied(404, f"part {part_id[:100]}: there is no result of it")
+    return entry
+
+
+def _state(call: Call) -> Response:
+    return Answer(call.panel.live.snapshot().fields())
+
+
+def _trigger(call: Call) -> Response:
+    part_id = call.text("part_id", "") or None
+    answer = call.panel.triggers.submit(call.request.headers.get("idempotency-key"), part_id)
+    if isinstance(answer, Refused):
+        return Answer({"accepted": False, "error": answer.reason}, 409)
+    is_new = isinstance(answer, Accepted)
+    return Answer(
+        {
+            "accepted": True,
+            "part_id": answer.part_id,
+            "number": answer.number,
+            "repeated": not is_new,
+        },
+        202 if is_new else 200,
+        {"Location": f"/api/v1/parts/{answer.part_id}"},
+    )
+
+
+def _acknowledge(call: Call) -> Response:
+    part_id, live = call.path["part_id"], call.panel.live
+    rejected = {each.result.part_id: each for each in live.snapshot().rejected}
+    if part_id not in rejected:
+        raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
+    if rejected[part_id].acknowledged_by is None:
+        decision = rejected[part_id].result.verdict.decision
+        call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
+        live.acknowledge(part_id, call.name)
+    return Answer({"part_id": part_id, "acknowledged": True})
+
+
+def _parts(call: Call) -> Response:
+    most = whole_number(call, "limit", _PARTS, MOST_PARTS)
+    below = None
+    if "below" in call.query:
+        below = whole_number(call, "below", 1, 2**53)
+    selection = selection_of(call, below_number=below)
+    entries = list(call.panel.results.store.parts(selection, newest=most))[::-1]
+    has_more = len(entries) == most and entries[-1].result.number > 1
+    return Answer(
+        {
+            "station": call.panel.folder.config.name,
+            "parts": [record_of(entry) for entry in entries],
+            "next_below": entries[-1].result.number if has_more else None,
+        }
+    )
+
+
+def _counts(call: Call) -> Response:
+    counters = call.panel.results.store.counters(selection_of(call))
+    return Answer({"station": call.panel.folder.config.name, **counts_of(counters)})
+
+
+def _parts_csv(call: Call) -> Response:
+    entries = call.panel.results.store.parts(selection_of(call))
+    # The first one before the answer begins: a database that does not answer is an error 503.
+    first = list(islice(entries, 1))
+    pieces: Iterator[str] = csv_pieces(chain(first, entries))
+    name = f"{call.panel.folder.config.name}-parts.csv"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(pieces, media_type="text/csv; charset=utf-8", headers=headers)
+
+
+async def _part(call: Call) -> Response:
+    """Answer with a part, as soon as it has a result, within the time that the client gives."""
+    wait_s = _seconds(call.query.get("wait_s", "0"))
+    live, loop = call.panel.live, asyncio.get_running_loop()
+    subscription, changed = awaited(live)
+    try:
+        ends_s = loop.time() + wait_s
+        while True:
+            changed.clear()
+            is_over = subscription is None or subscription.is_closed or loop.time() >= ends_s
+            try:
+                return Answer(await run_in_threadpool(lambda: record_of(entry_of(call))))
+            except Denied:
+                if is_over:
+                    raise
+            try:
+                await asyncio.wait_for(changed.wait(), max(ends_s - loop.time(), 0.0))
+            except TimeoutError:
+                continue
+    finally:
+        if subscription is not None:
+            live.unsubscribe(subscription)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds <= LONGEST_WAIT_S:
+        raise InputError(f"wait_s = {text[:20]!r}: give 0 to {LONGEST_WAIT_S:g} seconds")
+    return seconds
+
+
+def _set_file(call: Call) -> Response:
+    entry = entry_of(call)
+    result, folder = entry.result, call.panel.folder
+    if result.set_file is None:
+        raise Denied(404, f"part {result.part_id}: no set was captured")
+    path = (folder.path / result.set_file).resolve()
+    if not path.is_relative_to(folder.parts.resolve()) or not path.is_file():
+        when = entry.set_removed_utc
+        reason = f"was removed by the retention on {when[:10]}" if when else "is missing"
+        raise Denied(410 if when else 404, f"part {result.part_id}: its set file {reason}")
+    return FileResponse(path, media_type="image/tiff", filename=path.name)
+
+
+def _override(call: Call) -> Response:
+    entry, reason = entry_of(call), call.text("reason")
+    part_id, decision = entry.result.part_id, call.text("decision").upper()
+    if decision not in (Decision.PASS, Decision.FAIL):
+        raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
+    if not reason.strip():
+        raise InputError("reason: must not be empty")
+    after = f"{decision}: {reason.strip()}"
+    call.panel.changes.record(call.someone, f"part {part_id}", entry.decision, after)
+    utc = utc_text(timespec="milliseconds")
+    call.panel.results.store.override(
+        part_id, decision=Decision(decision), by=call.name, reason=reason, utc=utc
+    )
+    call.panel.live.announce(
+        {"event": "override", "part_id": part_id, "decision": decision, "by": call.name}
+    )
+    return Answer(record_of(entry_of(call)))
+
+
+def _recipes(call: Call) -> Response:
+    names = sorted(path.stem for path in (call.panel.folder.path / "recipes").glob(f"*{SUFFIX}"))
+    return Answer({"recipes": names, "configured": call.panel.folder.config.recipe})
+
+
+def _recipe(call: Call) -> Response:
+    files = call.panel.folder.recipe_files(call.path["name"])
+    if not files.file.is_file():
+        raise Denied(404, f"recipe {files.name}: there is none")
+    recipe = read_recipe(files.file)
+    return Answer(recipe.model_dump(mode="json", by_alias=True) | {"sha256": recipe.sha256})
+
+
+def _audit(call: Call) -> Response:
+    changes = newest_changes(
+        call.panel.results.store, whole_number(call, "limit", _PARTS, MOST_PARTS)
+    )
+    return Answer({"changes": [vars(change) for change in changes]})
+
+
+def _metrics(call: Call) -> Response:
+    return Response(metrics_text(call.panel.live.snapshot()), media_type=MEDIA_TYPE)
+
+
+V1 = "/api/v1"
+ROUTES = (
+    PanelRoute("GET", f"{V1}/state", Role.OPERATOR, _state, "State, last result, devices, counts."),
+    PanelRoute(
+        "POST", f"{V1}/trigger", Role.OPERATOR, _trigger,
+        "Trigger a part: 202 accepted, 200 accepted before with this Idempotency-Key, 409 refused.",
+        fields={"part_id": "identity of the part; without it the station makes one"},
+    ),
+    PanelRoute(
+        "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",
+        query=_FILTERS | {
+            "limit": f"number of parts, {_PARTS} by default, at most {MOST_PARTS}",
+            "below": "only parts with a lower number: next_below of the page before",
+        },
+    ),
+    PanelRoute(
+        "GET", f"{V1}/parts.csv", Role.OPERATOR, _parts_csv, "All selected parts as CSV.",
+        query=_FILTERS, answer="text/csv",
+    ),
+    PanelRoute(
+        "GET", f"{V1}/counts", Role.OPERATOR, _counts, "Numbers of parts by verdict.",
+        query=_FILTERS,
+    ),
+    PanelRoute(
+        "GET", f"{V1}/parts/{{part_id}}", Role.OPERATOR, _part, "One part.",
+        query={"wait_s": f"wait so long for its result, at most {LONGEST_WAIT_S:g}"},
+    ),
+    PanelRoute(
+        "GET", f"{V1}/parts/{{part_id}}/set", Role.OPERATOR, _set_file,
+        "The captured set of a part, an OME-TIFF.", answer="image/tiff",
+    ),
+    PanelRoute(
+        "POST", f"{V1}/parts/{{part_id}}/acknowledge", Role.OPERATOR, _acknowledge,
+        "Record that somebody has seen one of the last rejected parts.",
+    ),
+    PanelRoute(
+        "POST", f"{V1}/parts/{{part_id}}/override", Role.ENGINEER, _override,
+        "Give a part another verdict; the station's own stays beside it.",
+        fields={"decision": "PASS or FAIL", "reason": "why"},
+    ),
+    PanelRoute("GET", f"{V1}/recipes", Role.OPERATOR, _recipes, "Names of the recipes."),
+    PanelRoute("GET", f"{V1}/recipes/{{name}}", Role.OPERATOR, _recipe, "One recipe."),
+    PanelRoute(
+        "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",
+        query={"limit": f"number of changes, {_PARTS} by default, at most {MOST_PARTS}"},
+    ),
+    PanelRoute(
+        "GET", f"{V1}/metrics", Role.OPERATOR, _metrics, "Figures of this run for Prometheus.",
+        answer="text/plain",
+    ),
+)  # fmt: skip

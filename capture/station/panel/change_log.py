@@ -1,0 +1,46 @@
+"""`ChangeLog`: every change that a person or a program makes, before it is made."""
+
+from contextlib import suppress
+
+from capture.process.utc_time import utc_text
+from capture.station.folder import StationFolder
+from capture.station.results.change_log import ChangeRecord, record_change
+
+from .results_access import NoResultsYet, ResultsAccess
+from .roles import Identity
+
+
+class ChangeLog:
+    """Writes changes to the results and to ``station.log``; before the first run only to the log.
+
+    A change is recorded before it is made: a change without a row would be worse than a row of a
+    change that failed.
+    """
+
+    def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
+        self._folder, self._results = folder, results
+
+    def record(
+        self, who: Identity, what: str, before: str | None = None, after: str | None = None
+    ) -> None:
+        """Record a change.
+
+        Raises
+        ------
+        ResultsUnavailable
+            If the database does not answer: the change must not be made.
+        """
+        change = ChangeRecord(
+            utc=utc_text(timespec="milliseconds"),
+            by=who.name,
+            role=who.role,
+            what=what,
+            before=before,
+            after=after,
+        )
+        with suppress(NoResultsYet):
+            record_change(self._results.store, change)
+        said = "nothing" if before is None else before
+        line = f"{who.name} ({who.role}, {who.via}): {what}: {said} -> {after or 'nothing'}"
+        # One line, whatever somebody gave as a reason.
+        self._folder.log("change by " + "".join(c if c.isprintable() else " " for c in line))

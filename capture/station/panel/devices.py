@@ -1,0 +1,121 @@
+"""States of camera, lights, PLC, disk and database, from the events of a station."""
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+from capture.station.events import Event, PartAnnounced, SelfTestFinished, StateChanged
+from capture.station.states import Change, State
+from capture.station.verdict import Cause
+from rig.doctor.check import Check
+
+Status = Literal["ok", "warning", "fault", "unknown", "off"]
+_GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")
+_OF_THE_RIG = ("camera", "lights")
+_NAMES = (*_OF_THE_RIG, "plc", "disk", "database")
+# Checks of the self-test, by the beginning of their names. Others are of the camera.
+_CHECKED = {
+    "disk": ("disk",),
+    "results": ("database",),
+    "LED": ("lights",),
+    "ambient light": ("lights",),
+    "light controller": ("lights",),
+    "rig": _OF_THE_RIG,  # nothing could be checked
+    "clock": (),
+    "calibration": (),
+}
+
+
+@dataclass(frozen=True)
+class Device:
+    """The state of a device.
+
+    Attributes
+    ----------
+    name
+        ``camera``, ``lights``, ``plc``, ``disk`` or ``database``.
+    status
+        ``off`` is not configured, ``unknown`` not tested yet.
+    text
+        What was found.
+    """
+
+    name: str
+    status: Status
+    text: str = ""
+
+
+class DeviceStates:
+    """The last known state of each device.
+
+    Parameters
+    ----------
+    database
+        Beginning of messages about the database of results.
+    """
+
+    def __init__(self, database: str) -> None:
+        self._database = database
+        self._tested = {name: Device(name, "unknown", "not tested yet") for name in _NAMES}
+        self._tested["plc"] = Device("plc", "off", "no PLC is configured")
+        # Failures since the last self-test that passed.
+        self._failed: dict[str, Device] = {}
+
+    def all(self) -> tuple[Device, ...]:
+        """Return all devices."""
+        return tuple((self._tested | self._failed).values())
+
+    def set(self, device: Device) -> bool:
+        """Replace the state of a device; return whether it is another one."""
+        is_new = self._tested.get(device.name) != device
+        self._tested[device.name] = device
+        return is_new
+
+    def take(self, event: Event) -> None:
+        """Learn from an event of the station."""
+        match event:
+            case SelfTestFinished(checks):
+                self._learn(checks)
+            case StateChanged(State.ERROR, reason) if not reason.startswith("self-test"):
+                self._fail(self._at_fault(reason), reason)
+            case StateChanged(State.READY, reason) if reason != Change.FREE:
+                self._failed.clear()
+            case PartAnnounced(result, _) if Cause.RIG in result.verdict.causes:
+                self._fail(_OF_THE_RIG, result.verdict.reason)
+            case PartAnnounced(result, _) if Cause.STORAGE in result.verdict.causes:
+                self._fail(("disk",), result.verdict.reason)
+            case _:
+                pass
+
+    def _at_fault(self, reason: str) -> tuple[str, ...]:
+        if reason.startswith("disk"):
+            return ("disk",)
+        return ("database",) if reason.startswith(self._database) else _OF_THE_RIG
+
+    def _fail(self, names: Iterable[str], text: str) -> None:
+        self._failed |= {name: Device(name, "fault", text) for name in names}
+
+    def _learn(self, checks: Iterable[Check]) -> None:
+        found: dict[str, Device] = {}
+        counts: Counter[str] = Counter()
+        for check in checks:
+            prefixes = [prefix for prefix in _CHECKED if check.name.startswith(prefix)]
+            for name in _CHECKED[prefixes[0]] if prefixes else ("camera",):
+                counts[name] += 1
+                seen = (
+                    check.seen
+                    if len(_CHECKED.get(check.name, ())) == 1
+                    else (f"{check.name}: {check.seen}")
+                )
+                device = Device(name, check.status, seen)
+                before = found.get(name)
+                if before is None or _GRAVITY.index(device.status) > _GRAVITY.index(before.status):
+                    found[name] = device
+        for name, device in found.items():
+            if device.status == "ok" and counts[name] > 1:
+                found[name] = Device(name, "ok", f"{counts[name]} checks are ok")
+        if "lights" in found and "camera" not in found:
+            # Light was measured, with the camera.
+            found["camera"] = Device("camera", "ok", "light images were captured")
+        self._tested |= found

@@ -1,0 +1,113 @@
+"""Events of the station as server-sent events, which a browser resumes where it was cut off."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response, StreamingResponse
+
+from .awaiting import awaited
+from .guard import identity_of
+from .live import LiveStation, Snapshot
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+from .subscription import LiveEvent
+
+# Proxies and browsers give up silent connections after 30 s and more.
+KEEP_ALIVE_S = 15.0
+_RETRY_MS = 1000
+_MEDIA_TYPE = "text/event-stream"
+# Beside other requests, of the 256 connections that the server takes.
+MOST_STREAMS = 128
+
+
+async def events(call: Call) -> Response:
+    """Answer with the events from now on, or from ``Last-Event-ID`` on."""
+    last = call.request.headers.get("last-event-id", call.query.get("after", ""))
+    live = call.panel.live
+    if call.request.method == "HEAD":
+        return Response(media_type=_MEDIA_TYPE)
+    if live.snapshot().subscribers >= MOST_STREAMS:
+        raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
+
+    async def may_go_on() -> bool:
+        """Whether the user was not removed, nor the session ended."""
+        try:
+            who = await run_in_threadpool(identity_of, call.panel, call.request)
+        except Denied:
+            return False
+        return who is not None and who.role.includes(Role.OPERATOR)
+
+    stream = _messages(live, last, may_go_on)
+    # Without buffering by a proxy.
+    headers = {"X-Accel-Buffering": "no"}
+    return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
+
+
+async def _messages(
+    live: LiveStation, last: str, may_go_on: Callable[[], Awaitable[bool]]
+) -> AsyncIterator[str]:
+    # Not before the stream begins: one that never does would keep its subscription.
+    subscription, changed = awaited(live, MOST_STREAMS)
+    if subscription is None:
+        return
+    try:
+        yield f"retry: {_RETRY_MS}\n\n"
+        texts, sent = _missed(live, last)
+        for text in texts:
+            yield text
+        while not subscription.is_closed:
+            try:
+                await asyncio.wait_for(changed.wait(), KEEP_ALIVE_S)
+            except TimeoutError:
+                if not await may_go_on():
+                    return
+                yield ": still here\n\n"
+            changed.clear()
+            waiting, lost = subscription.take()
+            if lost:
+                snapshot = live.snapshot()
+                yield _snapshot_message(snapshot)
+                sent = snapshot.event_id
+            for event in waiting:
+                if event.id > sent:
+                    yield _message(live.run, event)
+    finally:
+        live.unsubscribe(subscription)
+
+
+def _missed(live: LiveStation, last: str) -> tuple[list[str], int]:
+    """Messages since the last one that a client got, or the whole state; and the last id."""
+    run, _, number = last.partition(".")
+    if run == live.run and number.isdecimal() and len(number) < 16:
+        after = live.events_after(int(number))
+        if after is not None:
+            return [_message(run, each) for each in after], int(number) + len(after)
+    snapshot = live.snapshot()
+    return [_snapshot_message(snapshot)], snapshot.event_id
+
+
+def _message(run: str, event: LiveEvent) -> str:
+    return _text(run, event.id, {"utc": event.utc, **event.fields})
+
+
+def _snapshot_message(snapshot: Snapshot) -> str:
+    return _text(snapshot.run, snapshot.event_id, {"event": "snapshot", **snapshot.fields()})
+
+
+def _text(run: str, event_id: int, fields: dict[str, Any]) -> str:
+    data = json.dumps(fields, allow_nan=False)  # one line: JSON escapes line ends
+    return f"id: {run}.{event_id}\nevent: {fields['event']}\ndata: {data}\n\n"
+
+
+ROUTES = (
+    PanelRoute(
+        "GET", "/api/v1/events", Role.OPERATOR, events,
+        "Everything that happens, as server-sent events; first the state, or what was missed.",
+        query={"after": "id of the last event that the client has, like the header Last-Event-ID"},
+        answer="text/event-stream",
+    ),
+)  # fmt: skip

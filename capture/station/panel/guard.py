@@ -1,0 +1,121 @@
+"""From a row of the table of routes to an endpoint: who asks, may they, and what errors become."""
+
+import hmac
+import inspect
+import logging
+from collections.abc import Awaitable, Callable
+from typing import cast
+from urllib.parse import quote
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+
+from capture.station.results.database import ResultsUnavailable
+from classify.errors import InputError, Ps4rigError
+
+from .panel import Panel
+from .render import Answer, page
+from .roles import Identity, Role
+from .routes import API, Call, PanelRoute
+from .security import (
+    SAFE_METHODS,
+    Denied,
+    fields_of,
+    read_body,
+    require_same_origin,
+)
+
+_log = logging.getLogger(__name__)
+CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"
+
+
+def session_cookie(panel: Panel) -> str:
+    """Name of the cookie: browsers send one to all stations of a machine, whatever their ports."""
+    return f"ps4rig-{panel.folder.config.name}"
+
+
+def identity_of(panel: Panel, request: Request) -> Identity | None:
+    """Return who asks, or None.
+
+    Raises
+    ------
+    Denied
+        For a token that is none.
+    InputError
+        If the file of users or that of tokens is damaged.
+    """
+    kind, _, token = request.headers.get("authorization", "").partition(" ")
+    if kind:
+        client = panel.tokens.find(token.strip()) if kind.lower() == "bearer" else None
+        if client is None:
+            raise Denied(401, "the token is not valid", {"WWW-Authenticate": "Bearer"})
+        return Identity(client.name, client.role, "token")
+    cookie = request.cookies.get(session_cookie(panel))
+    if cookie is not None and (identity := panel.sessions.find(cookie)) is not None:
+        return identity
+    if panel.settings.is_for_this_machine and not panel.users.all():
+        return Identity("local", Role.OPERATOR, "local")
+    return None
+
+
+def endpoint_of(panel: Panel, route: PanelRoute) -> Callable[[Request], Awaitable[Response]]:
+    """Return what serves a route."""
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            return await _answer(panel, route, request)
+        except Denied as error:
+            return error_answer(panel, request, error.status, str(error), error.headers)
+        except ResultsUnavailable as error:
+            return error_answer(panel, request, 503, str(error), {"Retry-After": "2"})
+        except InputError as error:
+            return error_answer(panel, request, 400, str(error))
+        except Ps4rigError as error:
+            return error_answer(panel, request, 409, str(error))
+        except Exception:
+            _log.exception("%s %s", route.method, route.path)
+            return error_answer(panel, request, 500, "an unforeseen error; see the log")
+
+    return endpoint
+
+
+async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response:
+    is_change = request.method not in SAFE_METHODS
+    if is_change:
+        require_same_origin(request)
+    who = await run_in_threadpool(identity_of, panel, request)
+    if route.role is not None:
+        if who is None:
+            if route.is_api or is_change:
+                raise Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
+            return RedirectResponse(f"/login?next={quote(request.url.path, safe='')}", 303)
+        if not who.role.includes(route.role):
+            raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")
+    # Read after the decision: nobody without a role makes this program wait for a body.
+    fields = fields_of(request, await read_body(request)) if is_change else {}
+    if is_change and who is not None and who.via == "session" and route.role is not None:
+        given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD))
+        if not isinstance(given, str) or not _same(given, who.csrf):
+            raise Denied(403, "the page is out of date; load it again")
+    call = Call(panel, request, who, fields)
+    if inspect.iscoroutinefunction(route.handler):
+        return await cast(Awaitable[Response], route.handler(call))
+    return cast(Response, await run_in_threadpool(route.handler, call))
+
+
+def _same(given: str, expected: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "replace"), expected.encode())
+
+
+def error_answer(
+    panel: Panel, request: Request, status: int, message: str, headers: dict[str, str] | None = None
+) -> Response:
+    """Return an error: JSON for programs, a page for people."""
+    if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
+        return Answer({"error": message}, status, headers)
+    call = Call(panel, request, None)
+    answer = page(call, "error.html", status=status, message=message)
+    answer.status_code = status
+    answer.headers.update(headers or {})
+    return answer

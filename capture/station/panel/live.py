@@ -1,0 +1,347 @@
+"""`LiveStation`: what panel, API, PLC and MQTT see of a station, and how they trigger it."""
+
+import secrets
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from capture.process.utc_time import utc_text
+from capture.station.event_lines import json_fields
+from capture.station.events import (
+    Event,
+    PartAnnounced,
+    PartRecovered,
+    SelfTestFinished,
+    StateChanged,
+    StationStopped,
+    TriggerRefused,
+)
+from capture.station.results.part_result import PartResult
+from capture.station.results.rows import row_of
+from capture.station.states import Change, State
+from capture.station.triggers import Answer, Refused, Trigger, TriggerSource, TriggerTarget
+from capture.station.verdict import Decision
+
+from .devices import Device, DeviceStates
+from .subscription import LiveEvent, Subscription
+
+# A part has four events: a browser that was away for a hundred parts misses none.
+_KEPT_EVENTS = 400
+# The strip of the operator's page.
+_KEPT_REJECTED = 12
+_RATE_WINDOW_S = 60.0
+# A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
+_KEPT_TIMES = 600
+_POLL_S = 0.2
+
+
+@dataclass(frozen=True)
+class RejectedPart:
+    """A part that did not pass, and who has seen that; None if nobody has."""
+
+    result: PartResult
+    acknowledged_by: str | None = None
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What a station shows at one moment.
+
+    Attributes
+    ----------
+    station, run, event_id
+        Its name, a random name of this run, and the last event that is in the snapshot.
+    state, reason
+        The state, and why it is so.
+    simulated
+        Whether the rig is simulated.
+    trigger
+        Where triggers come from.
+    last, latency_ms
+        The last announced result, and its time since the exposure; None before the first.
+    total_latency_ms
+        Sum over all parts of this run.
+    announced, refused
+        Parts of this run by verdict, and triggers that were not served.
+    parts_per_minute
+        Rate over the last minute.
+    devices
+        Camera, lights, PLC, disk and database.
+    rejected
+        The last parts that did not pass, the newest first.
+    subscribers
+        Number of browsers and programs that follow the events.
+    """
+
+    station: str
+    run: str
+    event_id: int
+    state: State
+    reason: str
+    simulated: bool
+    trigger: str
+    last: PartResult | None
+    latency_ms: float | None
+    total_latency_ms: float
+    announced: Mapping[Decision, int]
+    refused: int
+    parts_per_minute: float
+    devices: tuple[Device, ...]
+    rejected: tuple[RejectedPart, ...]
+    subscribers: int
+
+    def fields(self) -> dict[str, Any]:
+        """Return the snapshot as fields of JSON."""
+        last = None if self.last is None else row_of(self.last) | {"latency_ms": self.latency_ms}
+        return dict(vars(self)) | {
+            "last": last,
+            "announced": {each.value: self.announced.get(each, 0) for each in Decision},
+            "devices": [vars(each) for each in self.devices],
+            "rejected": [
+                row_of(each.result) | {"acknowledged_by": each.acknowledged_by}
+                for each in self.rejected
+            ],
+        }
+
+
+class LiveStation:
+    """A running station as its faces see it. All methods may be called from any thread.
+
+    `tell` subscribes to the station's events, and `attached` gets the station with the run's
+    triggers. Subscribers of this object never delay the station: each has a bounded queue.
+
+    Parameters
+    ----------
+    station
+        Its name.
+    simulated
+        Whether its rig is simulated.
+    trigger
+        Where triggers come from, as in ``station.toml``.
+    database
+        What messages call the database of results.
+    now_s
+        The monotonic clock.
+    """
+
+    def __init__(
+        self,
+        station: str,
+        *,
+        simulated: bool,
+        trigger: str = "http",
+        database: str = "results",
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._station, self._simulated, self._trigger = station, simulated, trigger
+        self._now_s = now_s
+        self._lock = threading.Lock()
+        self._target: TriggerTarget | None = None
+        self._has_target = threading.Event()
+        self._state, self._reason = State.PREOPERATIONAL, "the station is starting"
+        self._last: PartResult | None = None
+        self._latency_ms: float | None = None
+        self._total_latency_ms = 0.0
+        self._announced: Counter[Decision] = Counter()
+        self._refused = 0
+        self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
+        self._devices = DeviceStates(database)
+        self._rejected: deque[RejectedPart] = deque(maxlen=_KEPT_REJECTED)
+        self._events: deque[LiveEvent] = deque(maxlen=_KEPT_EVENTS)
+        self._event_id = 0
+        self._subscriptions: set[Subscription] = set()
+        self._is_closed = False
+        self.run = secrets.token_hex(4)
+
+    # What the run gives.
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station; the subscriber of its `Publisher`."""
+        with self._lock:
+            self._devices.take(event)
+            match event:
+                case StateChanged(state, reason):
+                    self._state, self._reason = state, reason
+                case TriggerRefused():
+                    self._refused += 1
+                case PartAnnounced(result, latency_ms):
+                    self._last, self._latency_ms = result, latency_ms
+                    self._total_latency_ms += latency_ms
+                    self._announced[result.verdict.decision] += 1
+                    self._announced_s.append(self._now_s())
+                    if result.verdict.decision is not Decision.PASS:
+                        self._rejected.appendleft(RejectedPart(result))
+                case _:
+                    pass
+            self._append(_fields(event))
+            if isinstance(event, SelfTestFinished | StateChanged) and not _is_of_a_part(event):
+                self._append(self._devices_fields())
+
+    def attached(self, source: TriggerSource | None) -> TriggerSource:
+        """Return `source`, from whose run on `submit` reaches the station; None waits for it."""
+        return _Attached(self, source)
+
+    def attach(self, target: TriggerTarget) -> None:
+        """Pass triggers to `target` from now on."""
+        with self._lock:
+            self._target = target
+            self._has_target.set()
+
+    def close(self) -> None:
+        """End all subscriptions; no event comes any more."""
+        with self._lock:
+            self._is_closed = True
+            for each in self._subscriptions:
+                each.close()
+
+    # What faces do.
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Pass a trigger to the station. Never raises."""
+        with self._lock:
+            target = self._target
+        return (
+            Refused("not ready: the station is starting")
+            if target is None
+            else (target.submit(trigger))
+        )
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        """Wait until a trigger would be accepted; False after the time-out or a stop."""
+        ends_s = self._now_s() + timeout_s
+        if not self._has_target.wait(timeout_s):
+            return False
+        with self._lock:
+            target = self._target
+        return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
+
+    def set_device(self, device: Device) -> None:
+        """Show the state of a device that the station does not know, such as the PLC."""
+        with self._lock:
+            if self._devices.set(device):
+                self._append(self._devices_fields())
+
+    def acknowledge(self, part_id: str, by: str) -> bool:
+        """Record that somebody has seen a rejected part; False if it is not among the last."""
+        with self._lock:
+            found = [each for each in self._rejected if each.result.part_id == part_id]
+            if not found:
+                return False
+            if found[0].acknowledged_by is None:
+                position = self._rejected.index(found[0])
+                self._rejected[position] = RejectedPart(found[0].result, by)
+                self._append({"event": "acknowledged", "part_id": part_id, "by": by})
+            return True
+
+    def announce(self, fields: Mapping[str, Any]) -> None:
+        """Tell all subscribers of something that a face did, such as an override."""
+        with self._lock:
+            self._append(fields)
+
+    def snapshot(self) -> Snapshot:
+        """Return what the station shows now."""
+        with self._lock:
+            return Snapshot(
+                station=self._station,
+                run=self.run,
+                event_id=self._event_id,
+                state=self._state,
+                reason=self._reason,
+                simulated=self._simulated,
+                trigger=self._trigger,
+                last=self._last,
+                latency_ms=self._latency_ms,
+                total_latency_ms=self._total_latency_ms,
+                announced=dict(self._announced),
+                refused=self._refused,
+                parts_per_minute=self._rate(),
+                devices=self._devices.all(),
+                rejected=tuple(self._rejected),
+                subscribers=len(self._subscriptions),
+            )
+
+    def subscribe(
+        self, wake: Callable[[], None] | None = None, most: int | None = None
+    ) -> Subscription | None:
+        """Return a bounded queue of the events from now on; see `Subscription`.
+
+        It is None if there are `most` subscriptions already.
+        """
+        with self._lock:
+            if most is not None and len(self._subscriptions) >= most:
+                return None
+            subscription = Subscription(wake)
+            if self._is_closed:
+                subscription.close()
+            self._subscriptions.add(subscription)
+            return subscription
+
+    def unsubscribe(self, subscription: Subscription) -> None:
+        """End a subscription."""
+        with self._lock:
+            self._subscriptions.discard(subscription)
+            subscription.close()
+
+    def events_after(self, event_id: int) -> list[LiveEvent] | None:
+        """Return the events after one, or None if not all of them are kept any more."""
+        with self._lock:
+            if not 0 <= event_id <= self._event_id:
+                return None
+            after = [each for each in self._events if each.id > event_id]
+            return after if len(after) == self._event_id - event_id else None
+
+    # Under the lock.
+
+    def _append(self, fields: Mapping[str, Any]) -> None:
+        self._event_id += 1
+        event = LiveEvent(self._event_id, utc_text(timespec="milliseconds"), fields)
+        self._events.append(event)
+        for each in self._subscriptions:
+            each.put(event)
+
+    def _devices_fields(self) -> dict[str, Any]:
+        return {"event": "devices", "devices": [vars(each) for each in self._devices.all()]}
+
+    def _rate(self) -> float:
+        now_s = self._now_s()
+        recent = [each for each in self._announced_s if now_s - each <= _RATE_WINDOW_S]
+        if len(recent) < 2:
+            return 0.0
+        return round(60.0 * (len(recent) - 1) / max(now_s - recent[0], 1e-3), 1)
+
+
+class _Attached:
+    """A source of triggers that tells a `LiveStation` of its station first."""
+
+    def __init__(self, live: LiveStation, source: TriggerSource | None) -> None:
+        self._live, self._source = live, source
+        self._pause = threading.Event()  # never set: waiting on it can be interrupted
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers until the station stops."""
+        self._live.attach(station)
+        if self._source is not None:
+            self._source.run(station)
+            return
+        while not station.is_stopping:
+            self._pause.wait(_POLL_S)
+
+
+def _is_of_a_part(event: StateChanged | SelfTestFinished) -> bool:
+    return isinstance(event, StateChanged) and (
+        event.state is State.EXECUTING or event.reason == Change.FREE
+    )
+
+
+def _fields(event: Event) -> dict[str, Any]:
+    fields = json_fields(event)
+    match event:
+        case PartAnnounced(result, _) | PartRecovered(result):
+            return row_of(result) | fields
+        case StationStopped():
+            return fields | {"parts": {each.value: n for each, n in event.announced.items()}}
+        case _:
+            return fields

@@ -1,0 +1,19 @@
+"""The operator's page: the last verdict, to be read at five metres."""
+
+from starlette.responses import Response
+
+from .render import page
+from .roles import Role
+from .routes import Call, PanelRoute
+
+
+def _show(call: Call) -> Response:
+    return page(call, "operator.html")
+
+
+ROUTES = (
+    PanelRoute(
+        "GET", "/", Role.OPERATOR, _show, "The last verdict, and the state.", answer="text/html",
+        menu="Station",
+    ),
+)  # fmt: skip

@@ -1,0 +1,64 @@
+"""`Panel`: what all pages and API calls work with."""
+
+from dataclasses import dataclass, field
+
+from capture.station.face_config import PanelConfig
+from capture.station.folder import StationFolder
+
+from .change_log import ChangeLog
+from .live import LiveStation
+from .results_access import ResultsAccess
+from .sessions import LoginLimit, Sessions
+from .tokens import Tokens
+from .triggering import KeyedTriggers
+from .users import Users
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What all pages and API calls work with.
+
+    Attributes
+    ----------
+    folder
+        The station on disk.
+    live
+        The running station.
+    settings
+        Section ``[panel]``, with what the command line changed.
+    results
+        Its results.
+    changes
+        The log of changes.
+    users, tokens, sessions, logins
+        Who may ask.
+    triggers
+        Passes triggers of HTTP to the station.
+    """
+
+    folder: StationFolder
+    live: LiveStation
+    settings: PanelConfig
+    results: ResultsAccess
+    changes: ChangeLog
+    users: Users
+    tokens: Tokens
+    sessions: Sessions
+    triggers: KeyedTriggers
+    logins: LoginLimit = field(default_factory=LoginLimit)
+
+    @classmethod
+    def of(cls, folder: StationFolder, live: LiveStation, settings: PanelConfig) -> "Panel":
+        """Return the panel of a station."""
+        users, results = Users(folder.path), ResultsAccess(folder)
+        return cls(
+            folder=folder,
+            live=live,
+            settings=settings,
+            results=results,
+            changes=ChangeLog(folder, results),
+            users=users,
+            tokens=Tokens(folder.path),
+            sessions=Sessions(users),
+            triggers=KeyedTriggers(live, results),
+        )

@@ -1,0 +1,82 @@
+"""`PrivateFile`: JSON with secrets that only its owner may read, written whole or not at all."""
+
+import json
+import threading
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel
+
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+from rig.config.toml_file import validated
+
+# A thousand users or clients have 200 kB.
+_MAX_BYTES = 1 << 20
+_OWNER_ONLY = 0o600
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class PrivateFile(Generic[Model]):
+    """A file that holds a `model`. Thread-safe; it is read again when another program replaced it.
+
+    Attributes
+    ----------
+    changing
+        To be held from the reading to the writing of a change.
+    """
+
+    def __init__(self, path: Path, model: type[Model]) -> None:
+        self._path, self._model = path, model
+        self.changing = threading.Lock()
+        self._lock = threading.Lock()
+        self._stamp: tuple[int, int, int] | None = None
+        self._known: Model | None = None
+
+    def read(self) -> Model:
+        """Return what the file holds; a missing one is an empty object.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read, or is damaged.
+        """
+        with self._lock:
+            stamp = self._present_stamp()
+            if self._known is None or stamp != self._stamp:
+                self._known, self._stamp = None, stamp
+                self._known = self._read()
+            return self._known
+
+    def write(self, value: Model) -> None:
+        """Replace the file; only its owner may read it.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        with durable_file(self._path) as temporary:
+            temporary.chmod(_OWNER_ONLY)  # before there is anything in it
+            temporary.write_text(value.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+    def _read(self) -> Model:
+        try:
+            values: Any = json.loads(read_regular_file(self._path, _MAX_BYTES))
+        except InputError as error:
+            if not isinstance(error.__cause__, FileNotFoundError):
+                raise
+            values = {}
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{self._path}: damaged: {error}; restore it from a backup") from error
+        return validated(values, self._model, str(self._path))
+
+    def _present_stamp(self) -> tuple[int, int, int] | None:
+        """Return what changes whenever the file is replaced; None without one."""
+        try:
+            about = self._path.stat()
+        except OSError:
+            return None
+        return about.st_ino, about.st_mtime_ns, about.st_size

@@ -1,0 +1,58 @@
+"""Pages from the templates of this folder, and answers in JSON."""
+
+import json
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.responses import HTMLResponse, JSONResponse
+
+if TYPE_CHECKING:
+    from .routes import Call
+
+_HERE = Path(__file__).parent
+STATIC = _HERE / "static"
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=FileSystemLoader(_HERE / "templates"),
+        autoescape=True,  # of every template, whatever its name
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+class Answer(JSONResponse):
+    """JSON in ASCII, which also holds what UTF-8 cannot, and without NaN."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the text of the answer."""
+        return json.dumps(content, allow_nan=False).encode()
+
+
+def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
+    """Return the page of a template.
+
+    Each template gets, beside `values`: ``who`` (an `Identity`, or None), ``station`` (its name),
+    ``live`` (a `Snapshot`), ``path`` (of the page), ``menu`` (routes that
+    ``who`` may open) and ``version`` (of ps4rig).
+    """
+    who = call.who
+    menu = [
+        each for each in call.request.app.state.menu
+        if who is not None and who.role.includes(each.role)
+    ]  # fmt: skip
+    about = {
+        "who": who,
+        "menu": menu,
+        "station": call.panel.folder.config.name,
+        "live": call.panel.live.snapshot(),
+        "path": call.request.url.path,
+        "version": version("ps4rig"),
+    }
+    return HTMLResponse(_environment().get_template(template).render(about | values))

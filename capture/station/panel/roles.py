@@ -1,0 +1,61 @@
+"""The three roles, and who asks."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+from capture.session.plan import file_name
+from classify.errors import InputError
+
+
+class Role(StrEnum):
+    """What somebody may do; each role may do what the one before may."""
+
+    OPERATOR = "operator"  # sees everything, triggers, acknowledges
+    ENGINEER = "engineer"  # overrides verdicts, teaches, approves, changes settings
+    ADMINISTRATOR = "administrator"  # users and tokens
+
+    def includes(self, other: "Role") -> bool:
+        """Whether this role may do what `other` may."""
+        order = tuple(Role)
+        return order.index(self) >= order.index(other)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who asks.
+
+    Attributes
+    ----------
+    name
+        Name of the user or of the API client.
+    role
+        The role.
+    via
+        ``session`` (a browser that is logged in), ``token`` (an API client), or ``local`` (this
+        machine, while the station has no users).
+    csrf
+        Token that a change from this session must carry; empty for others.
+    """
+
+    name: str
+    role: Role
+    via: Literal["session", "token", "local"]
+    csrf: str = ""
+
+
+def require_name(kind: str, name: str) -> None:
+    """Check the name of a user or client.
+
+    Raises
+    ------
+    InputError
+        If it cannot be one.
+    """
+    try:
+        file_name(name)
+    except ValueError as error:
+        raise InputError(
+            f"{kind} name {name[:100]!r}: up to 100 letters, digits and _ . -, the first a letter "
+            "or digit"
+        ) from error

@@ -1,0 +1,116 @@
+"""`PanelRoute`: one row of the table of all pages and API calls, with the role that each needs."""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from starlette.requests import Request
+from starlette.responses import Response
+
+from classify.errors import InputError
+
+from .panel import Panel
+from .roles import Identity, Role
+
+API = "/api/"
+
+
+@dataclass(frozen=True)
+class Call:
+    """A request that may be served.
+
+    Attributes
+    ----------
+    panel
+        What the panel works with.
+    request
+        The request, for path, query and headers.
+    who
+        Who asks; None where no login is needed.
+    fields
+        The values of its form or of its JSON object.
+    """
+
+    panel: Panel
+    request: Request
+    who: Identity | None
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def someone(self) -> Identity:
+        """Who asks, on a route that needs a role."""
+        assert self.who is not None
+        return self.who
+
+    @property
+    def name(self) -> str:
+        """Name of who asks, for records."""
+        return self.someone.name
+
+    @property
+    def path(self) -> Mapping[str, Any]:
+        """Values of the path."""
+        return self.request.path_params
+
+    @property
+    def query(self) -> Mapping[str, str]:
+        """Values of the query."""
+        return self.request.query_params
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """Return a text of the form or JSON object.
+
+        Raises
+        ------
+        InputError
+            If it is missing and has no default, or is no text.
+        """
+        value = self.fields.get(name, default)
+        if value is None:
+            raise InputError(f"{name}: missing")
+        if not isinstance(value, str):
+            raise InputError(f"{name}: must be a text")
+        return value
+
+
+Handler = Callable[[Call], Response] | Callable[[Call], Awaitable[Response]]
+
+
+@dataclass(frozen=True)
+class PanelRoute:
+    """A page or an API call.
+
+    Attributes
+    ----------
+    method, path
+        As in HTTP; names in braces are values of the path.
+    role
+        The lowest role that may ask; None for everybody, without a login.
+    handler
+        Makes the answer. A plain function runs in a thread and may wait; a coroutine must not.
+    about
+        What it does, in one sentence.
+    query
+        Names of the query, each with its meaning.
+    fields
+        Names of the form or JSON object, each with its meaning.
+    answer
+        What the answer is.
+    menu
+        Its name in the menu of all pages; empty for a page that is not there.
+    """
+
+    method: Literal["GET", "POST", "DELETE"]
+    path: str
+    role: Role | None
+    handler: Handler
+    about: str
+    query: Mapping[str, str] = field(default_factory=dict)
+    fields: Mapping[str, str] = field(default_factory=dict)
+    answer: str = "application/json"
+    menu: str = ""
+
+    @property
+    def is_api(self) -> bool:
+        """Whether programs call it."""
+        return self.path.startswith(API)

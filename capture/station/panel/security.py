@@ -1,0 +1,210 @@
+"""What every request must obey, whoever asks: host, origin, size, time; headers of answers."""
+
+import asyncio
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+# The largest form, the settings of a recipe with a reason, has 4 kB.
+MAX_BODY_BYTES = 64 * 1024
+# A body of 64 kB takes a tenth of a second at 5 Mbit/s.
+BODY_S = 5.0
+MAX_FIELDS = 200
+STATIC_PATH = "/static"
+SAFE_METHODS = ("GET", "HEAD")
+
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+        "connect-src 'self'; form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
+    ),
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    # Not "no-referrer", with which browsers send forms with "Origin: null".
+    "Referrer-Policy": "same-origin",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+}
+
+
+class Denied(Exception):  # noqa: N818 - an answer, not an error of the program
+    """A request that is not served.
+
+    Attributes
+    ----------
+    status
+        The status of the answer.
+    headers
+        What the answer says beyond its text.
+    """
+
+    def __init__(self, status: int, message: str, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.headers = dict(headers or {})
+
+
+@dataclass(frozen=True)
+class HostRule:
+    """By which names the panel may be asked for.
+
+    Another site can let its own name point to this machine (DNS rebinding); a browser then sends
+    that name. An IP address cannot be made to point elsewhere, but only the one that the
+    connection came to is accepted.
+
+    Attributes
+    ----------
+    names
+        Names from ``station.toml``, in lower case.
+    """
+
+    names: frozenset[str]
+
+    def accepts(self, host_header: str, server_address: str) -> bool:
+        """Whether a request with this header, that came to this address, may be served."""
+        try:
+            host = urlsplit(f"//{host_header}").hostname
+        except ValueError:
+            return False
+        if host is None or "@" in host_header or "/" in host_header:
+            return False
+        is_loopback = server_address in ("127.0.0.1", "::1")
+        return (
+            host in self.names
+            or host == server_address
+            or (is_loopback and host in ("localhost", "127.0.0.1", "::1"))
+        )
+
+
+class SecureHeaders:
+    """Adds the headers of `_HEADERS` to every answer, and refuses hosts that `rule` does not know.
+
+    Parameters
+    ----------
+    is_https
+        Whether browsers reach the panel by HTTPS only.
+    """
+
+    def __init__(self, app: ASGIApp, rule: HostRule, *, is_https: bool) -> None:
+        self._app, self._rule = app, rule
+        headers = dict(_HEADERS)
+        if is_https:
+            headers["Strict-Transport-Security"] = "max-age=31536000"
+        self._headers = [(key.lower().encode(), value.encode()) for key, value in headers.items()]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                known = {key for key, _ in message["headers"]}
+                added = [pair for pair in self._headers if pair[0] not in known]
+                if b"cache-control" not in known:
+                    # Files are asked for again by their hash, answers with secrets are not kept.
+                    kept = b"no-cache" if scope["path"].startswith(STATIC_PATH) else b"no-store"
+                    added.append((b"cache-control", kept))
+                message["headers"] = [*message["headers"], *added]
+            await send(message)
+
+        hosts = [value for key, value in scope["headers"] if key == b"host"]
+        address = (scope.get("server") or ("", 0))[0]
+        if len(hosts) != 1 or not self._rule.accepts(hosts[0].decode("latin-1"), address):
+            body = b"not an address of this station; add it to names in [panel] of station.toml\n"
+            start = {
+                "type": "http.response.start",
+                "status": 421,
+                "headers": [
+                    (b"content-type", b"text/plain; charset=utf-8"),
+                    (b"content-length", str(len(body)).encode()),
+                ],
+            }
+            await send_with_headers(start)
+            await send_with_headers({"type": "http.response.body", "body": body})
+            return
+        await self._app(scope, receive, send_with_headers)
+
+
+def require_same_origin(request: Request) -> None:
+    """Check that a change was not sent by a page of another site.
+
+    Browsers say where a page comes from; other programs say nothing.
+
+    Raises
+    ------
+    Denied
+        If it was.
+    """
+    site = request.headers.get("sec-fetch-site", "same-origin")
+    origin = request.headers.get("origin")
+    host = request.headers.get("host", "")
+    is_same = origin is None or origin.partition("://")[2].lower() == host.lower()
+    if site not in ("same-origin", "none") or not is_same:
+        raise Denied(403, "the request was sent by a page of another site")
+
+
+async def read_body(request: Request) -> bytes:
+    """Read the body of a request, of at most `MAX_BODY_BYTES` within `BODY_S`.
+
+    Raises
+    ------
+    Denied
+        If it is larger or slower.
+    """
+    too_large = Denied(
+        413, f"the body has more than {MAX_BODY_BYTES} bytes", {"Connection": "close"}
+    )
+    length = request.headers.get("content-length", "0")
+    if not length.isdecimal() or len(length) > 10 or int(length) > MAX_BODY_BYTES:
+        raise too_large
+    body = bytearray()
+    try:
+        async with asyncio.timeout(BODY_S):
+            async for block in request.stream():
+                body += block
+                if len(body) > MAX_BODY_BYTES:
+                    raise too_large
+    except TimeoutError:
+        raise Denied(
+            408, f"the body took longer than {BODY_S:g} s", {"Connection": "close"}
+        ) from None
+    return bytes(body)
+
+
+def fields_of(request: Request, body: bytes) -> dict[str, Any]:
+    """Return the values of a form or of a JSON object; an empty body has none.
+
+    Raises
+    ------
+    Denied
+        If the body is neither.
+    """
+    if not body:
+        return {}
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    try:
+        if kind == "application/x-www-form-urlencoded":
+            pairs = parse_qsl(
+                body.decode(), keep_blank_values=True, max_num_fields=MAX_FIELDS, errors="strict"
+            )
+            return dict(pairs)
+        if kind == "application/json":
+            values = json.loads(body, parse_constant=_refuse)
+            if isinstance(values, dict):
+                return values
+            raise ValueError("not an object")
+    except (ValueError, RecursionError) as error:
+        raise Denied(400, f"the body is no {kind}: {error}") from error
+    raise Denied(415, "the body must be application/json, or a form")
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is no JSON")

@@ -1,0 +1,226 @@
+// The operator's page: follows the events of the station, and never shows an old verdict as a new one.
+const SILENCE_MS = 20000; // the server says something each 15 s
+const REFRESH_MS = 5000; // for the rate, which falls without an event
+const REJECTED = 12;
+const byId = (id) => document.getElementById(id);
+const csrf = document.querySelector('meta[name="csrf"]').content;
+
+let last = null; // the last result
+let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
+let refused = 0;
+let rejected = []; // the newest first
+let state = "";
+let heardMs = Date.now();
+let isConnected = true;
+
+function setText(id, text) {
+  const element = byId(id);
+  if (element.textContent !== text) element.textContent = text;
+}
+
+function shape(decision) {
+  const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+  const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
+  svg.setAttribute("class", "shape");
+  svg.setAttribute("aria-hidden", "true");
+  use.setAttribute("href", `#shape-${decision}`);
+  svg.append(use);
+  return svg;
+}
+
+function age(utc) {
+  const seconds = Math.max(0, Math.round((Date.now() - Date.parse(utc)) / 1000));
+  if (seconds < 60) return `${seconds} s ago`;
+  return seconds < 3600 ? `${Math.floor(seconds / 60)} min ago` : new Date(utc).toLocaleString();
+}
+
+function showVerdict(isOld) {
+  const decision = last === null ? "NONE" : last.decision;
+  const block = byId("verdict");
+  block.dataset.decision = decision;
+  block.classList.toggle("old", isOld || !isConnected);
+  block.querySelector("use").setAttribute("href", `#shape-${decision}`);
+  setText("word", last === null ? "NO PART YET" : decision);
+  setText("reason", last === null ? "" : last.reason);
+  setText("part", last === null ? "" : last.part_id);
+  showAge();
+}
+
+function showAge() {
+  setText("age", last === null ? "" : `judged ${age(last.decided_utc)}`);
+}
+
+function showCounts() {
+  for (const [decision, count] of Object.entries(counts)) setText(`count-${decision}`, String(count));
+  setText("refused", String(refused));
+}
+
+function showState(name, reason) {
+  state = name;
+  setText("now", `${name}: ${reason}`);
+  byId("trigger").disabled = state !== "ready" || !isConnected;
+}
+
+function showDevices(devices) {
+  byId("devices").replaceChildren(...devices.map((device) => {
+    const item = document.createElement("li");
+    const name = document.createElement("b");
+    const found = document.createElement("small");
+    item.dataset.status = device.status;
+    name.textContent = device.name;
+    found.textContent = device.text;
+    item.append(name, `: ${device.status} `, found);
+    return item;
+  }));
+}
+
+function showRejected() {
+  byId("rejected").replaceChildren(...rejected.map((part) => {
+    const item = document.createElement("li");
+    const name = document.createElement("b");
+    item.dataset.decision = part.decision;
+    name.textContent = `${part.decision} ${part.part_id}`;
+    item.append(shape(part.decision), " ", name, ` ${new Date(part.decided_utc).toLocaleTimeString()}: ${part.reason}`);
+    if (part.acknowledged_by) {
+      const seen = document.createElement("span");
+      seen.className = "seen";
+      seen.textContent = ` (seen by ${part.acknowledged_by})`;
+      item.append(seen);
+    }
+    return item;
+  }));
+  byId("acknowledge").disabled = !isConnected || !rejected.some((part) => !part.acknowledged_by);
+}
+
+function showSnapshot(all) {
+  last = all.last;
+  counts = all.announced;
+  refused = all.refused;
+  rejected = all.rejected;
+  showState(all.state, all.reason);
+  showVerdict(false);
+  showCounts();
+  showDevices(all.devices);
+  showRejected();
+  setText("rate", String(all.parts_per_minute));
+}
+
+const takes = {
+  snapshot: showSnapshot,
+  state: (event) => showState(event.state, event.reason),
+  devices: (event) => showDevices(event.devices),
+  begun: (event) => {
+    setText("now", `inspecting ${event.part_id}`);
+    showVerdict(true);
+  },
+  part: (event) => {
+    last = event;
+    counts[event.decision] += 1;
+    if (event.decision !== "PASS") {
+      rejected = [{ ...event, acknowledged_by: null }, ...rejected].slice(0, REJECTED);
+      showRejected();
+    }
+    setText("now", `${state}: ${event.part_id} took ${Math.round(event.latency_ms)} ms`);
+    showVerdict(false);
+    showCounts();
+  },
+  refused: (event) => {
+    refused += 1;
+    showCounts();
+    setText("message", `trigger refused: ${event.reason}`);
+  },
+  acknowledged: (event) => {
+    for (const part of rejected) if (part.part_id === event.part_id) part.acknowledged_by = event.by;
+    showRejected();
+  },
+  warning: (event) => setText("message", `warning: ${event.text}`),
+  stopped: (event) => setText("message", `stopped: ${event.reason}`),
+};
+
+function heard() {
+  heardMs = Date.now();
+  if (isConnected) return;
+  isConnected = true;
+  byId("lost").hidden = true;
+}
+
+function lost() {
+  if (isConnected) {
+    isConnected = false;
+    showVerdict(true);
+    showRejected();
+    byId("trigger").disabled = true;
+  }
+  const lostPage = byId("lost");
+  lostPage.textContent = `No connection to the station for ${Math.round((Date.now() - heardMs) / 1000)} s. What is below is old.`;
+  lostPage.hidden = false;
+}
+
+function follow() {
+  const source = new EventSource("/api/v1/events");
+  for (const [kind, take] of Object.entries(takes)) {
+    source.addEventListener(kind, (message) => {
+      const wasLost = !isConnected;
+      heard();
+      take(JSON.parse(message.data));
+      if (wasLost && kind !== "snapshot") refresh();
+    });
+  }
+  source.addEventListener("error", () => {
+    lost();
+    // A refused stream, such as after the session's end, is not tried again by the browser.
+    if (source.readyState === EventSource.CLOSED) setTimeout(() => window.location.reload(), 5000);
+  });
+}
+
+async function refresh() {
+  try {
+    const answer = await fetch("/api/v1/state", { headers: { Accept: "application/json" } });
+    if (answer.status === 401) window.location.reload();
+    if (!answer.ok) return;
+    const all = await answer.json();
+    const wasLost = !isConnected;
+    heard();
+    if (wasLost) showSnapshot(all);
+    else setText("rate", String(all.parts_per_minute));
+  } catch {
+    lost();
+  }
+}
+
+async function change(path) {
+  setText("message", "");
+  try {
+    const answer = await fetch(path, {
+      method: "POST",
+      headers: { "X-CSRF-Token": csrf, Accept: "application/json" },
+    });
+    if (!answer.ok) setText("message", (await answer.json()).error);
+  } catch {
+    lost();
+  }
+}
+
+function trigger() {
+  if (!byId("trigger").disabled) change("/api/v1/trigger");
+}
+
+function acknowledge() {
+  const part = rejected.find((each) => !each.acknowledged_by);
+  if (part && isConnected) change(`/api/v1/parts/${encodeURIComponent(part.part_id)}/acknowledge`);
+}
+
+byId("trigger").addEventListener("click", trigger);
+byId("acknowledge").addEventListener("click", acknowledge);
+document.addEventListener("keydown", (event) => {
+  const action = { F8: trigger, F9: acknowledge }[event.key];
+  if (action === undefined || event.repeat) return;
+  event.preventDefault();
+  action();
+});
+setInterval(() => {
+  showAge();
+  if (Date.now() - heardMs > SILENCE_MS) lost();
+}, 1000);
+setInterval(refresh, REFRESH_MS);
+follow();

@@ -1,0 +1,86 @@
+"""`Subscription`: a bounded queue of events that never delays the station."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+# Some fifty parts; a subscriber that is further behind reads the state anew.
+MOST_WAITING = 200
+
+
+@dataclass(frozen=True)
+class LiveEvent:
+    """Something that happened, with its position in the run.
+
+    Attributes
+    ----------
+    id
+        Position, from 1, without gaps.
+    utc
+        When.
+    fields
+        What, for JSON; ``event`` names its kind.
+    """
+
+    id: int
+    utc: str
+    fields: Mapping[str, Any]
+
+
+class Subscription:
+    """The events that a subscriber has not taken yet.
+
+    A subscriber that is `MOST_WAITING` events behind loses them all; `take` says how many.
+
+    Parameters
+    ----------
+    wake
+        Called, under a lock and from a thread of the station, when there is something to take. It
+        must not wait.
+    """
+
+    def __init__(self, wake: Callable[[], None] | None = None) -> None:
+        self._wake = wake
+        self._waiting: deque[LiveEvent] = deque()
+        self._missed = 0
+        self._is_closed = False
+        self._condition = threading.Condition()
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no further event comes."""
+        return self._is_closed
+
+    def put(self, event: LiveEvent) -> None:
+        """Add an event; called by `LiveStation`."""
+        with self._condition:
+            if len(self._waiting) >= MOST_WAITING:
+                self._missed += len(self._waiting)
+                self._waiting.clear()
+            self._waiting.append(event)
+            self._tell()
+
+    def close(self) -> None:
+        """Wake the subscriber for the last time."""
+        with self._condition:
+            self._is_closed = True
+            self._tell()
+
+    def take(self, timeout_s: float = 0.0) -> tuple[list[LiveEvent], int]:
+        """Return the waiting events, and the number of events lost before them.
+
+        Wait up to `timeout_s` for one.
+        """
+        with self._condition:
+            self._condition.wait_for(lambda: self._waiting or self._is_closed, timeout_s)
+            events, missed = list(self._waiting), self._missed
+            self._waiting.clear()
+            self._missed = 0
+            return events, missed
+
+    def _tell(self) -> None:
+        self._condition.notify_all()
+        if self._wake is not None:
+            self._wake()

@@ -1,0 +1,122 @@
+"""`Tokens`: what programs show instead of a password, in ``tokens.json`` of the station."""
+
+import hashlib
+import secrets
+from pathlib import Path
+
+from pydantic import Field
+
+from capture.process.utc_time import utc_text
+from capture.session.plan import Name
+from classify.errors import InputError
+from rig.config.section import Section
+from rig.config.toml_file import validated
+
+from .private_file import PrivateFile
+from .roles import Role, require_name
+
+FILE = "tokens.json"
+MOST_CLIENTS = 1000
+_PREFIX = "ps4_"  # tools that look for secrets in repositories find it
+_SECRET_BYTES = 32
+
+
+class Client(Section):
+    """A program that uses the API; `sha256` is the hash of its token.
+
+    A plain hash is enough: nobody can try 2**256 tokens.
+    """
+
+    name: Name
+    role: Role = Field(strict=False)
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    created_utc: str = Field(max_length=40)
+
+
+class _File(Section):
+    clients: tuple[Client, ...] = Field(default=(), max_length=MOST_CLIENTS, strict=False)
+
+
+class Tokens:
+    """The API clients of a station. Thread-safe; a change by another program is seen at once.
+
+    Parameters
+    ----------
+    folder
+        Folder of the station.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = PrivateFile(folder / FILE, _File)
+
+    def all(self) -> tuple[Client, ...]:
+        """Return all clients, by name.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged.
+        """
+        return tuple(sorted(self._file.read().clients, key=lambda client: client.name))
+
+    def find(self, token: str) -> Client | None:
+        """Return the client of a token."""
+        # Hashes are compared: the time tells nothing of the token itself.
+        digest = _sha256(token)
+        found = (client for client in self._file.read().clients if client.sha256 == digest)
+        return next(found, None)
+
+    def add(self, name: str, role: Role) -> str:
+        """Add a client and return its token, which is kept nowhere.
+
+        Raises
+        ------
+        InputError
+            If the name cannot be one or is taken, or there are too many clients.
+        """
+        token = _PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+        values = {
+            "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
+        }  # fmt: skip
+        client = validated(values, Client, "client")
+        with self._file.changing:
+            clients = self.all()
+            require_new_client(name, clients)
+            if len(clients) >= MOST_CLIENTS:
+                raise InputError(f"client {name}: there are {MOST_CLIENTS} clients already")
+            self._file.write(_File(clients=(*clients, client)))
+        return token
+
+    def remove(self, name: str) -> Client:
+        """Remove a client, whose token is worth nothing from now on, and return it.
+
+        Raises
+        ------
+        InputError
+            If there is no such client.
+        """
+        with self._file.changing:
+            clients = self.all()
+            found = [client for client in clients if client.name == name]
+            if not found:
+                raise InputError(f"client {name}: there is none; see ps4rig station token list")
+            others = tuple(client for client in clients if client.name != name)
+            self._file.write(_File(clients=others))
+        return found[0]
+
+
+def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
+    """Check the name of a new client.
+
+    Raises
+    ------
+    InputError
+        If it cannot be one, or is that of one of `clients`.
+    """
+    require_name("client", name)
+    if any(each.name == name for each in clients):
+        raise InputError(f"client {name}: there is one already; remove it first")
+
+
+def _sha256(token: str) -> str:
+    return hashlib.sha256(token.encode("utf-8", "surrogateescape")).hexdigest()

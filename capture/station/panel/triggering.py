@@ -1,0 +1,87 @@
+"""Triggers by HTTP: a repeated request triggers no second part."""
+
+import hashlib
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.history import Selection
+from capture.station.triggers import Accepted, Refused, Trigger
+from classify.errors import InputError
+
+from .live import LiveStation
+from .results_access import ResultsAccess
+
+LONGEST_KEY = 200
+# A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.
+_KEPT_KEYS = 1000
+_DIGITS = 20
+# Each may wait for a database that does not answer, in one of the 40 threads that serve requests.
+MOST_WAITING = 8
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """The trigger of this key was accepted before.
+
+    `number` is None while a part of an earlier run has no result.
+    """
+
+    part_id: str
+    number: int | None
+
+
+class KeyedTriggers:
+    """Passes triggers to the station, each key once.
+
+    A key without a part id gives the part an id that is made from it, so that the key is known
+    after a restart, too. With a part id, the station itself refuses the id a second time.
+    """
+
+    def __init__(self, live: LiveStation, results: ResultsAccess) -> None:
+        self._live, self._results = live, results
+        self._lock = threading.Lock()
+        self._slots = threading.BoundedSemaphore(MOST_WAITING)
+        self._accepted: OrderedDict[str, Accepted] = OrderedDict()
+
+    def submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
+        """Pass a trigger on; with a key that was accepted before, return its part.
+
+        Raises
+        ------
+        InputError
+            If the key is empty or too long.
+        ResultsUnavailable
+            If the database does not answer, or `MOST_WAITING` triggers wait for it already.
+        """
+        if not self._slots.acquire(blocking=False):
+            raise ResultsUnavailable(f"{MOST_WAITING} triggers wait for the station")
+        try:
+            return self._submit(key, part_id)
+        finally:
+            self._slots.release()
+
+    def _submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
+        if key is None:
+            return self._live.submit(Trigger("http", part_id))
+        if not 1 <= len(key) <= LONGEST_KEY:
+            raise InputError(f"Idempotency-Key: give 1 to {LONGEST_KEY} characters")
+        # One at a time: of two requests with one key, the second waits for the first.
+        with self._lock:
+            known = self._accepted.get(key)
+            if known is not None:
+                return Repeated(known.part_id, known.number)
+            made = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
+            if part_id is None:
+                store = self._results.store
+                if store.known([made]):
+                    entry = next(store.parts(Selection(part_id=made)), None)
+                    return Repeated(made, None if entry is None else entry.result.number)
+            answer = self._live.submit(Trigger("http", part_id or made))
+            # A refused trigger may be sent again with its key.
+            if isinstance(answer, Accepted):
+                self._accepted[key] = answer
+                if len(self._accepted) > _KEPT_KEYS:
+                    self._accepted.popitem(last=False)
+            return answer

@@ -1,0 +1,158 @@
+"""`Users`: the people who may use a station's panel, in ``users.json`` of its folder."""
+
+import secrets
+import threading
+import unicodedata
+from pathlib import Path
+
+from argon2 import PasswordHasher
+from argon2.exceptions import Argon2Error, InvalidHashError
+from pydantic import Field, field_validator
+
+from capture.session.plan import Name
+from classify.errors import InputError
+from rig.config.section import Section
+
+from .private_file import PrivateFile
+from .roles import Role, require_name
+
+FILE = "users.json"
+MOST_USERS = 1000
+# NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
+SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
+# The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
+HASHER = PasswordHasher()
+
+
+class User(Section):
+    """A user; `password` is the argon2id hash."""
+
+    name: Name
+    role: Role = Field(strict=False)
+    password: str = Field(min_length=1, max_length=1000)
+
+
+class _File(Section):
+    users: tuple[User, ...] = Field(default=(), max_length=MOST_USERS, strict=False)
+
+    @field_validator("users")
+    @classmethod
+    def _names_differ(cls, users: tuple[User, ...]) -> tuple[User, ...]:
+        if len({user.name for user in users}) < len(users):
+            raise ValueError("a name is there twice")
+        return users
+
+
+class Users:
+    """The users of a station. Thread-safe; a change by another program is seen at once.
+
+    Parameters
+    ----------
+    folder
+        Folder of the station.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = PrivateFile(folder / FILE, _File)
+        # One at a time: each takes 64 MiB and a core for 50 ms.
+        self._hashing = threading.Lock()
+        # Verified for names that are unknown, so that the time does not tell them.
+        self._nobody = ""
+
+    def all(self) -> tuple[User, ...]:
+        """Return all users, by name.
+
+        Raises
+        ------
+        InputError
+            If the file is damaged.
+        """
+        return tuple(sorted(self._file.read().users, key=lambda user: user.name))
+
+    def get(self, name: str) -> User | None:
+        """Return the user of a name."""
+        return next((user for user in self.all() if user.name == name), None)
+
+    def put(self, name: str, role: Role, password: str) -> User | None:
+        """Add a user, or give one another role and password; return the user there was.
+
+        Raises
+        ------
+        InputError
+            If the name cannot be one, the password is too short or too long, there are too many
+            users, or the last administrator would be none.
+        """
+        user = User(name=name, role=role, password=self._hash(require_account(name, password)))
+        with self._file.changing:
+            before, others = self._apart(name)
+            if len(others) >= MOST_USERS:
+                raise InputError(f"user {name}: there are {MOST_USERS} users already")
+            _require_administrator((*others, user), before)
+            self._file.write(_File(users=(*others, user)))
+        return before
+
+    def remove(self, name: str) -> User:
+        """Remove a user, whose sessions end with that, and return it.
+
+        Raises
+        ------
+        InputError
+            If there is no such user, or it is the last administrator beside other users.
+        """
+        with self._file.changing:
+            user, others = self._apart(name)
+            if user is None:
+                raise InputError(f"user {name}: there is none; see ps4rig station user list")
+            _require_administrator(others, user)
+            self._file.write(_File(users=others))
+        return user
+
+    def verified(self, name: str, password: str) -> User | None:
+        """Return the user with this name and password, or None; it takes as long for both."""
+        user = self.get(name)
+        if len(password) > LONGEST_PASSWORD:
+            return None
+        self._nobody = self._nobody or self._hash(secrets.token_hex())
+        try:
+            with self._hashing:
+                stored = self._nobody if user is None else user.password
+                HASHER.verify(stored, unicodedata.normalize("NFKC", password))
+        except (Argon2Error, InvalidHashError):
+            return None
+        return user
+
+    def _apart(self, name: str) -> tuple[User | None, tuple[User, ...]]:
+        """Return the user of a name, and all others."""
+        users = self.all()
+        others = tuple(user for user in users if user.name != name)
+        return next((user for user in users if user.name == name), None), others
+
+    def _hash(self, password: str) -> str:
+        with self._hashing:
+            return HASHER.hash(password)
+
+
+def _require_administrator(users: tuple[User, ...], changed: User | None) -> None:
+    """Check that a change does not take the last administrator from other users."""
+    if changed is None or changed.role is not Role.ADMINISTRATOR:
+        return
+    if users and all(user.role is not Role.ADMINISTRATOR for user in users):
+        raise InputError(f"user {changed.name}: is the last administrator; add another one first")
+
+
+def require_account(name: str, password: str) -> str:
+    """Check name and password of a new user; return the password in its normal form.
+
+    Raises
+    ------
+    InputError
+        If the name cannot be one, or the password is too short or too long.
+    """
+    require_name("user", name)
+    normal = unicodedata.normalize("NFKC", password)
+    if not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
+        raise InputError(
+            f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters, "
+            f"this one has {len(normal)}"
+        )
+    return normal

@@ -1,0 +1,167 @@
+"""A panel of a running station with a fake rig, and a small HTTP client."""
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode, urlsplit
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.face_config import PanelConfig
+from capture.station.panel.guard import CSRF_FIELD
+from capture.station.panel.live import LiveStation
+from capture.station.panel.panel import Panel
+from capture.station.panel.roles import Role
+from capture.station.panel.server import serving_panel
+from tests.capture.station.stations import Bench, bench
+
+ANY_PORT = PanelConfig(port=0)
+PASSWORD = "correct horse"
+WAIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a request."""
+
+    status: int
+    headers: http.client.HTTPMessage
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+    @property
+    def text(self) -> str:
+        return self.body.decode()
+
+
+@dataclass
+class Client:
+    """A client of the API, or a browser without JavaScript that keeps cookies."""
+
+    url: str
+    headers: dict[str, str] = field(default_factory=dict)
+    csrf: str = ""
+
+    @property
+    def host(self) -> str:
+        return urlsplit(self.url).netloc
+
+    def ask(
+        self,
+        method: str,
+        path: str,
+        fields: dict[str, Any] | None = None,
+        *,
+        form: dict[str, str] | None = None,
+        **headers: str,
+    ) -> Answer:
+        """Send a request; `fields` are sent as JSON, `form` as a form."""
+        given = self.headers | {name.replace("_", "-"): value for name, value in headers.items()}
+        body: bytes | None = None
+        if fields is not None:
+            body = json.dumps(fields).encode()
+            given.setdefault("Content-Type", "application/json")
+        if form is not None:
+            body = urlencode(form).encode()
+            given.setdefault("Content-Type", "application/x-www-form-urlencoded")
+        connection = http.client.HTTPConnection(self.host, timeout=WAIT_S)
+        try:
+            connection.request(method, path, body, given)
+            answer = connection.getresponse()
+            return Answer(answer.status, answer.headers, answer.read())
+        finally:
+            connection.close()
+
+    def get(self, path: str, **headers: str) -> Answer:
+        return self.ask("GET", path, **headers)
+
+    def post(self, path: str, fields: dict[str, Any] | None = None, **headers: str) -> Answer:
+        return self.ask("POST", path, fields, **headers)
+
+    def log_in(self, name: str, password: str = PASSWORD) -> Answer:
+        """Log in, and keep cookie and CSRF token."""
+        answer = self.ask("POST", "/login", form={"name": name, "password": password})
+        cookie = answer.headers["set-cookie"]
+        if cookie is not None:
+            self.headers["Cookie"] = cookie.partition(";")[0]
+            self.csrf = self.get("/").text.partition('name="csrf" content="')[2].partition('"')[0]
+        return answer
+
+    def form(self, path: str, **fields: str) -> Answer:
+        """Send a form of a page, with its CSRF token."""
+        return self.ask("POST", path, form={CSRF_FIELD: self.csrf, **fields})
+
+
+@dataclass
+class RunningPanel:
+    """A panel and its station."""
+
+    panel: Panel
+    bench: Bench
+    url: str
+    tokens: dict[Role, str] = field(default_factory=dict)
+
+    @property
+    def live(self) -> LiveStation:
+        return self.panel.live
+
+    @property
+    def local(self) -> Client:
+        return Client(self.url)
+
+    def client(self, role: Role) -> Client:
+        """A client with a token, called ``client-ROLE``."""
+        if role not in self.tokens:
+            self.tokens[role] = self.panel.tokens.add(f"client-{role}", role)
+        return Client(self.url, {"Authorization": f"Bearer {self.tokens[role]}"})
+
+    def until_ready(self) -> None:
+        """Wait until the station takes a trigger."""
+        assert self.live.wait_until_ready(WAIT_S)
+
+    def parts(self, count: int, client: Client | None = None) -> list[str]:
+        """Trigger parts by HTTP and wait for their results."""
+        asking, made = client or self.local, []
+        for _ in range(count):
+            self.until_ready()
+            answer = asking.post("/api/v1/trigger")
+            assert answer.status == 202, answer.text
+            part = asking.get(f"{answer.headers['location']}?wait_s=30")
+            assert part.status == 200, part.text
+            made.append(part.json["part_id"])
+        return made
+
+
+@contextmanager
+def running_panel(
+    folder: Path, captured: CapturedSet, settings: PanelConfig = ANY_PORT
+) -> Iterator[RunningPanel]:
+    """Run a station in `folder` whose triggers come by HTTP, with its panel."""
+    with ExitStack() as stack:
+        station = stack.enter_context(bench(folder, captured))
+        live = LiveStation(station.folder.config.name, simulated=True)
+        station.listen = live.tell
+        panel = Panel.of(station.folder, live, settings)
+        stopping = threading.Event()
+
+        class UntilStopped:
+            def run(self, target: Any) -> None:
+                live.attach(target)
+                stopping.wait()
+                target.stop()
+
+        thread = threading.Thread(target=station.run, args=(UntilStopped(),))
+        thread.start()
+        try:
+            with serving_panel(panel) as url:
+                yield RunningPanel(panel, station, url)
+        finally:
+            stopping.set()
+            thread.join()

@@ -1,0 +1,88 @@
+"""Pages of accounts, changes and passwords, as a browser without JavaScript uses them."""
+
+import re
+
+import pytest
+
+from capture.station.panel.roles import Identity, Role
+from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
+
+
+@pytest.fixture
+def browser(panel: RunningPanel) -> Client:
+    """An administrator, of a station that has run."""
+    panel.until_ready()
+    panel.panel.users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+    client = panel.local
+    client.log_in("ada")
+    return client
+
+
+def test_an_administrator_adds_and_removes_users(panel: RunningPanel, browser: Client) -> None:
+    user = {"action": "put user", "name": "kim", "role": "engineer", "password": PASSWORD}
+    assert browser.form("/accounts", **user).status == 303
+    assert "<td>kim</td><td>engineer</td>" in browser.get("/accounts").text
+    kim = panel.local
+    assert kim.log_in("kim").status == 303
+    assert kim.get("/accounts").status == 403
+    assert browser.form("/accounts", action="remove user", name="kim").status == 303
+    assert kim.get("/").status == 303  # to the login
+    changes = browser.get("/changes").text
+    assert changes.index("<td>user kim</td><td>engineer</td>") < changes.index("new password")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"action": "put user", "role": "engineer", "password": "short"}, "has 8 to 256"),
+        ({"action": "put user", "role": "king", "password": PASSWORD}, "give operator"),
+        ({"action": "remove user"}, "there is none"),
+        ({"action": "remove client"}, "there is none"),
+        ({"action": "reboot"}, "there is none"),
+    ],
+)
+def test_a_change_that_fails_says_why_on_the_page(
+    browser: Client, change: dict[str, str], said: str
+) -> None:
+    answer = browser.form("/accounts", name="kim", **change)
+    assert answer.status == 400
+    assert said in answer.text
+    assert "<td>kim</td>" not in answer.text
+
+
+def test_a_token_is_shown_once_and_works(panel: RunningPanel, browser: Client) -> None:
+    made = browser.form("/accounts", action="add client", name="mes", role="operator")
+    [token] = re.findall(r"<code>(ps4_[^<]+)</code>", made.text)
+    client = Client(panel.url, {"Authorization": f"Bearer {token}"})
+    assert client.get("/api/v1/state").status == 200
+    assert token not in browser.get("/accounts").text
+    assert browser.form("/accounts", action="remove client", name="mes").status == 303
+    assert client.get("/api/v1/state").status == 401
+
+
+def test_a_user_changes_the_own_password(panel: RunningPanel, browser: Client) -> None:
+    new = PASSWORD + "!"
+    for given, said in (
+        ({"password": "wrong wrong", "new": new, "again": new}, "present password is wrong"),
+        ({"password": PASSWORD, "new": new, "again": PASSWORD}, "passwords differ"),
+        ({"password": PASSWORD, "new": "short", "again": "short"}, "8 to 256 characters"),
+    ):
+        answer = browser.form("/password", **given)
+        assert answer.status == 400
+        assert said in answer.text
+    assert browser.form("/password", password=PASSWORD, new=new, again=new).status == 303
+    assert browser.get("/api/v1/state").status == 401
+    assert panel.local.log_in("ada", PASSWORD).status == 401
+    assert panel.local.log_in("ada", new).status == 303
+    token = panel.client(Role.ADMINISTRATOR)
+    assert token.ask("POST", "/password", form={"password": new, "new": new}).status == 400
+
+
+def test_what_people_wrote_is_shown_as_text(panel: RunningPanel, browser: Client) -> None:
+    who = Identity("<b>ada</b>", Role.ENGINEER, "local")
+    what, after = "part <script>alert(1)</script>", "<img src=x onerror=alert(1)>"
+    panel.panel.changes.record(who, what, None, after)
+    text = browser.get("/changes").text
+    assert "<script>alert" not in text
+    assert "<img" not in text
+    assert "&lt;script&gt;alert(1)" in text

@@ -1,0 +1,232 @@
+"""Users and tokens: files, commands, and the log of changes."""
+
+import json
+import stat
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.station.folder import make_station
+from capture.station.panel import users as users_module
+from capture.station.panel.roles import Role
+from capture.station.panel.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
+from capture.station.panel.tokens import Tokens
+from capture.station.panel.users import LONGEST_PASSWORD, Users
+from capture.station.results.change_log import ChangeRecord, newest_changes, record_change
+from capture.station.results.store import open_store
+from classify.errors import InputError
+from tests.capture.station.panel.panels import PASSWORD, RunningPanel
+
+SHIPPED = users_module.HASHER  # before the fixture that replaces it
+UTC = "2026-01-02T03:04:05.678Z"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    make_station(tmp_path / "line-1")
+    return tmp_path / "line-1"
+
+
+def test_a_password_is_kept_as_a_hash_that_only_the_owner_may_read(folder: Path) -> None:
+    users = Users(folder)
+    assert users.put("ada", Role.ENGINEER, PASSWORD) is None
+    text = (folder / "users.json").read_text()
+    assert "$argon2id$" in text
+    assert PASSWORD not in text
+    assert stat.S_IMODE((folder / "users.json").stat().st_mode) == 0o600
+    assert users.verified("ada", PASSWORD) == users.get("ada")
+    assert users.verified("ada", PASSWORD + "x") is None
+    assert users.verified("kim", PASSWORD) is None
+    assert users.verified("ada", 300 * "x") is None
+
+
+def test_a_hash_takes_the_memory_that_rfc_9106_recommends() -> None:
+    assert SHIPPED.hash(PASSWORD).startswith("$argon2id$v=19$m=65536,t=3,p=4$")
+
+
+def test_a_password_is_the_same_however_it_is_typed(folder: Path) -> None:
+    """An accent as one character, or as two."""
+    users = Users(folder)
+    users.put("ada", Role.ENGINEER, "caf\u00e9 caf\u00e9")
+    assert users.verified("ada", "cafe\u0301 cafe\u0301") is not None
+
+
+@pytest.mark.parametrize("password", ["", "7 chars", (LONGEST_PASSWORD + 1) * "x"])
+def test_a_password_has_bounds(folder: Path, password: str) -> None:
+    with pytest.raises(InputError, match=f"this one has {len(password)}"):
+        Users(folder).put("ada", Role.ENGINEER, password)
+    assert not (folder / "users.json").exists()
+
+
+@pytest.mark.parametrize("name", ["", "a b", "../x", "x" * 101, "é"])
+def test_a_name_has_bounds(folder: Path, name: str) -> None:
+    with pytest.raises(InputError, match="up to 100 letters"):
+        Users(folder).put(name, Role.ENGINEER, PASSWORD)
+    with pytest.raises(InputError, match="up to 100 letters"):
+        Tokens(folder).add(name, Role.ENGINEER)
+
+
+def test_the_last_administrator_stays_while_there_are_others(folder: Path) -> None:
+    users = Users(folder)
+    users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+    users.put("kim", Role.OPERATOR, PASSWORD)
+    with pytest.raises(InputError, match="is the last administrator"):
+        users.remove("ada")
+    with pytest.raises(InputError, match="is the last administrator"):
+        users.put("ada", Role.OPERATOR, PASSWORD)
+    users.remove("kim")
+    users.remove("ada")
+    assert users.all() == ()
+
+
+def test_a_change_by_another_program_is_seen_at_once(folder: Path) -> None:
+    users, others = Users(folder), Users(folder)
+    assert users.all() == ()
+    others.put("ada", Role.ENGINEER, PASSWORD)
+    assert [user.name for user in users.all()] == ["ada"]
+    others.remove("ada")
+    assert users.all() == ()
+
+
+def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> None:
+    users = Users(folder)
+    threads = [
+        threading.Thread(target=users.put, args=(f"user-{n}", Role.OPERATOR, PASSWORD))
+        for n in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(users.all()) == 4
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        '{"users": [{"name": "ada"}]}',
+        '{"users": [], "more": 1}',
+        '{"users": [{"name": "a", "role": "king", "password": "x"}]}',
+        10_000 * "[",
+    ],
+)
+def test_a_damaged_file_lets_nobody_in_and_is_named(folder: Path, text: str) -> None:
+    (folder / "users.json").write_text(text)
+    with pytest.raises(InputError, match="users\\.json"):
+        Users(folder).all()
+
+
+def test_a_damaged_file_of_users_closes_the_panel(panel: RunningPanel) -> None:
+    """Without users this machine may operate; with a file that cannot be read it may not."""
+    (panel.bench.folder.path / "users.json").write_text("{")
+    assert panel.local.get("/api/v1/state").status == 400
+    assert panel.local.post("/api/v1/trigger").status == 400
+
+
+def test_a_token_is_kept_as_a_hash(folder: Path) -> None:
+    tokens = Tokens(folder)
+    token = tokens.add("mes", Role.OPERATOR)
+    assert token not in (folder / "tokens.json").read_text()
+    assert stat.S_IMODE((folder / "tokens.json").stat().st_mode) == 0o600
+    found = Tokens(folder).find(token)
+    assert found is not None
+    assert (found.name, found.role) == ("mes", Role.OPERATOR)
+    assert tokens.find(token + "x") is None
+    assert tokens.find("\udcff") is None
+    with pytest.raises(InputError, match="there is one already"):
+        tokens.add("mes", Role.ENGINEER)
+    tokens.remove("mes")
+    assert tokens.find(token) is None
+    with pytest.raises(InputError, match="there is none"):
+        tokens.remove("mes")
+
+
+def test_sessions_end_by_time_and_their_number_is_bounded(folder: Path) -> None:
+    now_s = [0.0]
+    users = Users(folder)
+    users.put("ada", Role.ENGINEER, PASSWORD)
+    user = users.all()[0]
+    sessions = Sessions(users, lambda: now_s[0])
+    idle = sessions.begin(user)
+    now_s[0] = IDLE_S + 1
+    assert sessions.find(idle) is None
+    busy = sessions.begin(user)
+    while now_s[0] < LONGEST_S + 3 * IDLE_S:
+        found = sessions.find(busy)
+        now_s[0] += IDLE_S / 2
+    assert found is None
+    first = sessions.begin(user)
+    for _ in range(MOST_SESSIONS):
+        now_s[0] += 0.001
+        sessions.begin(user)
+    assert sessions.find(first) is None
+
+
+def test_commands_add_list_and_remove_users_and_tokens(
+    folder: Path, ps4rig: Callable[..., Any]
+) -> None:
+    add = ("station", "user", "add", folder, "ada", "--role", "administrator")
+    added = ps4rig(*add, typed=f"{PASSWORD}\n")
+    assert (added.exit_code, added.stdout) == (0, "user ada: administrator\n")
+    assert ps4rig(*add, typed="short\n").exit_code == 2
+    assert "ada" in ps4rig("station", "user", "list", folder).stdout
+    token = ps4rig("station", "token", "add", folder, "mes", "--role", "operator").stdout.strip()
+    found = Tokens(folder).find(token)
+    assert found is not None
+    assert found.name == "mes"
+    assert "mes" in ps4rig("station", "token", "list", folder).stdout
+    assert ps4rig("station", "token", "remove", folder, "mes").exit_code == 0
+    assert ps4rig("station", "user", "remove", folder, "ada").exit_code == 0
+    assert ps4rig("station", "user", "remove", folder, "ada").exit_code == 2
+    log = (folder / "station.log").read_text()
+    assert "user ada: nothing -> administrator, new password" in log
+    assert "on the terminal (administrator, local): client mes: nothing -> operator" in log
+    assert log.count("user ada") == 2  # one change failed
+    assert PASSWORD not in log
+    assert token not in log
+
+
+def test_an_administrator_changes_accounts_by_the_api_and_each_change_has_a_row(
+    panel: RunningPanel,
+) -> None:
+    panel.until_ready()
+    admin = panel.client(Role.ADMINISTRATOR)
+    user = {"name": "kim", "role": "operator", "password": PASSWORD}
+    assert admin.post("/api/v1/users", user).status == 201
+    wrong = admin.post("/api/v1/users", user | {"role": "king"})
+    assert "give operator, engineer or administrator" in wrong.json["error"]
+    assert admin.get("/api/v1/users").json == {"users": [{"name": "kim", "role": "operator"}]}
+    made = admin.post("/api/v1/tokens", {"name": "mes", "role": "operator"}).json
+    assert panel.panel.tokens.find(made["token"]) is not None
+    assert made["token"] not in json.dumps(admin.get("/api/v1/tokens").json)
+    assert admin.ask("DELETE", "/api/v1/tokens/mes").status == 200
+    assert admin.ask("DELETE", "/api/v1/users/kim").status == 200
+    assert admin.ask("DELETE", "/api/v1/users/kim").status == 400
+    rows = [(row["what"], row["before"], row["after"]) for row in
+            admin.get("/api/v1/audit").json["changes"]]  # fmt: skip
+    assert rows == [
+        ("user kim", "operator", None),
+        ("client mes", "operator", None),
+        ("client mes", None, "operator"),
+        ("user kim", None, "operator, new password"),
+    ]
+
+
+def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
+    from sqlalchemy import text
+    from sqlalchemy.exc import IntegrityError
+
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        for number in range(5):
+            record_change(store, ChangeRecord(UTC, "ada", "engineer", f"x{number}", None, "\udcff"))
+        found = newest_changes(store, 3)
+        assert [change.what for change in found] == ["x4", "x3", "x2"]
+        assert found[0].after == "\\udcff"
+        for statement in ("UPDATE changes SET by = 'kim'", "DELETE FROM changes"):
+            with pytest.raises(IntegrityError, match="never changed"):
+                store.write(lambda connection, said=statement: connection.execute(text(said)))

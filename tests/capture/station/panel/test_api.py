@@ -1,0 +1,269 @@
+"""The HTTP API over real sockets, of a station whose rig is fake."""
+
+import csv
+import io
+import json
+import threading
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.panel.roles import Role
+from capture.station.panel.triggering import MOST_WAITING
+from capture.station.recipe import Recipe
+from capture.station.recipe_file import write_recipe
+from capture.station.triggers import Refused, Trigger
+from capture.station.verdict import Cause, Decision, Verdict
+from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
+from tests.capture.station.stations import PASSED, Said
+
+BAD = Verdict(Decision.FAIL, "a scratch of 12 px", (Cause.DEFECT,))
+
+
+def test_a_trigger_is_answered_with_the_part_and_the_part_with_its_result(
+    panel: RunningPanel,
+) -> None:
+    panel.until_ready()
+    answer = panel.local.post("/api/v1/trigger", {"part_id": "A-17"})
+    assert (answer.status, answer.json) == (
+        202,
+        {"accepted": True, "part_id": "A-17", "number": 1, "repeated": False},
+    )
+    part = panel.local.get("/api/v1/parts/A-17?wait_s=30")
+    assert part.json["verdict"] == "PASS"
+    assert part.json["trigger"] == "http"
+    assert panel.bench.rows() == [("A-17", Decision.PASS)]
+    state = panel.local.get("/api/v1/state").json
+    assert state["last"]["part_id"] == "A-17"
+    assert state["announced"] == {"PASS": 1, "FAIL": 0, "UNKNOWN": 0, "ERROR": 0}
+
+
+def test_a_trigger_that_cannot_be_served_is_refused_with_the_reason(panel: RunningPanel) -> None:
+    exposing = threading.Event()
+    panel.bench.camera.on_capture = lambda _: exposing.wait(60)
+    panel.until_ready()
+    assert panel.local.post("/api/v1/trigger").status == 202
+    refused = panel.local.post("/api/v1/trigger", {"part_id": "too-early"})
+    exposing.set()
+    assert refused.status == 409
+    assert refused.json == {
+        "accepted": False,
+        "error": "busy: another part is being exposed",
+    }
+    assert panel.local.post("/api/v1/trigger", {"part_id": "../x"}).status == 409
+    assert (
+        panel.local.get("/api/v1/counts?simulated=true").json["simulated"]["refused_triggers"] == 2
+    )
+
+
+def test_a_repeated_key_triggers_no_second_part(panel: RunningPanel) -> None:
+    panel.until_ready()
+    answers = []
+
+    def trigger() -> None:
+        answers.append(panel.local.post("/api/v1/trigger", Idempotency_Key="order 7"))
+
+    threads = [threading.Thread(target=trigger) for _ in range(6)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(answer.status for answer in answers) == [200, 200, 200, 200, 200, 202]
+    assert {answer.json["part_id"] for answer in answers} == {answers[0].json["part_id"]}
+    assert [answer.json["repeated"] for answer in answers].count(False) == 1
+    assert panel.local.get(f"{answers[0].headers['location']}?wait_s=30").json["number"] == 1
+    assert len(panel.bench.rows()) == 1
+
+
+def test_a_key_is_known_after_a_restart(tmp_path: Path, captured: CapturedSet) -> None:
+    answers = []
+    for _ in range(2):
+        with running_panel(tmp_path / "line-1", captured) as panel:
+            panel.until_ready()
+            answer = panel.local.post("/api/v1/trigger", Idempotency_Key="order 7")
+            panel.local.get(f"{answer.headers['location']}?wait_s=30")
+            answers.append(answer)
+            assert len(panel.bench.rows()) == 1
+    assert [answer.status for answer in answers] == [202, 200]
+    assert answers[0].json | {"repeated": True} == answers[1].json
+
+
+def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
+    assert isinstance(panel.panel.triggers.submit("order 8", "part-1"), Refused)
+    panel.until_ready()
+    panel.parts(1)
+    panel.until_ready()
+    assert panel.local.post("/api/v1/trigger", Idempotency_Key="order 8").status == 202
+
+
+def test_triggers_that_wait_leave_threads_for_other_requests(panel: RunningPanel) -> None:
+    """A database that does not answer keeps each trigger; the others are sent away."""
+    panel.until_ready()
+    answering, asked = threading.Event(), threading.Semaphore(0)
+
+    class SlowStation:
+        is_stopping = False
+
+        def submit(self, trigger: Trigger) -> Refused:
+            asked.release()
+            assert answering.wait(60)
+            return Refused(f"not ready: {trigger.source}")
+
+        def wait_until_ready(self, timeout_s: float) -> bool:
+            return timeout_s > 60.0
+
+    panel.live.attach(SlowStation())
+    threads = [
+        threading.Thread(target=panel.local.post, args=("/api/v1/trigger",))
+        for _ in range(MOST_WAITING)
+    ]
+    for thread in threads:
+        thread.start()
+    for _ in threads:
+        assert asked.acquire(timeout=60)
+    further = [panel.local.post("/api/v1/trigger") for _ in range(40)]
+    assert {answer.status for answer in further} == {503}
+    assert panel.local.get("/api/v1/state").status == 200
+    answering.set()
+    for thread in threads:
+        thread.join()
+    assert panel.local.post("/api/v1/trigger").status == 409
+
+
+def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPanel) -> None:
+    verdicts = iter([PASSED, BAD, PASSED, BAD, PASSED])
+    panel.bench.inspector.inspect = lambda _: Said(next(verdicts))
+    ids = panel.parts(5)
+    first = panel.local.get("/api/v1/parts?simulated=only&limit=3").json
+    assert [part["part_id"] for part in first["parts"]] == ids[:1:-1]
+    rest = panel.local.get(f"/api/v1/parts?simulated=only&limit=3&below={first['next_below']}").json
+    assert [part["part_id"] for part in rest["parts"]] == ids[1::-1]
+    assert rest["next_below"] is None
+    failed = panel.local.get("/api/v1/parts?simulated=true&verdict=fail").json["parts"]
+    assert [part["reason"] for part in failed] == [BAD.reason, BAD.reason]
+    table = panel.local.get("/api/v1/parts.csv?simulated=true&verdict=FAIL")
+    rows = list(csv.DictReader(io.StringIO(table.text)))
+    assert [row["part_id"] for row in rows] == [ids[1], ids[3]]
+    assert panel.local.get("/api/v1/parts").json["parts"] == []  # none is production
+
+
+@pytest.mark.parametrize(
+    ("query", "said"),
+    [
+        ("verdict=MAYBE", "give PASS, FAIL, UNKNOWN or ERROR"),
+        ("since=yesterday", "give a date or a time"),
+        ("limit=0", "whole number from 1 to 500"),
+        ("limit=501", "whole number from 1 to 500"),
+        ("limit=٣", "whole number"),
+        ("below=9" + 20 * "9", "whole number"),
+        ("simulated=yes", "true, false or only"),
+    ],
+)
+def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str, said: str) -> None:
+    without_users.until_ready()  # there are results
+    answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=')}")
+    assert answer.status == 400
+    assert said in answer.json["error"]
+
+
+def test_a_part_gives_its_set_as_it_was_judged(
+    panel: RunningPanel, captured: CapturedSet, tmp_path: Path
+) -> None:
+    (part_id,) = panel.parts(1)
+    answer = panel.local.get(f"/api/v1/parts/{part_id}/set")
+    assert answer.headers["content-type"] == "image/tiff"
+    (tmp_path / "set.ome.tif").write_bytes(answer.body)
+    loaded = CapturedSet.load(tmp_path / "set.ome.tif")
+    assert loaded.metadata.pixels_sha256 == captured.metadata.pixels_sha256
+
+
+def test_a_part_that_is_unknown_is_not_found(panel: RunningPanel) -> None:
+    panel.parts(1)
+    for path in ("/api/v1/parts/nobody", "/api/v1/parts/nobody/set"):
+        answer = panel.local.get(path)
+        assert answer.status == 404
+        assert "there is no result of it" in answer.json["error"]
+
+
+def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(BAD)
+    (part_id,) = panel.parts(1)
+    engineer = panel.client(Role.ENGINEER)
+    override = f"/api/v1/parts/{part_id}/override"
+    empty = engineer.post(override, {"decision": "PASS", "reason": " "})
+    assert (empty.status, empty.json) == (400, {"error": "reason: must not be empty"})
+    wrong = engineer.post(override, {"decision": "UNKNOWN", "reason": "a hair"})
+    assert "a person decides PASS or FAIL" in wrong.json["error"]
+    forged = "a hair\n2026-01-02T03:04:05.678Z change by nobody"
+    done = engineer.post(override, {"decision": "PASS", "reason": forged})
+    assert (done.json["verdict"], done.json["station_verdict"]) == ("PASS", "FAIL")
+    (change,) = engineer.get("/api/v1/audit").json["changes"]
+    assert (change["by"], change["role"]) == ("client-engineer", "engineer")
+    assert (change["what"], change["before"], change["after"]) == (
+        f"part {part_id}", "FAIL", f"PASS: {forged}"
+    )  # fmt: skip
+    assert len((panel.bench.folder.path / "station.log").read_text().splitlines()) == 1
+
+
+def test_an_operator_acknowledges_a_rejected_part_once(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(BAD)
+    (part_id,) = panel.parts(1)
+    for _ in range(2):
+        assert panel.local.post(f"/api/v1/parts/{part_id}/acknowledge").status == 200
+    assert panel.live.snapshot().rejected[0].acknowledged_by == "local"
+    changes = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
+    assert [change["after"] for change in changes] == ["acknowledged"]
+    assert panel.local.post("/api/v1/parts/nobody/acknowledge").status == 404
+
+
+def test_metrics_are_those_of_the_run(panel: RunningPanel) -> None:
+    verdicts = iter([PASSED, BAD])
+    panel.bench.inspector.inspect = lambda _: Said(next(verdicts))
+    panel.parts(2)
+    panel.until_ready()
+    answer = panel.local.get("/api/v1/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
+    lines = answer.text.splitlines()
+    for line in (
+        'ps4rig_parts_total{verdict="PASS"} 1',
+        'ps4rig_parts_total{verdict="FAIL"} 1',
+        'ps4rig_state{state="ready"} 1',
+        'ps4rig_device_fault{device="disk"} 0',
+        "ps4rig_latency_seconds_count 2",
+        "ps4rig_simulated 1",
+    ):
+        assert line in lines
+    families = {line.split()[2] for line in lines if line.startswith("# TYPE")}
+    named = {line.split("{")[0].split()[0] for line in lines if not line.startswith("#")}
+    assert {name.removesuffix("_sum").removesuffix("_count") for name in named} == families
+
+
+def test_the_description_names_every_call_and_its_page_loads_nothing_from_elsewhere(
+    without_users: RunningPanel,
+) -> None:
+    document = without_users.local.get("/api/v1/openapi.json").json
+    assert document["openapi"] == "3.1.0"
+    override = document["paths"]["/api/v1/parts/{part_id}/override"]["post"]
+    assert [each["name"] for each in override["parameters"]] == ["part_id"]
+    page = without_users.local.get("/api").text
+    for path in document["paths"]:
+        assert path in page
+    assert "http://" not in page
+    assert "https://" not in page
+
+
+def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:
+    assert panel.local.get("/api/v1/recipes").json == {"recipes": [], "configured": "example"}
+    written = Recipe(name="example", passes=("rock",))
+    write_recipe(panel.bench.folder.recipe_files().file, written)
+    assert panel.local.get("/api/v1/recipes").json["recipes"] == ["example"]
+    assert panel.local.get("/api/v1/recipes/example").json["sha256"] == written.sha256
+    assert panel.local.get("/api/v1/recipes/none").status == 404
+    assert panel.local.get("/api/v1/recipes/..%2Fstation").status in (400, 404)
+
+
+def test_before_the_first_result_the_api_says_so(panel: RunningPanel) -> None:
+    assert json.loads(panel.local.get("/api/v1/parts?simulated=true").body)["parts"] == []
+    assert Client(panel.url).get("/api/v1/state").json["last"] is None

@@ -1,0 +1,261 @@
+"""`LiveStation`, its subscriptions, and the stream of events over a real socket."""
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.events import (
+    PartAnnounced,
+    SelfTestFinished,
+    StateChanged,
+    TriggerRefused,
+)
+from capture.station.panel.devices import Device
+from capture.station.panel.live import LiveStation
+from capture.station.panel.roles import Role
+from capture.station.panel.subscription import MOST_WAITING
+from capture.station.results.part_result import PartResult
+from capture.station.states import Change, State
+from capture.station.triggers import Refused, Trigger
+from capture.station.verdict import Cause, Decision, Verdict
+from rig.doctor.check import Check
+from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+from tests.capture.station.stations import PASSED, Said
+
+UTC = "2026-01-02T03:04:05.678Z"
+
+
+def result(number: int, verdict: Verdict = PASSED) -> PartResult:
+    part_id = f"part-{number:06d}"
+    return PartResult(
+        "line-1", part_id, number, "http", UTC, UTC, UTC, verdict, None, True, "0.1.0"
+    )
+
+
+def error(cause: Cause) -> Verdict:
+    return Verdict(Decision.ERROR, f"it failed: {cause}", (cause,))
+
+
+def statuses(live: LiveStation) -> dict[str, str]:
+    return {device.name: device.status for device in live.snapshot().devices}
+
+
+def live_station() -> LiveStation:
+    return LiveStation("line-1", simulated=True, database="/srv/line-1/results.sqlite")
+
+
+@contextmanager
+def stream(client: Client, last: str | None = None) -> Iterator[Iterator[dict[str, Any]]]:
+    """The events of a stream; each has its ``id``."""
+    connection = http.client.HTTPConnection(client.host, timeout=30)
+    headers = client.headers | ({} if last is None else {"Last-Event-ID": last})
+    connection.request("GET", "/api/v1/events", headers=headers)
+    answer = connection.getresponse()
+    assert answer.status == 200
+    assert answer.headers["content-type"] == "text/event-stream; charset=utf-8"
+
+    def messages() -> Iterator[dict[str, Any]]:
+        fields: dict[str, str] = {}
+        for line in answer:
+            name, _, value = line.decode().rstrip("\n").partition(": ")
+            if name:
+                fields[name] = value
+            elif "data" in fields:
+                message = json.loads(fields["data"])
+                assert message["event"] == fields["event"]
+                yield {"id": fields["id"], **message}
+                fields = {}
+
+    try:
+        yield messages()
+    finally:
+        connection.close()
+
+
+def test_the_stream_begins_with_the_state_and_goes_on_with_each_event(panel: RunningPanel) -> None:
+    panel.until_ready()
+    with stream(panel.local) as messages:
+        first = next(messages)
+        assert (first["event"], first["state"]) == ("snapshot", "ready")
+        (part_id,) = panel.parts(1)
+        kinds = []
+        for message in messages:
+            kinds.append(message["event"])
+            if message["event"] == "part":
+                assert message["part_id"] == part_id
+                assert message["decision"] == "PASS"
+                break
+        assert [kind for kind in kinds if kind != "state"] == ["begun", "exposed", "part"]
+
+
+def test_a_stream_that_was_cut_off_goes_on_where_it_was(panel: RunningPanel) -> None:
+    panel.until_ready()
+    with stream(panel.local) as messages:
+        last = next(messages)["id"]
+    panel.parts(3)
+    panel.until_ready()
+    with stream(panel.local, last) as messages:
+        seen: list[dict[str, Any]] = []
+        while sum(each["event"] == "part" for each in seen) < 3:
+            seen.append(next(messages))
+    numbers = [int(each["id"].partition(".")[2]) for each in seen]
+    begin = int(last.partition(".")[2]) + 1
+    assert numbers == list(range(begin, begin + len(numbers)))
+    for unknown in ("", "x", "00000000.1", f"{last}9", f"{last.partition('.')[0]}.-1"):
+        with stream(panel.local, unknown) as messages:
+            assert next(messages)["event"] == "snapshot"
+
+
+def test_a_stream_ends_when_its_user_is_removed(panel: RunningPanel, monkeypatch: Any) -> None:
+    monkeypatch.setattr("capture.station.panel.event_stream.KEEP_ALIVE_S", 0.05)
+    panel.panel.users.put("root", Role.ADMINISTRATOR, PASSWORD)
+    client = panel.client(Role.OPERATOR)
+    with stream(client) as messages:
+        next(messages)
+        panel.panel.tokens.remove("client-operator")
+        panel.until_ready()
+        assert all(each["event"] != "part" for each in messages)  # ends by itself
+
+
+def test_the_end_of_the_run_ends_streams_and_the_server(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    ended = threading.Event()
+    with running_panel(tmp_path / "line-1", captured) as panel:
+        with stream(panel.local) as messages:
+            next(messages)
+
+        def listen() -> None:
+            with stream(panel.local) as followed:
+                opened.set()
+                for _ in followed:
+                    pass
+            ended.set()
+
+        opened = threading.Event()
+        threading.Thread(target=listen, daemon=True).start()
+        assert opened.wait(30)
+    assert ended.wait(30)
+
+
+def test_a_subscriber_that_takes_nothing_loses_events_and_learns_how_many() -> None:
+    live = live_station()
+    subscription = live.subscribe()
+    assert subscription is not None
+    for number in range(MOST_WAITING + 10):
+        live.announce({"event": "filler", "number": number})
+    events, lost = subscription.take()
+    assert (len(events), lost) == (10, MOST_WAITING)
+    assert events[-1].fields["number"] == MOST_WAITING + 9
+    assert subscription.take() == ([], 0)
+
+
+def test_the_history_of_events_is_bounded_and_says_what_it_has_lost() -> None:
+    live = live_station()
+    for number in range(2000):
+        live.announce({"event": "filler", "number": number})
+    last = live.snapshot().event_id
+    kept = live.events_after(last - 5)
+    assert kept is not None
+    assert [event.id for event in kept] == list(range(last - 4, last + 1))
+    assert live.events_after(0) is None
+    assert live.events_after(last) == []
+    assert live.events_after(last + 1) is None
+
+
+def test_a_closed_station_ends_every_subscription() -> None:
+    live = live_station()
+    before, woken = live.subscribe(), []
+    live.subscribe(lambda: woken.append(1))
+    live.close()
+    after = live.subscribe()
+    assert before is not None
+    assert after is not None
+    assert (before.is_closed, after.is_closed, woken) == (True, True, [1])
+    assert before.take(timeout_s=60.0) == ([], 0)
+
+
+def test_the_rate_falls_when_no_part_comes() -> None:
+    now_s = [0.0]
+    live = LiveStation("line-1", simulated=True, now_s=lambda: now_s[0])
+    for number in range(1, 12):
+        now_s[0] = float(number)
+        live.tell(PartAnnounced(result(number), 10.0))
+    assert live.snapshot().parts_per_minute == 60.0
+    now_s[0] = 31.0
+    assert live.snapshot().parts_per_minute == 20.0
+    now_s[0] = 200.0
+    assert live.snapshot().parts_per_minute == 0.0
+
+
+def test_rejected_parts_are_kept_the_newest_first_and_acknowledged_once() -> None:
+    live = live_station()
+    for number in range(1, 30):
+        verdict = error(Cause.CAPTURE) if number % 2 else PASSED
+        live.tell(PartAnnounced(result(number, verdict), 10.0))
+    shown = live.snapshot()
+    assert [each.result.number for each in shown.rejected] == list(range(29, 5, -2))
+    assert shown.announced == {Decision.PASS: 14, Decision.ERROR: 15}
+    assert live.acknowledge("part-000029", "Ada")
+    assert live.acknowledge("part-000029", "Kim")
+    assert live.snapshot().rejected[0].acknowledged_by == "Ada"
+    assert not live.acknowledge("part-000001", "Ada")
+
+
+def test_devices_follow_the_self_test_and_failures() -> None:
+    live = live_station()
+    assert set(statuses(live).values()) == {"unknown", "off"}
+    checks = (
+        Check("disk", "ok", "can be written"),
+        Check("results", "ok", "the database answers"),
+        Check("LED 0", "ok", "20 %"),
+        Check("LED 1", "warning", "9 %: weak"),
+    )
+    live.tell(SelfTestFinished(checks))
+    good = {"camera": "ok", "lights": "warning", "plc": "off", "disk": "ok", "database": "ok"}
+    assert statuses(live) == good
+    for event, at_fault in (
+        (StateChanged(State.ERROR, "disk: 3 MB free"), {"disk"}),
+        (StateChanged(State.ERROR, "/srv/line-1/results.sqlite: locked"), {"database"}),
+        (StateChanged(State.ERROR, "/dev/video0: unplugged"), {"camera", "lights"}),
+        (PartAnnounced(result(1, error(Cause.STORAGE)), 1.0), {"disk"}),
+        (PartAnnounced(result(2, error(Cause.RIG)), 1.0), {"camera", "lights"}),
+    ):
+        live.tell(event)
+        assert {name for name, status in statuses(live).items() if status == "fault"} == at_fault
+        live.tell(StateChanged(State.READY, Change.FREE))
+        assert "fault" in statuses(live).values()  # only a self-test says that it is over
+        live.tell(StateChanged(State.READY, Change.TESTED))
+        assert statuses(live) == good
+    live.tell(SelfTestFinished((Check("rig", "fault", "no such device"),)))
+    assert statuses(live)["camera"] == statuses(live)["lights"] == "fault"
+    live.set_device(Device("plc", "ok", "connected"))
+    assert statuses(live)["plc"] == "ok"
+
+
+def test_a_trigger_before_the_station_is_there_is_refused() -> None:
+    live = live_station()
+    assert live.submit(Trigger("http")) == Refused("not ready: the station is starting")
+    assert not live.wait_until_ready(0.0)
+    live.tell(TriggerRefused("http", None, "busy", recorded=True))
+    assert live.snapshot().refused == 1
+
+
+def test_a_part_reaches_its_subscribers_before_the_page_could_be_drawn(
+    panel: RunningPanel,
+) -> None:
+    """The figure is measured by `ps4rig station` runs; here only that events carry all of it."""
+    panel.bench.inspector.inspect = lambda _: Said(error(Cause.CAPTURE))
+    panel.until_ready()
+    with stream(panel.local) as messages:
+        next(messages)
+        panel.parts(1)
+        part = next(each for each in messages if each["event"] == "part")
+    assert part["reason"] == "it failed: capture"
+    assert part["causes"] == ["capture"]
+    assert part["latency_ms"] > 0.0

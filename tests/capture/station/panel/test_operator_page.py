@@ -1,0 +1,178 @@
+"""The operator's page in Chromium."""
+
+import re
+import threading
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.panel.roles import Role
+from capture.station.verdict import Cause, Decision, Verdict
+from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
+from tests.capture.station.stations import PASSED, Said
+from tests.chromium import Chromium, chromium
+
+VERDICTS = {
+    Decision.PASS: PASSED,
+    Decision.FAIL: Verdict(Decision.FAIL, "a scratch of 12 px, score 3.1 of 1.00", (Cause.DEFECT,)),
+    Decision.UNKNOWN: Verdict(Decision.UNKNOWN, "like no texture", (Cause.NO_TEXTURE,)),
+    Decision.ERROR: Verdict(Decision.ERROR, "LED 2 at 31 %", (Cause.CAPTURE,)),
+}
+SHAPES = {name: f"#shape-{name}" for name in (*VERDICTS, "NONE")}
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chromium]:
+    with chromium(tmp_path / "profile") as running:
+        yield running
+
+
+def test_the_page_is_whole_before_any_script_runs(panel: RunningPanel) -> None:
+    panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
+    (part_id,) = panel.parts(1)
+    text = " ".join(re.sub("<[^>]*>", " ", panel.local.get("/").text).split())
+    assert "SIMULATED." in text
+    assert f"FAIL a scratch of 12 px, score 3.1 of 1.00 {part_id}" in text
+    assert "disk : unknown not tested yet" in text
+
+
+@pytest.mark.browser
+def test_each_verdict_has_its_word_shape_and_colour(panel: RunningPanel, browser: Chromium) -> None:
+    given = iter(VERDICTS.values())
+    panel.bench.inspector.inspect = lambda _: Said(next(given))
+    panel.until_ready()
+    page = browser.page(panel.url)
+    page.until("word.textContent == 'NO PART YET'")
+    colours = set()
+    for decision, verdict in VERDICTS.items():
+        page.until("!trigger.disabled")
+        page.press("F8")
+        page.until(f"word.textContent == '{decision}' && !verdict.classList.contains('old')")
+        assert page.text("reason") == verdict.reason
+        shown = page.value("document.querySelector('#verdict use').getAttribute('href')")
+        assert shown == SHAPES[decision]
+        colours.add(page.value("getComputedStyle(verdict).backgroundColor"))
+        # The word fits into the page, which needs no scrolling to the side.
+        assert page.value("word.scrollWidth <= word.clientWidth")
+        assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    assert len(colours) == 4
+    assert [page.text(f"count-{name}") for name in VERDICTS] == ["1", "1", "1", "1"]
+    assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_rejected_parts_are_acknowledged_from_the_keyboard(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.panel.users.put("ada", Role.OPERATOR, PASSWORD)
+    panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
+    panel.until_ready()
+    page = browser.page(panel.url)  # leads to the login, whose first field has the focus
+    page.type("ada")
+    page.press("Tab")
+    page.type(PASSWORD)
+    page.press("Enter")
+    page.until("document.getElementById('trigger') && !trigger.disabled")
+    page.press("F8")
+    page.until("rejected.children.length == 1 && !acknowledge.disabled")
+    page.press("F9")
+    page.until("rejected.textContent.includes('seen by ada')")
+    assert page.value("acknowledge.disabled")
+    assert panel.live.snapshot().rejected[0].acknowledged_by == "ada"
+    assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_the_verdict_of_the_part_before_has_no_colour(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.until_ready()
+    page = browser.page(panel.url)
+    page.until("!trigger.disabled")
+    page.press("F8")
+    page.until("word.textContent == 'PASS' && !verdict.classList.contains('old')")
+    judging = threading.Event()
+    panel.bench.inspector.inspect = lambda _: judging.wait(60) and Said(PASSED)
+    page.until("!trigger.disabled")
+    page.press("F8")
+    page.until("verdict.classList.contains('old') && now.textContent.startsWith('inspecting')")
+    judging.set()
+    page.until("!verdict.classList.contains('old')")
+
+
+@pytest.mark.browser
+def test_a_page_without_its_station_says_so_and_shows_no_verdict_as_new(
+    tmp_path: Path, captured: CapturedSet, browser: Chromium
+) -> None:
+    with running_panel(tmp_path / "line-1", captured) as panel:
+        panel.parts(1)
+        page = browser.page(panel.url)
+        page.until("word.textContent == 'PASS' && !verdict.classList.contains('old')")
+    page.until("!lost.hidden && verdict.classList.contains('old')")
+    assert "No connection to the station" in page.text("lost")
+    assert page.value("trigger.disabled && acknowledge.disabled")
+
+
+@pytest.mark.browser
+def test_fifty_parts_are_seen_each_within_the_time_of_a_glance(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    """Each verdict is on the page within 200 ms of its announcement: median, by the page's clock.
+
+    Both clocks are those of this machine. The slowest is printed; a busy machine draws late.
+    """
+    given = iter(13 * tuple(VERDICTS.values()))
+    panel.bench.inspector.inspect = lambda _: Said(next(given))
+    panel.until_ready()
+    page = browser.page(panel.url)
+    page.value(
+        "window.seen = {};"
+        "new MutationObserver(() => { if (!verdict.classList.contains('old')) {"
+        "  const id = part.textContent;"
+        "  if (!id || id in seen) return;"
+        "  requestAnimationFrame(() => { seen[id] ??= Date.now() / 1000; });"
+        "}}).observe(document.body, {subtree: true, childList: true, characterData: true,"
+        "  attributes: true}); 1"
+    )
+    ids = [panel.parts(1)[0] for _ in range(50)]
+    page.until(f"part.textContent == '{ids[-1]}'")
+    page.until(f"'{ids[-1]}' in seen")
+    seen = page.value("seen")
+    assert set(seen) == set(ids)
+    events = panel.live.events_after(0) or ()
+    announced_s = {
+        event.fields["part_id"]: datetime.fromisoformat(event.utc).timestamp()
+        for event in events
+        if event.fields["event"] == "part"
+    }
+    late_ms = [1e3 * (seen[each] - announced_s[each]) for each in ids]
+    print(f"verdict on the page after its announcement: median {np.median(late_ms):.0f} ms,"
+          f" slowest of {len(late_ms)} {max(late_ms):.0f} ms")  # fmt: skip
+    assert np.median(late_ms) < 200.0
+    counts = [page.text(f"count-{name}") for name in VERDICTS]
+    assert counts == ["13", "13", "12", "12"]
+    assert page.errors() == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("width", "height"), [(1280, 800), (1024, 1366), (800, 1280)])
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_page_fits_screens_and_tablets_in_a_light_and_a_dark_room(
+    without_users: RunningPanel,
+    browser: Chromium,
+    width: int,
+    height: int,
+    dark: bool,
+    tmp_path: Path,
+) -> None:
+    page = browser.page(without_users.url, width, height, dark=dark)
+    page.until("now.textContent.length > 0")
+    assert page.value("document.documentElement.scrollWidth <= innerWidth")
+    back = page.value("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
+    page.picture(tmp_path / "page.png")
+    assert page.errors() == []

@@ -1,0 +1,101 @@
+"""Every page and API call with every role, and without one: ONE table decides."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from capture.station.panel.app import ROUTES
+from capture.station.panel.roles import Role
+from capture.station.panel.routes import PanelRoute
+from tests.capture.station.panel.panels import Client, RunningPanel
+
+PLACES = {"part_id": "nobody", "name": "nobody"}
+# What a route answers to somebody who may ask: what follows finds no part, no user, no recipe, or
+# an empty body. Never 401 or 403.
+SERVED = {200, 202, 303, 400, 404, 409, 503}
+
+
+def path_of(route: PanelRoute) -> str:
+    return route.path.format(**PLACES)
+
+
+def is_endless(route: PanelRoute) -> bool:
+    return route.answer == "text/event-stream"
+
+
+def status(client: Client, route: PanelRoute) -> int:
+    """The status of an answer; that of an endless one is read by its head."""
+    if not is_endless(route):
+        return client.ask(route.method, path_of(route)).status
+    import http.client
+
+    connection = http.client.HTTPConnection(client.host, timeout=30)
+    try:
+        connection.request(route.method, path_of(route), headers=client.headers)
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+@pytest.fixture(scope="module")
+def clients(with_users: RunningPanel) -> dict[Role, Client]:
+    return {role: with_users.client(role) for role in Role}
+
+
+def cases() -> Iterator[tuple[PanelRoute, Role]]:
+    yield from ((route, role) for route in ROUTES if route.role for role in Role)
+
+
+@pytest.mark.parametrize(
+    ("route", "role"), list(cases()), ids=lambda each: getattr(each, "path", None) or str(each)
+)
+def test_a_route_serves_its_role_and_those_above_alone(
+    clients: dict[Role, Client], route: PanelRoute, role: Role
+) -> None:
+    found = status(clients[role], route)
+    if route.role is not None and role.includes(route.role):
+        assert found in SERVED
+    else:
+        assert found == 403
+
+
+@pytest.mark.parametrize("route", ROUTES, ids=lambda route: f"{route.method} {route.path}")
+def test_nobody_gets_only_what_needs_no_login(with_users: RunningPanel, route: PanelRoute) -> None:
+    found = status(with_users.local, route)
+    if route.role is None:
+        assert found in {200, 400, 401}  # the login itself
+    elif route.is_api or route.method != "GET":
+        assert found == 401
+    else:
+        assert found == 303  # to the login
+
+
+@pytest.mark.parametrize("route", ROUTES, ids=lambda route: f"{route.method} {route.path}")
+def test_a_route_without_users_serves_operators_on_this_machine(
+    without_users: RunningPanel, route: PanelRoute
+) -> None:
+    found = status(without_users.local, route)
+    if route.role in (None, Role.OPERATOR):
+        assert found not in {401, 403} or route.path == "/login"
+    else:
+        assert found == 403
+
+
+def test_no_route_is_there_twice_and_each_change_needs_a_role() -> None:
+    keys = [(route.method, route.path) for route in ROUTES]
+    assert len(keys) == len(set(keys))
+    assert {route.path for route in ROUTES if route.role is None} == {"/login"}
+    assert all(route.about.endswith(".") for route in ROUTES)
+
+
+def test_the_order_of_roles_is_total() -> None:
+    assert [[a.includes(b) for b in Role] for a in Role] == [
+        [True, False, False],
+        [True, True, False],
+        [True, True, True],
+    ]
+
+
+def test_other_methods_are_refused(clients: dict[Role, Client]) -> None:
+    for method in ("PUT", "PATCH", "OPTIONS", "TRACE"):
+        assert clients[Role.ADMINISTRATOR].ask(method, "/api/v1/state").status == 405

@@ -1,0 +1,72 @@
+"""`ps4rig station run` with its panel."""
+
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture.commands.station.faces import panel_of, panel_settings
+from capture.station.approval import approve
+from capture.station.face_config import PanelConfig
+from capture.station.folder import StationFolder, make_station
+from capture.station.panel.live import LiveStation
+from capture.station.panel.server import PortTaken
+from capture.station.recipe_folder import RecipeFolder
+from rig.errors import ConfigError
+from tests.capture.station.panel.panels import Client
+
+
+def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_station(tmp_path / "line-1")
+    folder, live = StationFolder(tmp_path / "line-1"), LiveStation("line-1", simulated=True)
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        settings = PanelConfig(port=other.getsockname()[1])
+        with panel_of(folder, live, settings, is_asked=False):
+            said = capsys.readouterr().err
+        assert f"warning: no panel: [panel] 127.0.0.1:{settings.port}" in said
+        with (
+            pytest.raises(PortTaken, match="give another port with --port, or --no-panel"),
+            panel_of(folder, live, settings, is_asked=True),
+        ):
+            pass
+
+
+def test_the_command_line_changes_host_and_port_alone() -> None:
+    configured = PanelConfig(port=8443, tls_cert="a", tls_key="b", names=("line-3.example",))
+    changed = panel_settings(configured, "0.0.0.0", None)
+    assert changed == configured.model_copy(update={"host": "0.0.0.0"})
+    assert panel_settings(configured, None, 0).port == 0
+    with pytest.raises(ConfigError, match=r"--host, --port: host.*give an IP address"):
+        panel_settings(configured, "evil.example", None)
+
+
+@pytest.mark.slow
+def test_a_run_prints_the_address_of_its_panel_and_takes_its_triggers(
+    station: Path, files: RecipeFolder, small_rig: Path
+) -> None:
+    assert small_rig
+    approve(files, "Ada")
+    options = ("--port", "0", "--trigger", "http", "--parts", "2")
+    command = (sys.executable, "-m", "capture", "station", "run", str(station), *options)
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stdout is not None
+        assert run.stderr is not None
+        found = re.search(r"panel: (http://\S+)", run.stderr.readline())
+        assert found is not None
+        client = Client(found[1])
+        seen = []
+        while len(seen) < 2:
+            answer = client.post("/api/v1/trigger")
+            if answer.status == 202:
+                part = client.get(f"{answer.headers['location']}?wait_s=30").json
+                seen.append(f"{part['part_id']} {part['verdict']}, simulated")
+        said = run.stdout.read()
+    assert [line.partition(":")[0] for line in said.splitlines() if "simulated:" in line] == seen
+    assert run.returncode in (0, 1)

@@ -1,0 +1,499 @@
+"""Attacks over real sockets: other hosts and sites, sizes, slowness, paths, cookies, logins."""
+
+import http.client
+import shutil
+import socket
+import ssl
+import time
+from contextlib import suppress
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.face_config import PanelConfig
+from capture.station.folder import make_station
+from capture.station.panel import security, server
+from capture.station.panel.app import ROUTES
+from capture.station.panel.roles import Role
+from capture.station.panel.security import MAX_BODY_BYTES, HostRule
+from capture.station.panel.server import MAX_CONNECTIONS
+from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
+from capture.station.panel.users import Users
+from classify.errors import InputError
+from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+
+# For a deadline in tests, and for a busy machine to keep to it.
+SHORT_S, LONG_S = 0.2, 30.0
+# Signed by itself, for 127.0.0.1, and trusted by nobody else.
+CERTIFICATE = Path(__file__).parents[3] / "data" / "panel"
+
+
+def connected(panel: RunningPanel) -> socket.socket:
+    parts = urlsplit(panel.url)
+    return socket.create_connection((parts.hostname, parts.port), timeout=LONG_S)
+
+
+def answer_to(panel: RunningPanel, text: bytes) -> bytes:
+    """Send bytes and read until the server closes the connection."""
+    with connected(panel) as raw:
+        raw.sendall(text.replace(b"HOST", urlsplit(panel.url).netloc.encode()))
+        read = b""
+        while block := raw.recv(65536):
+            read += block
+        return read
+
+
+# Hosts and sites.
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "127.0.0.2", "a@b", ""])
+def test_another_name_of_this_machine_is_refused(without_users: RunningPanel, host: str) -> None:
+    """DNS rebinding: the page of another site asks for its own name."""
+    for path in ("/", "/static/without_users.css", "/api/v1/state", "/nowhere"):
+        assert without_users.local.get(path, Host=host).status == 421
+
+
+def test_this_machine_may_be_called_localhost(without_users: RunningPanel) -> None:
+    port = urlsplit(without_users.url).port
+    for host in (f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}", "LOCALHOST"):
+        assert without_users.local.get("/api/v1/state", Host=host).status == 200
+
+
+def test_a_second_host_header_is_refused(without_users: RunningPanel) -> None:
+    both = b"GET / HTTP/1.1\r\nHost: HOST\r\nHost: evil.example\r\nConnection: close\r\n\r\n"
+    assert answer_to(without_users, both).split()[1] in (b"400", b"421")
+    none = b"GET / HTTP/1.0\r\n\r\n"
+    assert answer_to(without_users, none).split()[1] in (b"400", b"421")
+
+
+@pytest.mark.parametrize(
+    ("host", "accepted"),
+    [
+        ("line-3.example", True),
+        ("LINE-3.example:8443", True),
+        ("192.0.2.7:8443", True),
+        ("192.0.2.8", False),
+        ("localhost", False),
+        ("evil.example", False),
+        ("line-3.example@evil.example", False),
+        ("[::1", False),
+    ],
+)
+def test_beyond_this_machine_its_names_and_its_address_are_known(host: str, accepted: bool) -> None:
+    rule = HostRule(frozenset({"line-3.example"}))
+    assert rule.accepts(host, "192.0.2.7") is accepted
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"Sec_Fetch_Site": "same-site"},
+    ],
+)
+def test_a_change_that_another_site_sends_is_refused(
+    panel: RunningPanel, headers: dict[str, str]
+) -> None:
+    panel.until_ready()
+    for path in ("/api/v1/trigger", "/login", "/logout"):
+        assert panel.local.post(path, **headers).status == 403
+    assert panel.bench.rows() == []
+    own = {"Origin": panel.url.rstrip("/"), "Sec_Fetch_Site": "same-origin"}
+    assert panel.local.post("/api/v1/trigger", **own).status == 202
+
+
+def test_a_change_of_a_session_needs_its_token(with_users: RunningPanel) -> None:
+    browser, other = with_users.local, with_users.local
+    browser.log_in("operator")
+    other.log_in("operator")
+    changes = [r for r in ROUTES if r.method != "GET" and r.role is Role.OPERATOR]
+    assert len(changes) >= 3
+    for route in changes:
+        path = route.path.format(part_id="nobody")
+        for token in ("", "x", "\u00e9", other.csrf):
+            answer = browser.ask(route.method, path, form={"csrf": token})
+            assert answer.status == 403, route
+        assert browser.ask(route.method, path).status == 403, route
+    with_users.until_ready()
+    assert browser.post("/api/v1/trigger", X_CSRF_Token=browser.csrf).status == 202
+
+
+# Headers.
+
+
+def test_every_answer_has_the_headers_that_protect_it(with_users: RunningPanel) -> None:
+    client = with_users.client(Role.OPERATOR)
+    for path in ("/", "/login", "/static/panel.css", "/api/v1/state", "/nowhere", "/api/v1/x"):
+        headers = client.get(path).headers
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["x-frame-options"] == "DENY"
+        assert headers["referrer-policy"] == "same-origin"
+        assert "server" not in headers
+
+
+def test_pages_have_no_script_or_style_inside(with_users: RunningPanel) -> None:
+    browser = with_users.local
+    browser.log_in("administrator")
+    pages = [r.path for r in ROUTES if r.answer == "text/html" and r.method == "GET"]
+    for path in [*pages, "/nowhere"]:
+        text = browser.get(path).text
+        assert "<style" not in text
+        assert " style=" not in text
+        assert " onclick=" not in text
+        assert text.count("<script") == text.count('<script src="/static/')
+
+
+# Paths.
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/static/../users.json",
+        "/static/..%2f..%2fserver.py",
+        "/static/%2e%2e/server.py",
+        "/static//etc/passwd",
+        "/static/..\\server.py",
+        "/static/%00",
+        "/static/",
+        "/..%2fusers.json",
+        "/api/v1/parts/..%2f..%2fusers.json/set",
+        "/api/v1/parts/%2e%2e/set",
+        "/api/v1/recipes/..%2f..%2fstation",
+        "/api/v1/recipes/%2fetc%2fpasswd",
+    ],
+)
+def test_a_path_leads_out_of_no_folder(with_users: RunningPanel, path: str) -> None:
+    answer = with_users.client(Role.ADMINISTRATOR).get(path)
+    assert answer.status in (400, 404, 405)
+    assert b"argon2" not in answer.body
+    assert b"import " not in answer.body
+    assert b"root:" not in answer.body
+
+
+def test_a_set_file_outside_of_the_parts_is_not_sent(panel: RunningPanel) -> None:
+    """A row that somebody else wrote names the file of users."""
+    (part_id,) = panel.parts(1)
+    path = panel.bench.folder.path / panel.local.get(f"/api/v1/parts/{part_id}").json["set_file"]
+    secret = panel.bench.folder.path / "users.json"
+    secret.write_text("{}")
+    path.unlink()
+    path.symlink_to(secret)
+    answer = panel.local.get(f"/api/v1/parts/{part_id}/set")
+    assert answer.status == 404
+    assert "is missing" in answer.json["error"]
+
+
+@pytest.mark.parametrize(
+    "place", ["//evil.example", "/\\evil.example", "https://evil.example", "javascript:1", "/\t/x"]
+)
+def test_a_login_leads_to_no_other_site(with_users: RunningPanel, place: str) -> None:
+    form = {"name": "operator", "password": PASSWORD, "next": place}
+    assert with_users.local.ask("POST", "/login", form=form).headers["location"] == "/"
+
+
+# Sizes.
+
+
+def test_a_large_body_is_refused_before_it_is_read(without_users: RunningPanel) -> None:
+    head = b"POST /api/v1/trigger HTTP/1.1\r\nHost: HOST\r\nContent-Type: application/json\r\n"
+    length = b"Content-Length: %d\r\n\r\n" % (1 << 40)
+    assert answer_to(without_users, head + length + b"x").split()[1] == b"413"
+    chunk = b"%x\r\n" % (MAX_BODY_BYTES + 1) + (MAX_BODY_BYTES + 1) * b"x" + b"\r\n"
+    chunked = answer_to(without_users, head + b"Transfer-Encoding: chunked\r\n\r\n" + chunk)
+    assert chunked.split()[1] == b"413"
+
+
+def test_a_large_head_is_refused(without_users: RunningPanel) -> None:
+    with connected(without_users) as raw:
+        with suppress(OSError):  # closed while this is sent
+            raw.sendall(b"GET /" + (1 << 20) * b"a")
+        assert raw.recv(65536).split()[1] == b"400"
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "status"),
+    [
+        ("application/json", b"{", 400),
+        ("application/json", b"[1]", 400),
+        ("application/json", b'{"part_id": 7}', 400),
+        ("application/json", b'{"part_id": NaN}', 400),
+        ("application/json", 60_000 * b"[", 400),
+        ("application/json", b"\xff\xfe", 400),
+        ("application/x-www-form-urlencoded", 300 * b"a=b&", 400),
+        ("application/x-www-form-urlencoded", b"a=%ff", 400),
+        ("multipart/form-data", b"x", 415),
+        ("text/plain", b"x", 415),
+    ],
+)
+def test_a_body_that_is_none_is_refused(
+    without_users: RunningPanel, kind: str, body: bytes, status: int
+) -> None:
+    head = b"POST /api/v1/trigger HTTP/1.1\r\nHost: HOST\r\nConnection: close\r\n"
+    about = f"Content-Type: {kind}\r\nContent-Length: {len(body)}\r\n\r\n".encode()
+    answer = answer_to(without_users, head + about + body)
+    assert int(answer.split()[1]) == status
+    assert b"Traceback" not in answer
+
+
+# Slowness.
+
+
+@pytest.fixture
+def hurried(tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch) -> RunningPanel:
+    """Make the deadlines short."""
+    monkeypatch.setattr(server, "HEAD_S", SHORT_S)
+    monkeypatch.setattr(server, "SEND_S", SHORT_S)
+    monkeypatch.setattr(security, "BODY_S", SHORT_S)
+    with running_panel(tmp_path / "line-1", captured) as running:
+        yield running
+
+
+def drip(panel: RunningPanel, head: bytes) -> bytes:
+    """Send a byte now and then until the server answers or closes; return its answer."""
+    with connected(panel) as raw:
+        raw.sendall(head.replace(b"HOST", urlsplit(panel.url).netloc.encode()))
+        raw.settimeout(0.05)
+        given_up_s = time.monotonic() + LONG_S
+        while True:
+            assert time.monotonic() < given_up_s, "the connection stays open"
+            try:
+                raw.sendall(b"x")
+                return raw.recv(65536)
+            except TimeoutError:
+                pass
+            except OSError:
+                return b""
+
+
+def test_a_slow_head_is_cut_off(hurried: RunningPanel) -> None:
+    assert drip(hurried, b"GET / HTTP/1.1\r\nX-Slow: ") == b""
+    # Also the second one of a connection, whose first is served.
+    with connected(hurried) as raw:
+        host = urlsplit(hurried.url).netloc.encode()
+        raw.sendall(b"GET /api/v1/state HTTP/1.1\r\nHost: " + host + b"\r\n\r\nGET /")
+        assert raw.recv(65536).startswith(b"HTTP/1.1 200")
+        while raw.recv(65536):
+            pass
+
+
+def test_a_slow_body_is_refused(hurried: RunningPanel) -> None:
+    head = b"POST /login HTTP/1.1\r\nHost: HOST\r\nContent-Length: 5000\r\n\r\n"
+    assert drip(hurried, head).split()[1] == b"408"
+
+
+def test_a_client_that_does_not_read_is_cut_off(hurried: RunningPanel) -> None:
+    host = urlsplit(hurried.url).netloc.encode()
+    with connected(hurried) as raw:
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        raw.sendall(b"GET /api/v1/events HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+        read = b""
+        while b"retry:" not in read:  # the first line of the stream
+            read += raw.recv(100)
+        given_up_s = time.monotonic() + LONG_S
+        assert hurried.live.snapshot().subscribers == 1
+        while hurried.live.snapshot().subscribers:
+            assert time.monotonic() < given_up_s, "the stream stays open"
+            hurried.live.announce({"event": "filler", "text": 100_000 * "x"})
+            time.sleep(0.01)
+
+
+def test_many_idle_connections_leave_room_for_no_more(panel: RunningPanel) -> None:
+    idle = [connected(panel) for _ in range(MAX_CONNECTIONS)]
+    try:
+        with connected(panel) as raw, suppress(ConnectionError):
+            raw.sendall(b"GET / HTTP/1.1\r\n")
+            assert raw.recv(1) == b""
+    finally:
+        for each in idle:
+            each.close()
+    panel.until_ready()
+    given_up_s = time.monotonic() + LONG_S
+    while True:
+        try:
+            assert panel.local.get("/api/v1/state").status == 200
+            break
+        except OSError:
+            assert time.monotonic() < given_up_s
+
+
+# Logins.
+
+
+def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites(with_users: RunningPanel) -> None:
+    cookie = with_users.local.log_in("engineer").headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=strict" in cookie
+
+
+def test_a_session_ends_with_logout_password_and_user(panel: RunningPanel) -> None:
+    users = panel.panel.users
+    users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+    for end in (
+        lambda browser: browser.form("/logout"),
+        lambda _: users.put("ada", Role.ADMINISTRATOR, PASSWORD + "!"),
+    ):
+        users.put("ada", Role.ADMINISTRATOR, PASSWORD)
+        browser = panel.local
+        assert browser.log_in("ada").status == 303
+        assert browser.get("/").status == 200
+        end(browser)
+        assert browser.get("/").status == 303
+        assert browser.get("/api/v1/state").status == 401
+
+
+def test_a_role_that_is_taken_away_is_gone_at_once(panel: RunningPanel) -> None:
+    users = panel.panel.users
+    users.put("root", Role.ADMINISTRATOR, PASSWORD)
+    users.put("ada", Role.ENGINEER, PASSWORD)
+    token = panel.client(Role.ENGINEER)
+    assert token.get("/api/v1/audit").status != 403
+    panel.panel.tokens.remove("client-engineer")
+    assert token.get("/api/v1/audit").status == 401
+
+
+def test_a_wrong_password_and_an_unknown_name_get_the_same_answer(
+    with_users: RunningPanel,
+) -> None:
+    answers = [
+        with_users.local.ask("POST", "/login", form={"name": name, "password": "wrong wrong"})
+        for name in ("administrator", "nobody")
+    ]
+    assert [answer.status for answer in answers] == [401, 401]
+    assert answers[0].text == answers[1].text
+
+
+def test_many_failures_of_a_name_make_it_wait(panel: RunningPanel) -> None:
+    panel.panel.users.put("ada", Role.ENGINEER, PASSWORD)
+    for _ in range(FAILURES_OF_A_NAME):
+        assert panel.local.log_in("ada", "wrong wrong").status == 401
+    answer = panel.local.log_in("ada")
+    assert answer.status == 429
+    assert 0 < int(answer.headers["retry-after"]) <= 60
+
+
+def test_the_limit_counts_names_and_addresses_and_forgets() -> None:
+    now_s = [0.0]
+    limit = LoginLimit(lambda: now_s[0])
+    for number in range(FAILURES_OF_AN_ADDRESS):
+        assert limit.begin(f"name-{number}", "192.0.2.1") == 0.0
+    assert limit.begin("another", "192.0.2.1") == 60.0
+    assert limit.begin("another", "192.0.2.2") == 0.0
+    limit.succeeded("another", "192.0.2.2")
+    now_s[0] = 61.0
+    assert limit.begin("another", "192.0.2.1") == 0.0
+
+
+def test_a_success_forgets_the_failures_of_its_name() -> None:
+    limit = LoginLimit(lambda: 0.0)
+    for _ in range(3 * FAILURES_OF_A_NAME):
+        for _ in range(FAILURES_OF_A_NAME - 1):
+            assert limit.begin("ada", "192.0.2.1") == 0.0
+            limit.succeeded("ada", "192.0.2.1")
+
+
+# Beyond this machine.
+
+
+def test_a_panel_for_other_machines_needs_https_and_users(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    with (
+        pytest.raises(InputError, match="passwords in the clear"),
+        running_panel(tmp_path / "a", captured, PanelConfig(host="0.0.0.0", port=0)),
+    ):
+        pass
+    proxied = PanelConfig(port=0, behind_proxy=True)
+    with (
+        pytest.raises(InputError, match="needs users; run ps4rig station user add"),
+        running_panel(tmp_path / "b", captured, proxied),
+    ):
+        pass
+
+
+def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: CapturedSet) -> None:
+    make_station(tmp_path / "a")
+    for name in ("panel.crt", "panel.key"):
+        shutil.copy(CERTIFICATE / name, tmp_path / "a")
+    Users(tmp_path / "a").put("ada", Role.ADMINISTRATOR, PASSWORD)
+    settings = PanelConfig(port=0, host="0.0.0.0", tls_cert="panel.crt", tls_key="panel.key")
+    with running_panel(tmp_path / "a", captured, settings) as panel:
+        port = urlsplit(panel.url).port
+        assert panel.url == f"https://0.0.0.0:{port}/"
+        trusted = ssl.create_default_context(cafile=CERTIFICATE / "panel.crt")
+        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trusted, timeout=30)
+        connection.request("GET", "/login")
+        answer = connection.getresponse()
+        assert answer.status == 200
+        assert answer.headers["strict-transport-security"] == "max-age=31536000"
+        connection.close()
+        plain = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
+        plain.request("GET", "/login")
+        with pytest.raises((OSError, http.client.HTTPException)):
+            plain.getresponse()
+        plain.close()
+
+
+@pytest.mark.parametrize("text", ["", "no PEM", None])
+def test_tls_files_that_cannot_be_used_are_named(
+    tmp_path: Path, captured: CapturedSet, text: str | None
+) -> None:
+    make_station(tmp_path / "a")
+    if text is not None:
+        (tmp_path / "a" / "panel.crt").write_text(text)
+    shutil.copy(CERTIFICATE / "panel.key", tmp_path / "a")
+    settings = PanelConfig(port=0, tls_cert="panel.crt", tls_key="panel.key")
+    with (
+        pytest.raises(InputError, match=r"tls_cert = .*panel\.crt.*: cannot be used"),
+        running_panel(tmp_path / "a", captured, settings),
+    ):
+        pass
+
+
+def test_a_proxy_cannot_be_passed_by() -> None:
+    with pytest.raises(ValueError, match="others could pass by the proxy"):
+        PanelConfig(host="0.0.0.0", behind_proxy=True)
+
+
+def test_texts_that_no_encoding_holds_are_refused(with_users: RunningPanel) -> None:
+    browser = with_users.local
+    browser.log_in("operator")
+    surrogate = {"csrf": "\ud800", "part_id": "\ud800"}
+    assert browser.post("/api/v1/trigger", surrogate).status == 403
+    with_users.until_ready()
+    refused = browser.post("/api/v1/trigger", surrogate, X_CSRF_Token=browser.csrf)
+    assert refused.status == 409
+    assert "give 1 to 100 letters" in refused.json["error"]
+
+
+def test_two_requests_at_once_are_both_served(hurried: RunningPanel) -> None:
+    """The second of a connection is an endless one: no deadline of a head may end it."""
+    host = urlsplit(hurried.url).netloc.encode()
+    with connected(hurried) as raw:
+        first = b"GET /api/v1/state HTTP/1.1\r\nHost: " + host + b"\r\n\r\n"
+        raw.sendall(first + first.replace(b"state", b"events"))
+        time.sleep(5 * SHORT_S)  # longer than the deadline
+        assert hurried.live.snapshot().subscribers == 1
+
+
+def test_behind_a_proxy_nobody_is_local(tmp_path: Path, captured: CapturedSet) -> None:
+    make_station(tmp_path / "a")
+    Users(tmp_path / "a").put("ada", Role.ADMINISTRATOR, PASSWORD)
+    proxied = PanelConfig(port=0, behind_proxy=True, names=("line-3.example",))
+    with running_panel(tmp_path / "a", captured, proxied) as panel:
+        client = Client(panel.url, {"Host": "line-3.example"})
+        assert client.get("/api/v1/state").status == 401
+        answer = client.log_in("ada")
+        assert "Secure" in answer.headers["set-cookie"]
+        assert answer.headers["strict-transport-security"] == "max-age=31536000"
+        panel.panel.users.remove("ada")
+        assert client.get("/api/v1/state").status == 401
+        assert panel.local.get("/api/v1/state").status == 401

@@ -1,0 +1,160 @@
+"""Chromium, driven by its DevTools protocol over a pair of pipes: pages, keys, pictures, errors."""
+
+import base64
+import itertools
+import json
+import os
+import select
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+WAIT_S = 60.0
+# The pipes of --remote-debugging-pipe are the descriptors 3 and 4.
+_START = 'exec chromium "$@" 3<&{commands} 4>&{answers}'
+_OPTIONS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
+    "--remote-debugging-pipe", "--no-first-run", "--disable-background-networking",
+)  # fmt: skip
+KEYS = {"F8": 119, "F9": 120, "Tab": 9, "Enter": 13}
+
+
+class Chromium:
+    """A running browser."""
+
+    def __init__(self, commands: int, answers: int) -> None:
+        self._commands, self._answers = commands, answers
+        self._ids = itertools.count(1)
+        self._rest = b""
+        self.events: list[dict[str, Any]] = []
+
+    def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol and return its result."""
+        number = next(self._ids)
+        message = {"id": number, "method": method, "params": parameters}
+        if session is not None:
+            message["sessionId"] = session
+        os.write(self._commands, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == number:
+                assert "error" not in answer, answer
+                return dict(answer["result"])
+            self.events.append(answer)
+
+    def _read(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            assert select.select([self._answers], [], [], WAIT_S)[0], "Chromium does not answer"
+            block = os.read(self._answers, 1 << 16)
+            assert block, "Chromium has ended"
+            self._rest += block
+        text, _, self._rest = self._rest.partition(b"\0")
+        return dict(json.loads(text))
+
+    def page(self, url: str, width: int = 1280, height: int = 800, *, dark: bool = False) -> "Page":
+        """Open a page, and wait until it is loaded."""
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        page = Page(self, attached["sessionId"])
+        for domain in ("Page", "Runtime", "Log"):
+            page.call(f"{domain}.enable")
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        page.call("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        page.call("Emulation.setEmulatedMedia", features=[scheme])
+        page.go(url)
+        return page
+
+
+class Page:
+    """A page in a browser."""
+
+    def __init__(self, browser: Chromium, session: str) -> None:
+        self._browser, self._session = browser, session
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol for this page."""
+        return self._browser.call(method, self._session, **parameters)
+
+    def go(self, url: str) -> None:
+        """Go to an address, and wait until the page is loaded."""
+        self.call("Page.navigate", url=url)
+        self.until("document.readyState == 'complete' && location.href != 'about:blank'")
+
+    def value(self, script: str) -> Any:
+        """The value of an expression of JavaScript; a promise is awaited."""
+        found = self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def text(self, id_: str) -> str:
+        """The text of the element with an id."""
+        return str(self.value(f"document.getElementById({id_!r}).textContent"))
+
+    def until(self, script: str) -> None:
+        """Wait until an expression of JavaScript is true."""
+        given_up_s = time.monotonic() + WAIT_S
+        while not self.value(script):
+            assert time.monotonic() < given_up_s, f"never true: {script}"
+            time.sleep(0.02)
+
+    def press(self, key: str) -> None:
+        """Press a key."""
+        about = {"key": key, "code": key, "windowsVirtualKeyCode": KEYS[key]}
+        if key == "Enter":
+            about["text"] = "\r"
+        self.call("Input.dispatchKeyEvent", type="keyDown", **about)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **about)
+
+    def type(self, text: str) -> None:
+        """Type a text into the element that has the focus."""
+        self.call("Input.insertText", text=text)
+
+    def picture(self, path: Path) -> None:
+        """Keep a picture of the page as PNG."""
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+
+    def errors(self) -> list[str]:
+        """What the console has shown as errors."""
+        self.value("1")  # what was shown before has arrived
+        found = []
+        for event in self._browser.events:
+            if event.get("sessionId") != self._session:
+                continue
+            about = event["params"]
+            is_logged = event["method"] == "Log.entryAdded" and about["entry"]["level"] == "error"
+            is_said = event["method"] == "Runtime.consoleAPICalled" and about["type"] == "error"
+            if is_logged or is_said or event["method"] == "Runtime.exceptionThrown":
+                found.append(json.dumps(about))
+        return found
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[Chromium]:
+    """Run a browser with an empty profile."""
+    (its_commands, commands), (answers, its_answers) = os.pipe(), os.pipe()
+    start = _START.format(commands=its_commands, answers=its_answers)
+    process = subprocess.Popen(
+        ("bash", "-c", start, "chromium", *_OPTIONS, f"--user-data-dir={profile}"),
+        pass_fds=(its_commands, its_answers),
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(its_commands)
+    os.close(its_answers)
+    browser = Chromium(commands, answers)
+    try:
+        yield browser
+        browser.call("Browser.close")
+    finally:
+        os.close(commands)
+        os.close(answers)
+        try:
+            process.wait(WAIT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
