@@ -8,6 +8,7 @@ from .events import (
     PartAnnounced,
     PartBegun,
     PartRecovered,
+    RecipeLoaded,
     SelfTestFinished,
     StateChanged,
     StationStopped,
@@ -19,10 +20,15 @@ from .results.part_result import PartResult
 from .states import Change, State
 from .verdict import Decision
 
+# Digits of a hash that people compare.
+_DIGITS = 8
+
 
 def text_lines(event: Event) -> list[str]:
     """Return what people are told of an event; often nothing."""
     match event:
+        case RecipeLoaded(name, version, sha256):
+            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}"]
         case StateChanged(State.EXECUTING, _) | StateChanged(State.READY, Change.FREE):
             return []  # of every part
         case StateChanged(state, reason):
@@ -54,6 +60,8 @@ def text_lines(event: Event) -> list[str]:
 def json_fields(event: Event) -> dict[str, Any]:
     """Return an event as fields of JSON; ``event`` names its kind."""
     match event:
+        case RecipeLoaded():
+            return {"event": "recipe", **vars(event)}
         case StateChanged(state, reason):
             return {"event": "state", "state": state, "reason": reason}
         case SelfTestFinished(checks):

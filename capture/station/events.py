@@ -19,6 +19,15 @@ _MOST_EVENTS = 1000
 
 
 @dataclass(frozen=True)
+class RecipeLoaded:
+    """The recipe by which this run judges all its parts; a run never reads it again."""
+
+    name: str
+    version: int
+    sha256: str
+
+
+@dataclass(frozen=True)
 class StateChanged:
     """The station is in another state."""
 
@@ -109,7 +118,8 @@ class StationStopped:
 
 
 Event = (
-    StateChanged
+    RecipeLoaded
+    | StateChanged
     | SelfTestFinished
     | TriggerRefused
     | PartBegun

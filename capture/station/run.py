@@ -12,7 +12,7 @@ from rig.doctor.check import Check
 
 from .challenge import require_challenge
 from .cycle import Station
-from .events import PartRecovered, Publisher, StationStopped, Warned
+from .events import PartRecovered, Publisher, RecipeLoaded, StationStopped, Warned
 from .folder import StationFolder
 from .inspector import Inspector
 from .outcome import PartJudge
@@ -74,6 +74,7 @@ def run_station(
     recipe, fingerprint = inspector.recipe, inspector.fingerprint
     require_approved(recipe)
     require_challenge(files, inspector)
+    publisher.publish(RecipeLoaded(recipe.name, recipe.version, recipe.sha256))
     rig = StationRig(config, rig_config, recipe)
 
     def warn(text: str) -> None:

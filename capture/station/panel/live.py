@@ -14,6 +14,7 @@ from capture.station.events import (
     Event,
     PartAnnounced,
     PartRecovered,
+    RecipeLoaded,
     SelfTestFinished,
     StateChanged,
     StationStopped,
@@ -60,6 +61,8 @@ class Snapshot:
         Whether the rig is simulated.
     trigger
         Where triggers come from.
+    recipe
+        The recipe by which this run judges; None before it is loaded.
     last, latency_ms
         The last announced result, and its time since the exposure; None before the first.
     total_latency_ms
@@ -83,6 +86,7 @@ class Snapshot:
     reason: str
     simulated: bool
     trigger: str
+    recipe: RecipeLoaded | None
     last: PartResult | None
     latency_ms: float | None
     total_latency_ms: float
@@ -97,6 +101,7 @@ class Snapshot:
         """Return the snapshot as fields of JSON."""
         last = None if self.last is None else row_of(self.last) | {"latency_ms": self.latency_ms}
         return dict(vars(self)) | {
+            "recipe": None if self.recipe is None else vars(self.recipe),
             "last": last,
             "announced": {each.value: self.announced.get(each, 0) for each in Decision},
             "devices": [vars(each) for each in self.devices],
@@ -142,6 +147,7 @@ class LiveStation:
         self._target: TriggerTarget | None = None
         self._has_target = threading.Event()
         self._state, self._reason = State.PREOPERATIONAL, "the station is starting"
+        self._recipe: RecipeLoaded | None = None
         self._last: PartResult | None = None
         self._latency_ms: float | None = None
         self._total_latency_ms = 0.0
@@ -163,6 +169,8 @@ class LiveStation:
         with self._lock:
             self._devices.take(event)
             match event:
+                case RecipeLoaded():
+                    self._recipe = event
                 case StateChanged(state, reason):
                     self._state, self._reason = state, reason
                 case TriggerRefused():
@@ -252,6 +260,7 @@ class LiveStation:
                 reason=self._reason,
                 simulated=self._simulated,
                 trigger=self._trigger,
+                recipe=self._recipe,
                 last=self._last,
                 latency_ms=self._latency_ms,
                 total_latency_ms=self._total_latency_ms,
