@@ -11,7 +11,7 @@ from capture.console import complain
 if TYPE_CHECKING:
     from capture.station.face_config import PanelConfig
     from capture.station.folder import StationFolder
-    from capture.station.panel.live import LiveStation
+    from capture.station.live.live_station import LiveStation
 
 
 @contextmanager

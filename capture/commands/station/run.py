@@ -61,7 +61,7 @@ def run(
     from capture.station.event_lines import log_to
     from capture.station.events import Publisher
     from capture.station.folder import station_folder
-    from capture.station.panel.live import LiveStation
+    from capture.station.live.live_station import LiveStation
     from capture.station.results.database import database_url
     from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station

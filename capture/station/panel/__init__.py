@@ -1,1 +1,1 @@
-"""The station's web application: pages, HTTP API and what all faces of a station see of it."""
+"""The station's web application: pages and HTTP API."""

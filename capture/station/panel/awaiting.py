@@ -3,8 +3,8 @@
 import asyncio
 from contextlib import suppress
 
-from .live import LiveStation
-from .subscription import Subscription
+from capture.station.live.live_station import LiveStation
+from capture.station.live.subscription import Subscription
 
 
 def awaited(

@@ -8,13 +8,14 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
+from capture.station.live.live_station import LiveStation, Snapshot
+from capture.station.live.subscription import LiveEvent
+
 from .awaiting import awaited
 from .guard import identity_of
-from .live import LiveStation, Snapshot
 from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
-from .subscription import LiveEvent
 
 # Proxies and browsers give up silent connections after 30 s and more.
 KEEP_ALIVE_S = 15.0

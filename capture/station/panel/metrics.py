@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from importlib.metadata import version
 
+from capture.station.live.live_station import Snapshot
 from capture.station.states import State
 from capture.station.verdict import Decision
-
-from .live import Snapshot
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder
+from capture.station.live.live_station import LiveStation
 
 from .change_log import ChangeLog
-from .live import LiveStation
 from .results_access import ResultsAccess
 from .sessions import LoginLimit, Sessions
 from .tokens import Tokens

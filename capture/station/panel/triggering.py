@@ -5,12 +5,12 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import Selection
 from capture.station.triggers import Accepted, Refused, Trigger
 from classify.errors import InputError
 
-from .live import LiveStation
 from .results_access import ResultsAccess
 
 LONGEST_KEY = 200

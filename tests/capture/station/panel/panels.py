@@ -12,8 +12,8 @@ from urllib.parse import urlencode, urlsplit
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.face_config import PanelConfig
+from capture.station.live.live_station import LiveStation
 from capture.station.panel.guard import CSRF_FIELD
-from capture.station.panel.live import LiveStation
 from capture.station.panel.panel import Panel
 from capture.station.panel.roles import Role
 from capture.station.panel.server import serving_panel

@@ -13,7 +13,7 @@ import pytest
 from capture.station.events import ExposureComplete, PartAnnounced, PartBegun, StateChanged
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
-from capture.station.panel.live import LiveStation
+from capture.station.live.live_station import LiveStation
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from capture.station.states import Change, State

@@ -1,0 +1,1 @@
+"""What all faces of a station see of it."""
