@@ -70,6 +70,7 @@ class Station:
         self._camera, self._judge, self._store = parts.camera, parts.judge, parts.store
         self._prepare, self._clock = parts.prepare, parts.clock
         self._publish, self._sensor = parts.publisher.publish, parts.sensor
+        self._turned = parts.turned
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
         self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
@@ -186,6 +187,7 @@ class Station:
     def _capture_parts(self) -> None:
         try:
             while self._exposing or not self.is_stopping:
+                self._turned("capture")
                 if not self._exposing and not self._is_open():
                     self._become_ready()
                 else:
@@ -204,8 +206,12 @@ class Station:
         return self._machine.state is State.READY
 
     def _await_part(self, sensor: PartSensor) -> None:
+        def is_over() -> bool:
+            self._turned("capture")
+            return self.is_stopping or not self._is_ready()
+
         try:
-            sensor.await_part(self, lambda: self.is_stopping or not self._is_ready())
+            sensor.await_part(self, is_over)
         except Exception as error:
             self._fail(said(error))
 
@@ -215,7 +221,7 @@ class Station:
         if self._waiting > 0:
             self._stopping.wait(_PAUSE_S)
             return
-        if self._was_ready and self._stopping.wait(self._config.reconnect_s):
+        if self._was_ready and self._stops_within(self._config.reconnect_s):
             return
         checks: list[Check] = []
         try:
@@ -236,6 +242,13 @@ class Station:
         self._was_ready = True
         with self._lock:
             self._machine.change(Change.TESTED)
+
+    def _stops_within(self, duration_s: float) -> bool:
+        """Wait; False if the station does not stop in this time."""
+        while duration_s > 0.0 and not self._stopping.wait(min(duration_s, _POLL_S)):
+            self._turned("capture")
+            duration_s -= _POLL_S
+        return self.is_stopping
 
     def _tell_of(self, checks: list[Check]) -> None:
         """Publish a self-test that found something else than the one before."""
@@ -280,7 +293,7 @@ class Station:
 
     def _judge_parts(self) -> None:
         with ThreadPoolExecutor(1, "station writer") as writer:
-            while (part := self._exposed.get()) is not None:
+            while (part := self._next_exposed()) is not None:
                 result, error = self._judge.result_of(part, writer)
                 self._add(result)
                 latency_ms = 1e3 * (self._clock.monotonic_s() - part.exposed_s)
@@ -293,6 +306,13 @@ class Station:
                         self._fail(result.verdict.reason)
                 if not isinstance(error, Exception | None):
                     self.stop(error)
+
+    def _next_exposed(self) -> ExposedPart | None:
+        """Wait for an exposed part; None if no further one comes."""
+        while True:
+            self._turned("verdict")
+            with suppress(queue.Empty):
+                return self._exposed.get(timeout=_POLL_S)
 
     def _add(self, result: PartResult) -> None:
         """Write a row, as soon as the database answers."""
@@ -308,6 +328,7 @@ class Station:
                     given_up_s = given_up_s or now_s + _LAST_WAIT_S
                     if now_s > given_up_s:
                         raise
+            self._turned("verdict")
             time.sleep(_RETRY_S)
 
     # State and reservations.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from rig.doctor.check import Check
 
@@ -11,6 +12,11 @@ from .part_sensor import PartSensor
 from .results.store import ResultStore
 from .station_clock import StationClock
 from .station_rig import PartCamera
+
+Worker = Literal["capture", "verdict"]
+"""A thread of the cycle."""
+Turned = Callable[[Worker], None]
+"""Called by each worker whenever it goes on, also while it waits for a part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +39,9 @@ class Parts:
         Gets all events.
     sensor
         The part sensor, if that triggers.
+    turned
+        Called by each worker several times a second while it waits, and between two steps of its
+        work; no more by one that hangs.
     """
 
     camera: PartCamera
@@ -42,3 +51,4 @@ class Parts:
     clock: StationClock
     publisher: Publisher
     sensor: PartSensor | None = None
+    turned: Turned = lambda _: None

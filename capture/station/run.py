@@ -17,7 +17,7 @@ from .folder import StationFolder
 from .inspector import Inspector
 from .outcome import PartJudge
 from .part_sensor import PartSensor
-from .parts import Parts
+from .parts import Parts, Turned
 from .recipe import require_approved
 from .recovery import damaged_sets, finish_interrupted, unknown_files
 from .results.store import ResultStore, open_store
@@ -38,10 +38,13 @@ class RunOptions:
         Who answers for the results.
     parts
         Number of parts after which the run ends; None for no end.
+    turned
+        As in `Parts`.
     """
 
     operator: str | None = None
     parts: int | None = None
+    turned: Turned = lambda _: None
 
 
 def run_station(
@@ -107,7 +110,7 @@ def run_station(
             clock,
         )
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
-        parts = Parts(rig, judge, store, prepare, clock, publisher, sensor)
+        parts = Parts(rig, judge, store, prepare, clock, publisher, sensor, options.turned)
         with retention_in_background(folder.path, store, config.retention, warn):
             return Station(folder.path, config, parts, options.parts).run(source)
 

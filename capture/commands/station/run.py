@@ -54,6 +54,7 @@ def run(
     With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
     status is 1 if a part did not pass. The address of the panel is printed; it triggers parts, too.
     """
+    import os
     from contextlib import ExitStack
     from functools import partial
 
@@ -65,6 +66,7 @@ def run(
     from capture.station.results.database import database_url
     from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station
+    from capture.station.service.notify import Notifier
     from capture.station.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
     from classify.errors import InputError
     from rig.config.rig import config_of
@@ -91,6 +93,7 @@ def run(
         )
         shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
+        notifier = Notifier.from_environment(os.environ)
         chart = ControlChart(names, shown, log, live.tell)
         with ExitStack() as faces:
             if panel is False and given == "http":
@@ -99,9 +102,13 @@ def run(
                 settings = panel_settings(config.panel, host, port)
                 is_asked = bool(panel or host or port or given == "http")
                 faces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
-            publisher = faces.enter_context(Publisher(shown, log, chart, live.tell))
+            publisher = faces.enter_context(Publisher(shown, log, chart, live.tell, notifier.tell))
             stopped = run_station(
-                opened, rig_config, live.attached(source), publisher, RunOptions(operator, parts)
+                opened,
+                rig_config,
+                live.attached(source),
+                publisher,
+                RunOptions(operator, parts, notifier.turned),
             )
     if stopped.rejected:
         raise typer.Exit(1)

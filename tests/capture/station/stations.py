@@ -14,7 +14,7 @@ from capture.station.cycle import Station
 from capture.station.events import Event, PartAnnounced, PartRecovered, Publisher
 from capture.station.folder import StationFolder, make_station
 from capture.station.outcome import PartJudge
-from capture.station.parts import Parts
+from capture.station.parts import Parts, Turned
 from capture.station.recovery import finish_interrupted
 from capture.station.results.store import ResultStore, open_store
 from capture.station.station_clock import StationClock
@@ -116,6 +116,7 @@ class Bench:
     clock: StationClock = field(default_factory=StationClock)
     prepare: Callable[[], list[Check]] = list
     listen: Callable[[Event], None] = lambda _: None
+    turned: Turned = lambda _: None
 
     def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
         """Run the station; `events` holds what happened."""
@@ -136,7 +137,15 @@ class Bench:
                 return self.prepare()
 
             judge = PartJudge(config.name, "Ada", self.inspector, {}, save, self.clock)
-            parts = Parts(self.camera, judge, self.store, prepare, self.clock, publisher)
+            parts = Parts(
+                self.camera,
+                judge,
+                self.store,
+                prepare,
+                self.clock,
+                publisher,
+                turned=self.turned,
+            )
             Station(self.folder.path, config, parts, count).run(source)
 
     def of(self, kind: type[Any]) -> list[Any]:

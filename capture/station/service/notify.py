@@ -1,0 +1,120 @@
+"""Tell systemd how a station is, by the protocol of sd_notify(3)."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Self, get_args
+
+from capture.station.events import Event, PartAnnounced, StateChanged, StationStopped
+from capture.station.parts import Worker
+from capture.station.states import State
+from classify.errors import InputError
+
+# Workers turn several times a second; systemd need not hear of each turn.
+_PING_S = 1.0
+_WORKERS = set(get_args(Worker))
+
+
+class Notifier:
+    """Subscriber to a station's events, and to the turns of its workers.
+
+    systemd hears that the station is ready when it is so for the first time. The watchdog gets a
+    ping whenever all workers have turned since the last one: a worker that hangs ends the pings,
+    and there is no thread that could go on without it. Never blocks, and never raises.
+
+    Parameters
+    ----------
+    address
+        The socket: a path, or ``@NAME`` for an abstract one; None tells nobody.
+    watchdog_s
+        Time without a ping after which systemd kills the station; None for no pings.
+    now_s
+        The monotonic clock.
+    """
+
+    def __init__(
+        self,
+        address: str | None,
+        watchdog_s: float | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if address is not None and not address.startswith(("/", "@")):
+            raise InputError(f"NOTIFY_SOCKET={address}: give an absolute path or @NAME")
+        self._address = address
+        self._ping_s = None if watchdog_s is None else min(_PING_S, watchdog_s / 4)
+        self._now_s = now_s
+        # Guards everything below.
+        self._lock = threading.Lock()
+        self._turned: set[Worker] = set()
+        self._pinged_s = -float("inf")
+        self._is_ready = False
+        self._state = ""
+        self._parts = 0
+        self._last_part = ""
+        self._told: tuple[str, ...] = ()
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str]) -> Self:
+        """Return the notifier for the variables that systemd sets for a service.
+
+        Raises
+        ------
+        InputError
+            If one of them cannot be used.
+        """
+        usec, process = environment.get("WATCHDOG_USEC"), environment.get("WATCHDOG_PID")
+        if usec is None or process not in (None, str(os.getpid())):
+            return cls(environment.get("NOTIFY_SOCKET"))
+        if not usec.isdecimal() or int(usec) == 0:
+            raise InputError(f"WATCHDOG_USEC={usec}: give a number of microseconds")
+        return cls(environment.get("NOTIFY_SOCKET"), int(usec) / 1e6)
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        with self._lock:
+            match event:
+                case StateChanged(State.EXECUTING):
+                    return
+                case StateChanged(state, reason):
+                    self._is_ready |= state is State.READY
+                    self._state = state if state is State.READY else f"{state}: {reason}"
+                case PartAnnounced(result, _):
+                    self._parts += 1
+                    self._last_part = f", the last {result.part_id} {result.verdict.decision}"
+                case StationStopped(reason):
+                    self._state = f"stopped: {reason}"
+                    self._send("STOPPING=1", *self._lines())
+                    return
+                case _:
+                    return
+            if self._lines() != self._told:
+                self._send(*self._lines())
+                self._told = self._lines()
+
+    def turned(self, worker: Worker) -> None:
+        """Take a turn of a worker."""
+        with self._lock:
+            self._turned.add(worker)
+            if self._ping_s is None or not self._is_ready or self._turned != _WORKERS:
+                return
+            if self._now_s() >= self._pinged_s + self._ping_s:
+                # The whole state again: a datagram before may have been lost.
+                self._send("WATCHDOG=1", *self._lines())
+                self._turned.clear()
+                self._pinged_s = self._now_s()
+
+    def _lines(self) -> tuple[str, ...]:
+        status = f"STATUS={self._state}; parts: {self._parts}{self._last_part}"
+        return ("READY=1", status) if self._is_ready else (status,)
+
+    def _send(self, *lines: str) -> None:
+        if self._address is None:
+            return
+        text = "\n".join(" ".join(line.split()) for line in lines)
+        address = self._address.replace("@", "\0", 1) if self._address[0] == "@" else self._address
+        with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as to_systemd:
+            to_systemd.setblocking(False)
+            to_systemd.sendto(text.encode(errors="backslashreplace"), address)

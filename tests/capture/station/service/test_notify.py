@@ -1,0 +1,177 @@
+"""What systemd hears of a station, on a real datagram socket."""
+
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture.station.events import PartAnnounced, StateChanged
+from capture.station.service.notify import Notifier
+from capture.station.states import State
+from capture.station.triggers import Trigger, TriggerTarget
+from classify.errors import InputError
+from rig import HardwareError
+from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, small_set
+
+from .systemd_socket import SystemdSocket, systemd_socket
+
+# Short, so that a station that hangs is noticed in the time of a test.
+WATCHDOG_S = 0.2
+SILENCE_S = 4 * WATCHDOG_S
+
+
+@pytest.fixture
+def systemd(tmp_path: Path) -> Iterator[SystemdSocket]:
+    with systemd_socket(tmp_path) as listening:
+        yield listening
+
+
+@pytest.fixture
+def station(tmp_path: Path, systemd: SystemdSocket) -> Iterator[Bench]:
+    with bench(tmp_path / "line-1", small_set()) as made:
+        notifier = Notifier(systemd.address, WATCHDOG_S)
+        made.listen, made.turned = notifier.tell, notifier.turned
+        yield made
+
+
+def assert_silent(systemd: SystemdSocket) -> None:
+    """No ping comes any more; one may be on its way."""
+    systemd.receive(0.01)
+    before, ends_s = systemd.pings(), time.monotonic() + SILENCE_S
+    while time.monotonic() < ends_s:
+        systemd.receive(WATCHDOG_S)
+    assert systemd.pings() <= before + 1
+
+
+def running(
+    station: Bench, feed: Callable[[TriggerTarget], object], count: int = 1, **changes: Any
+) -> threading.Thread:
+    """Run a station in a thread of its own."""
+
+    def fed(target: TriggerTarget) -> None:
+        feed(target)
+
+    thread = threading.Thread(target=lambda: station.run(Manual(fed), count, **changes))
+    thread.start()
+    return thread
+
+
+def test_an_idle_station_is_ready_and_pings_the_watchdog(
+    station: Bench, systemd: SystemdSocket
+) -> None:
+    may_end = threading.Event()
+    thread = running(station, lambda _: may_end.wait(60.0))
+    systemd.until(lambda: systemd.pings() >= 4)
+    may_end.set()
+    thread.join()
+    systemd.until_said("STOPPING=1")
+    first_ready = next(lines for lines in systemd.said if "READY=1" in lines)
+    assert first_ready == ["READY=1", "STATUS=ready; parts: 0"]
+    assert systemd.said[-1][0] == "STOPPING=1"
+
+
+def triggered(target: TriggerTarget) -> None:
+    while not target.wait_until_ready(0.1):
+        assert not target.is_stopping
+    target.submit(Trigger("timer"))
+
+
+def test_a_capture_that_hangs_ends_the_pings(station: Bench, systemd: SystemdSocket) -> None:
+    hangs, may_go_on = threading.Event(), threading.Event()
+
+    def hang(_: int) -> None:
+        hangs.set()
+        assert may_go_on.wait(60.0)
+
+    station.camera.on_capture = hang
+    thread = running(station, triggered)
+    assert hangs.wait(60.0)
+    try:
+        assert_silent(systemd)
+    finally:
+        may_go_on.set()
+        thread.join()
+
+
+def test_a_verdict_that_hangs_ends_the_pings_although_captures_go_on(
+    station: Bench, systemd: SystemdSocket
+) -> None:
+    hangs, may_go_on = threading.Event(), threading.Event()
+
+    def hang(_: Any) -> Said:
+        hangs.set()
+        assert may_go_on.wait(60.0)
+        return Said(PASSED)
+
+    station.inspector.inspect = hang
+    thread = running(station, lambda target: (triggered(target), triggered(target)), 2)
+    assert hangs.wait(60.0)
+    try:
+        assert_silent(systemd)
+    finally:
+        may_go_on.set()
+        thread.join()
+    systemd.until_said("STATUS=ready; parts: 2, the last part-000002 PASS")
+
+
+def test_a_station_that_waits_for_its_rig_pings_on(station: Bench, systemd: SystemdSocket) -> None:
+    has_failed = threading.Event()
+
+    def lose(_: int) -> None:
+        has_failed.set()
+        raise HardwareError("the camera is gone")
+
+    def feed(target: TriggerTarget) -> None:
+        triggered(target)
+        assert has_failed.wait(60.0)
+        systemd.until_said("STATUS=error: ")
+        before = systemd.pings()
+        systemd.until(lambda: systemd.pings() >= before + 6)
+
+    station.camera.on_capture = lose
+    running(station, feed, reconnect_s=3600.0).join()
+    [error] = [event for event in station.of(StateChanged) if event.state is State.ERROR]
+    assert "the camera is gone" in error.reason
+
+
+def test_an_abstract_socket_is_told_too(tmp_path: Path) -> None:
+    with systemd_socket(tmp_path, is_abstract=True) as systemd:
+        Notifier(systemd.address).tell(StateChanged(State.READY, "tested\nREADY=0"))
+        systemd.receive(60.0)
+    assert systemd.said == [["READY=1", "STATUS=ready; parts: 0"]]
+
+
+def test_the_environment_of_systemd_is_understood(systemd: SystemdSocket) -> None:
+    given = {"NOTIFY_SOCKET": systemd.address, "WATCHDOG_USEC": "30000000"}
+    for process, pings in ((str(os.getpid()), 1), ("1", 0)):
+        notifier = Notifier.from_environment(given | {"WATCHDOG_PID": process})
+        notifier.tell(StateChanged(State.READY, ""))
+        notifier.turned("capture")
+        notifier.turned("capture")
+        notifier.turned("verdict")
+        systemd.receive(60.0)
+        assert systemd.pings() == pings
+        systemd.said.clear()
+    for name, value in (("NOTIFY_SOCKET", "vsock:2"), ("WATCHDOG_USEC", "soon")):
+        with pytest.raises(InputError, match=f"{name}={value}"):
+            Notifier.from_environment({name: value})
+
+
+def test_without_systemd_nothing_is_told_and_nothing_fails() -> None:
+    notifier = Notifier.from_environment({"WATCHDOG_USEC": "30000000"})
+    notifier.tell(StateChanged(State.READY, ""))
+    for worker in ("capture", "verdict"):
+        notifier.turned(worker)
+
+
+def test_a_socket_that_nobody_serves_does_not_disturb_the_station(
+    station: Bench, tmp_path: Path
+) -> None:
+    notifier = Notifier(str(tmp_path / "gone"), WATCHDOG_S)
+    station.listen, station.turned = notifier.tell, notifier.turned
+    station.run(Manual(triggered), 1)
+    assert len(station.of(PartAnnounced)) == 1
