@@ -9,7 +9,7 @@ import numpy as np
 
 from capture.page.skeleton import image_html
 
-from .pictures import ColourScale, Picture
+from .pictures import ColourScale, Picture, jpeg_bytes
 from .views import MapView
 
 # A smaller picture is enlarged on the page, with square pixels instead of interpolation.
@@ -66,10 +66,4 @@ def number_text(value: float) -> str:
 
 def data_uri(picture: Picture) -> str:
     """Return a picture as a JPEG in the text of an address."""
-    options = [
-        cv2.IMWRITE_JPEG_QUALITY, 85,
-        # Without subsampling, thin lines keep their colours.
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-    ]  # fmt: skip
-    _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
-    return "data:image/jpeg;base64," + base64.b64encode(buffer.tobytes()).decode("ascii")
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(picture)).decode("ascii")

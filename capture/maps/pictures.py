@@ -15,7 +15,8 @@ from classify.shadow_rule import NO_DROPPED_LIGHT
 from classify.surface.estimate import FloatMap
 
 Picture = npt.NDArray[np.uint8]
-_PICTURE_PX = 512  # twice the width of a map on the page
+PICTURE_PX = 512
+"""Longer side of a picture by default, twice the width of a map on the page."""
 # Percentile of the values at the end of a colour scale, so that outliers do not pale the rest.
 _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
@@ -24,6 +25,9 @@ _SHADOW_COLOURS = np.array(
 _NO_LIGHT_COLOUR = (235, 235, 235)
 _GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
+_FLAT_GREY = 0.5 + 0.5 * float(_RELIEF_LIGHT[2])
+# With more, the noise of a smooth part looks like a relief.
+_MOST_CONTRAST = 6.0
 
 
 def _blue_white_red() -> Picture:
@@ -86,10 +90,29 @@ def normal_map(normals: FloatMap) -> Picture:
     return colours
 
 
-def shaded(normals: FloatMap) -> Picture:
-    """Return the shading of (H, W, 3) normals lit from the upper left."""
-    # 0 facing away from the light, 1 facing it: slopes keep their shape in attached shadow.
-    return grey(0.5 + 0.5 * (normals @ _RELIEF_LIGHT), top=1.0)
+def shaded(normals: FloatMap, contrast: float = 1.0) -> Picture:
+    """Return the shading of (H, W, 3) normals lit from the upper left.
+
+    `contrast` multiplies the difference from the grey of a flat surface.
+    """
+    return grey(_FLAT_GREY + contrast * (_shading(normals) - _FLAT_GREY), top=1.0)
+
+
+def shading_contrast(normals: FloatMap, valid: npt.NDArray[np.bool_]) -> float:
+    """Return the contrast, 1 to 6, at which `shaded` uses all greys without cutting them off."""
+    shading = _shading(normals[valid])
+    if not shading.size:
+        return 1.0
+    darkest, brightest = np.percentile(shading, (100.0 - _SCALE_PERCENT, _SCALE_PERCENT))
+    rooms = (_FLAT_GREY / max(_FLAT_GREY - darkest, 1e-6),
+             (1.0 - _FLAT_GREY) / max(brightest - _FLAT_GREY, 1e-6))  # fmt: skip
+    return float(np.clip(min(rooms), 1.0, _MOST_CONTRAST))
+
+
+def _shading(normals: FloatMap) -> FloatMap:
+    """0 facing away from the light, 1 facing it: slopes keep their shape in attached shadow."""
+    shading: FloatMap = 0.5 + 0.5 * (normals @ _RELIEF_LIGHT)
+    return shading
 
 
 def shadow_map(surface: SurfaceEstimate) -> Picture:
@@ -117,9 +140,11 @@ def dropped_colours(lights: int) -> Picture:
     return colours
 
 
-def light_images(captured: CapturedSet, count: int) -> dict[str, Picture]:
+def light_images(
+    captured: CapturedSet, count: int, longest_px: int = PICTURE_PX
+) -> dict[str, Picture]:
     """Return pictures of the first light images, on one scale, by their titles."""
-    images = [reduced(image) for image in captured.images[:count]]
+    images = [reduced(image, longest_px=longest_px) for image in captured.images[:count]]
     top = _limit(np.stack(images))
     tilts_deg = captured.lighting.tilts_deg
     part = f" of {len(tilts_deg)}" if len(tilts_deg) > count else ""
@@ -129,13 +154,17 @@ def light_images(captured: CapturedSet, count: int) -> dict[str, Picture]:
     }
 
 
-def reduced(values: npt.NDArray[Any], interpolation: int = cv2.INTER_AREA) -> npt.NDArray[Any]:
-    """Reduce (H, W) or (H, W, 3) values to a longer side of at most 512 px, by default by means.
+def reduced(
+    values: npt.NDArray[Any],
+    interpolation: int = cv2.INTER_AREA,
+    longest_px: int = PICTURE_PX,
+) -> npt.NDArray[Any]:
+    """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, by default by means.
 
     A map of labels, which have no mean, needs `cv2.INTER_NEAREST`.
     """
     rows, columns = values.shape[:2]
-    scale = _PICTURE_PX / max(rows, columns)
+    scale = longest_px / max(rows, columns)
     if scale >= 1.0:
         return values
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
@@ -159,6 +188,17 @@ def contact_sheet(pictures: dict[str, Picture]) -> Picture:
         tiles.append(np.full_like(tiles[0], 255))
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
     return np.vstack(rows)
+
+
+def jpeg_bytes(picture: Picture) -> bytes:
+    """Return the JPEG file of a picture."""
+    options = [
+        cv2.IMWRITE_JPEG_QUALITY, 85,
+        # Without subsampling, thin lines keep their colours.
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]  # fmt: skip
+    _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), options)
+    return buffer.tobytes()
 
 
 def png_bytes(picture: Picture) -> bytes:

@@ -8,9 +8,6 @@ from .recipe import Approval, Recipe
 from .recipe_file import write_recipe
 from .recipe_folder import RecipeFolder
 
-# Digits of the hash in the name of the copy of an approved recipe.
-_DIGITS = 8
-
 
 def approve(files: RecipeFolder, by: str) -> Recipe:
     """Approve a recipe as it is, and keep a copy of it beside what was taught.
@@ -26,7 +23,6 @@ def approve(files: RecipeFolder, by: str) -> Recipe:
     values = {"by": by, "utc": utc_text(), "sha256": recipe.sha256}
     approval = validated(values, Approval, "approval")
     approved = recipe.model_copy(update={"approval": approval})
-    copy = files.version(recipe.version).folder / f"approved-{recipe.sha256[:_DIGITS]}.toml"
-    write_recipe(copy, approved)
+    write_recipe(files.version(recipe.version).approved(recipe.sha256), approved)
     write_recipe(files.file, approved)
     return approved

@@ -171,7 +171,7 @@ class Inspector:
             raise RecipeError(
                 f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}"
             )
-        models = {name: _defect_model(made, recipe, taught, name) for name in recipe.passes}
+        models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
         found = None
         if calibration is not None:
@@ -298,6 +298,28 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def defect_model_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
+    """Load the defect model of a texture that passes.
+
+    Raises
+    ------
+    RecipeError
+        If it was taught as a bad texture, or the file was changed since teaching.
+    DefectModelError
+        If the file cannot be read.
+    """
+    about = taught.textures[texture]
+    if about.defects_file is None or about.defects_sha256 is None:
+        raise RecipeError(
+            f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
+            "ps4rig station teach"
+        )
+    path = made.folder / about.defects_file
+    model = DefectModel.load(path)
+    _check_unchanged(recipe, path, model.sha256, about.defects_sha256)
+    return model
+
+
 def setting_differences(taught: Setting, other: Setting) -> list[str]:
     """Return how another setting differs from the taught one, in words."""
     each = (taught.differences(other, part) for part in _WHOLE_SETTING)
@@ -309,19 +331,6 @@ def _check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> Non
         raise RecipeError(
             f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"
         )
-
-
-def _defect_model(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
-    about = taught.textures[texture]
-    if about.defects_file is None or about.defects_sha256 is None:
-        raise RecipeError(
-            f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
-            "ps4rig station teach"
-        )
-    path = made.folder / about.defects_file
-    model = DefectModel.load(path)
-    _check_unchanged(recipe, path, model.sha256, about.defects_sha256)
-    return model
 
 
 def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:

@@ -10,6 +10,8 @@ from classify.regular_file import open_regular_file
 # A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34
 _BLOCK_BYTES = 1 << 20
+# Of a hash in the name of a file.
+_DIGITS = 8
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,10 @@ class TaughtFiles:
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""
         return self.folder / f"defects-{number}.ps4def"
+
+    def approved(self, sha256: str) -> Path:
+        """Return the copy of the recipe with this hash, as it was approved."""
+        return self.folder / f"approved-{sha256[:_DIGITS]}.toml"
 
 
 def file_sha256(path: Path) -> str:

@@ -13,6 +13,7 @@ from capture.station.event_lines import json_fields
 from capture.station.events import (
     Event,
     PartAnnounced,
+    PartBegun,
     PartRecovered,
     RecipeLoaded,
     SelfTestFinished,
@@ -153,6 +154,7 @@ class LiveStation:
         self._total_latency_ms = 0.0
         self._announced: Counter[Decision] = Counter()
         self._refused = 0
+        self._in_progress = 0
         self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
         self._devices = DeviceStates(database)
         self._rejected: deque[RejectedPart] = deque(maxlen=_KEPT_REJECTED)
@@ -175,7 +177,10 @@ class LiveStation:
                     self._state, self._reason = state, reason
                 case TriggerRefused():
                     self._refused += 1
+                case PartBegun():
+                    self._in_progress += 1
                 case PartAnnounced(result, latency_ms):
+                    self._in_progress -= 1
                     self._last, self._latency_ms = result, latency_ms
                     self._total_latency_ms += latency_ms
                     self._announced[result.verdict.decision] += 1
@@ -225,6 +230,12 @@ class LiveStation:
         with self._lock:
             target = self._target
         return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
+
+    @property
+    def parts_in_progress(self) -> int:
+        """Number of parts that were begun and have no announced result."""
+        with self._lock:
+            return self._in_progress
 
     def set_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""

@@ -24,6 +24,7 @@ from .render import Answer
 from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
+from .stored_set import stored_set
 
 MOST_PARTS = 500
 _PARTS = 50
@@ -194,15 +195,7 @@ def _seconds(text: str) -> float:
 
 
 def _set_file(call: Call) -> Response:
-    entry = entry_of(call)
-    result, folder = entry.result, call.panel.folder
-    if result.set_file is None:
-        raise Denied(404, f"part {result.part_id}: no set was captured")
-    path = (folder.path / result.set_file).resolve()
-    if not path.is_relative_to(folder.parts.resolve()) or not path.is_file():
-        when = entry.set_removed_utc
-        reason = f"was removed by the retention on {when[:10]}" if when else "is missing"
-        raise Denied(410 if when else 404, f"part {result.part_id}: its set file {reason}")
+    path = stored_set(call.panel.folder, entry_of(call))
     return FileResponse(path, media_type="image/tiff", filename=path.name)
 
 

@@ -8,7 +8,16 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from . import account_pages, accounts_api, api, event_stream, login, openapi, operator_page
+from . import (
+    account_pages,
+    accounts_api,
+    api,
+    event_stream,
+    login,
+    openapi,
+    operator_page,
+    pictures,
+)
 from .guard import endpoint_of, error_answer
 from .panel import Panel
 from .render import STATIC
@@ -19,6 +28,7 @@ ROUTES: tuple[PanelRoute, ...] = (
     *login.ROUTES,
     *operator_page.ROUTES,
     *api.ROUTES,
+    *pictures.ROUTES,
     *event_stream.ROUTES,
     *accounts_api.ROUTES,
     *account_pages.ROUTES,

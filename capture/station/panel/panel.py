@@ -7,6 +7,7 @@ from capture.station.folder import StationFolder
 from capture.station.live.live_station import LiveStation
 
 from .change_log import ChangeLog
+from .picture_maker import PictureMaker
 from .results_access import ResultsAccess
 from .sessions import LoginLimit, Sessions
 from .tokens import Tokens
@@ -34,6 +35,8 @@ class Panel:
         Who may ask.
     triggers
         Passes triggers of HTTP to the station.
+    pictures
+        Makes pictures of stored parts.
     """
 
     folder: StationFolder
@@ -45,6 +48,7 @@ class Panel:
     tokens: Tokens
     sessions: Sessions
     triggers: KeyedTriggers
+    pictures: PictureMaker
     logins: LoginLimit = field(default_factory=LoginLimit)
 
     @classmethod
@@ -61,4 +65,5 @@ class Panel:
             tokens=Tokens(folder.path),
             sessions=Sessions(users),
             triggers=KeyedTriggers(live, results),
+            pictures=PictureMaker(folder, live),
         )

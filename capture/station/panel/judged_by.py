@@ -1,0 +1,90 @@
+"""What judged an earlier part: recipe, solver and defect model, by the hashes of its result."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from capture.station.errors import RecipeError
+from capture.station.folder import StationFolder
+from capture.station.inspector import defect_model_of
+from capture.station.recipe import Recipe
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.results.part_result import PartResult
+from capture.station.taught import read_taught
+from classify import Method, TextureLibrary
+from classify.defects.defect_model import DefectModel
+from classify.errors import InputError
+from rig.config.toml_file import read_toml_as
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedBy:
+    """What judged a part.
+
+    Attributes
+    ----------
+    recipe
+        The recipe, as it was then.
+    method
+        Its solver; None for the default of the lights.
+    defect_model
+        The model of the texture of the part; None for a texture that does not pass.
+    """
+
+    recipe: Recipe
+    method: Method | None
+    defect_model: DefectModel | None
+
+
+def recipe_of(folder: StationFolder, result: PartResult) -> Recipe:
+    """Return the recipe that judged a part, as it was then.
+
+    Raises
+    ------
+    InputError
+        If there was none, or it is not kept.
+    """
+    if result.recipe is None or result.recipe_sha256 is None:
+        raise RecipeError("the part was judged by no recipe")
+    files = folder.recipe_files(result.recipe)
+    return _recipe(files, result.recipe_version or 1, result.recipe_sha256)
+
+
+def judged_by(folder: StationFolder, result: PartResult) -> JudgedBy:
+    """Return what judged a part.
+
+    Raises
+    ------
+    InputError
+        If the recipe is not kept, or what teaching made for it is missing or was changed.
+    """
+    recipe = recipe_of(folder, result)
+    files = folder.recipe_files(recipe.name)
+    return _judged_by(files, recipe.version, recipe.sha256, result.label or result.nearest)
+
+
+# A station runs one recipe at a time; people look at parts of the one before, too.
+@lru_cache(maxsize=4)
+def _judged_by(files: RecipeFolder, version: int, sha256: str, texture: str | None) -> JudgedBy:
+    recipe = _recipe(files, version, sha256)
+    made = files.version(version)
+    taught = read_taught(made.taught)
+    if taught.sha256 != recipe.taught:
+        raise RecipeError(f"{made.taught}: was changed since the part was judged")
+    model = None
+    if texture is not None and texture in recipe.passes:
+        model = defect_model_of(made, recipe, taught, texture)
+    return JudgedBy(recipe, TextureLibrary.load(made.library).method, model)
+
+
+def _recipe(files: RecipeFolder, version: int, sha256: str) -> Recipe:
+    """The recipe with a hash: a copy that was approved, or the present one."""
+    places: tuple[Path, ...] = (files.version(version).approved(sha256), files.file)
+    for path in places:
+        try:
+            recipe = read_toml_as(path, Recipe, "no such recipe")
+        except InputError:
+            continue
+        if recipe.sha256 == sha256:
+            return recipe
+    raise RecipeError(f"recipe {files.name}, version {version}: is not kept as it was then")

@@ -1,0 +1,147 @@
+"""Pictures of a stored part as files of bounded size, each with its caption."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.maps import pictures
+from capture.maps.pictures import ColourScale, Picture
+from capture.maps.views import SHOWN_LIGHTS
+from classify.surface.estimate import FloatMap
+
+from .part_view import PartView
+
+SIZES = {"small": pictures.PICTURE_PX, "large": 2 * pictures.PICTURE_PX}
+"""Longer side of pictures, in px."""
+
+_JPEG, _PNG = "image/jpeg", "image/png"
+# As `capture.preview.outline`: bright on dark is seen on any ground.
+_LINE, _UNDER = (255, 212, 0), (0, 0, 0)
+_REGION_LINE = (120, 190, 255)
+# A score of twice the limit has the last colour.
+_TOP_SCORE = 2.0
+_NO_SCORE = (128, 128, 128)
+_LEVELS_12_BIT = 4095
+
+
+@dataclass(frozen=True)
+class PaintedPicture:
+    """A picture of a part.
+
+    Attributes
+    ----------
+    title, caption
+        For people.
+    media_type, content
+        Its file.
+    """
+
+    title: str
+    caption: str
+    media_type: str
+    content: bytes
+
+
+def painted(view: PartView, size: str) -> dict[str, PaintedPicture]:
+    """Return the pictures of a part by their names in the API, each at most `SIZES` [size] px."""
+    return dict(_painted(view, SIZES[size], is_large=size == "large"))
+
+
+def _painted(
+    view: PartView, longest_px: int, *, is_large: bool
+) -> Iterator[tuple[str, PaintedPicture]]:
+    lights = pictures.light_images(view.captured, SHOWN_LIGHTS, longest_px)
+    for number, (title, picture) in enumerate(lights.items(), 1):
+        yield f"light-{number}", _jpeg(title, "All light images have one scale of grey.", picture)
+    albedo = pictures.grey(pictures.reduced(view.albedo, longest_px=longest_px))
+    yield "albedo", _jpeg("albedo", "Share of the light that the surface reflects.", albedo)
+    normals = pictures.reduced(view.normals, longest_px=longest_px)
+    valid = pictures.reduced(view.valid * np.uint8(255), longest_px=longest_px) >= 128
+    contrast = pictures.shading_contrast(normals, valid)
+    said = "" if contrast < 1.05 else f" Contrast {contrast:.1f} times that of the shape."
+    relief = pictures.shaded(normals, contrast)
+    yield "relief", _jpeg("relief", f"The shape alone, lit from the upper left.{said}", relief)
+    shadow = pictures.shadow_colours()[view.shadow_count]
+    yield "shadow", _jpeg(
+        "shadow", "Lights in shadow: grey none, yellow one, to black four.",
+        pictures.reduced(shadow, longest_px=longest_px),
+    )  # fmt: skip
+    yield (
+        "normals",
+        _jpeg(
+            "normals",
+            "Red to the right, green up, blue to the camera.",
+            pictures.normal_map(normals),
+        ),
+    )
+    count = len(view.outlines)
+    yield "defects", _jpeg(
+        "defects", f"{count} outlined over the albedo." if count else "None, over the albedo.",
+        _outlined(albedo, view),
+    )  # fmt: skip
+    if view.score is not None:
+        yield (
+            "defect-map",
+            _jpeg(
+                "defect map",
+                f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more.",
+                _outlined(_score_picture(view.score, longest_px), view),
+            ),
+        )
+    if is_large:
+        yield "slopes", PaintedPicture(
+            "slopes", "Normals for programs: x and y from -1 to 1 in 12 bit. Red and green are "
+            "their upper 8 bits; blue the lower 4 of x, then those of y.", _PNG,
+            pictures.png_bytes(_twelve_bit(normals)),
+        )  # fmt: skip
+
+
+def _jpeg(title: str, caption: str, picture: Picture) -> PaintedPicture:
+    return PaintedPicture(title, caption, _JPEG, pictures.jpeg_bytes(picture))
+
+
+def _outlined(picture: Picture, view: PartView) -> Picture:
+    """Return a copy with the outlines of the defects, and of the judged region."""
+    drawn = picture.copy()
+    scale = picture.shape[1] / view.captured.images.shape[2]
+    lines = [(np.array(outline), _LINE) for outline in view.outlines]
+    if (region := view.region) is not None:
+        right, bottom = region.x + region.width - 1, region.y + region.height - 1
+        border = [(region.x, region.y), (right, region.y), (right, bottom), (region.x, bottom)]
+        lines.append((np.array(border), _REGION_LINE))
+    for width_px, is_under in ((4, True), (2, False)):
+        for corners, colour in lines:
+            scaled = np.rint((corners + 0.5) * scale - 0.5).astype(np.int32)
+            cv2.polylines(
+                drawn, [scaled], True, _UNDER if is_under else colour, width_px, cv2.LINE_AA
+            )
+    return drawn
+
+
+def _score_picture(score: FloatMap, longest_px: int) -> Picture:
+    known = np.isfinite(score)
+    values = pictures.reduced(np.where(known, score, 0.0), cv2.INTER_NEAREST, longest_px)
+    picture = ColourScale(0.0, _TOP_SCORE, _cividis()).paint(values)
+    unknown = ~known
+    picture[pictures.reduced(unknown * np.uint8(1), cv2.INTER_NEAREST, longest_px) > 0] = _NO_SCORE
+    return picture
+
+
+def _cividis() -> Picture:
+    """256 colours that people with any colour vision see in one order."""
+    levels = np.arange(256, dtype=np.uint8)[:, None]
+    colours: Picture = cv2.cvtColor(
+        cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS), cv2.COLOR_BGR2RGB
+    )[:, 0].astype(np.uint8, copy=False)
+    return colours
+
+
+def _twelve_bit(normals: FloatMap) -> Picture:
+    """Return normals in the form that the caption of ``slopes`` describes."""
+    levels = np.rint((normals[..., :2] + 1.0) * (0.5 * _LEVELS_12_BIT))
+    x, y = np.moveaxis(np.clip(levels, 0, _LEVELS_12_BIT).astype(np.uint16), 2, 0)
+    coded: npt.NDArray[np.uint16] = np.stack([x >> 4, y >> 4, (x & 15) << 4 | y & 15], axis=2)
+    return coded.astype(np.uint8)

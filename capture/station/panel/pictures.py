@@ -1,0 +1,115 @@
+"""Pictures of stored parts, by HTTP."""
+
+import asyncio
+from dataclasses import asdict
+from pathlib import Path
+
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from capture.station.results.history import HistoryEntry
+from classify.errors import InputError
+
+from .api import V1, entry_of
+from .painting import SIZES
+from .picture_maker import PartPictures
+from .render import Answer
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+from .stored_set import stored_set
+
+# Browsers keep pictures, and ask each time whether they may still show them.
+_KEPT = "private, no-cache"
+# A part takes a tenth of a second, and up to `MOST_WAITING` wait before it.
+LONGEST_WAIT_S = 30.0
+_SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + "; small by default"
+
+
+async def _about(call: Call) -> Response:
+    """Answer with the names of the pictures of a part, and its outlined defects."""
+    entry, path = await run_in_threadpool(_stored, call)
+    made = await _made(call, entry, path)
+    part_id, size = entry.result.part_id, _size(call)
+    return Answer(
+        {
+            "part_id": part_id,
+            "width_px": made.width_px,
+            "height_px": made.height_px,
+            "pictures": [
+                {
+                    "name": name,
+                    "title": each.title,
+                    "caption": each.caption,
+                    "url": f"{V1}/parts/{part_id}/pictures/{name}?size={size}",
+                }
+                for name, each in made.pictures.items()
+            ],
+            "defects": [
+                asdict(defect) | {"outline": outline}
+                for defect, outline in zip(entry.result.defects, made.outlines, strict=True)
+            ],
+            "notes": made.notes,
+        }
+    )
+
+
+async def _picture(call: Call) -> Response:
+    entry, path = await run_in_threadpool(_stored, call)
+    name, size, result = call.path["name"], _size(call), entry.result
+    tag = f'"{result.set_sha256}-{result.number}-{size}-{name}"'
+    headers = {"ETag": tag, "Cache-Control": _KEPT}
+    made = await _made(call, entry, path) if not _is_known(call, tag) else None
+    if made is None:
+        return Response(status_code=304, headers=headers)
+    if name not in made.pictures:
+        known = ", ".join(made.pictures)
+        raise Denied(404, f"part {result.part_id}: there is no picture {name[:40]!r}; give {known}")
+    picture = made.pictures[name]
+    return Response(picture.content, media_type=picture.media_type, headers=headers)
+
+
+def _is_known(call: Call, tag: str) -> bool:
+    known = call.request.headers.get("if-none-match", "")
+    return tag in (each.strip().removeprefix("W/") for each in known.split(","))
+
+
+def _stored(call: Call) -> tuple[HistoryEntry, Path]:
+    entry = entry_of(call)
+    return entry, stored_set(call.panel.folder, entry)
+
+
+def _size(call: Call) -> str:
+    size = call.query.get("size", "small")
+    if size not in SIZES:
+        raise InputError(f"size = {size[:20]!r}: give {' or '.join(SIZES)}")
+    return size
+
+
+async def _made(call: Call, entry: HistoryEntry, path: Path) -> PartPictures:
+    part = f"part {entry.result.part_id}"
+    future = call.panel.pictures.ask(entry.result, path, _size(call))
+    if future is None:
+        raise Denied(503, f"{part}: too many parts wait for pictures", {"Retry-After": "2"})
+    try:
+        # Shielded, because others may wait for the same pictures.
+        return await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(future)), LONGEST_WAIT_S)
+    except TimeoutError:
+        raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
+    except InputError as error:
+        raise Denied(409, f"{part}: no pictures can be made: {error}") from error
+
+
+ROUTES = (
+    PanelRoute(
+        "GET", f"{V1}/parts/{{part_id}}/pictures", Role.OPERATOR, _about,
+        "Which pictures of a part there are, with captions; and its defects with outlines.",
+        query={"size": _SIZE},
+    ),
+    PanelRoute(
+        "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
+        "A picture of a part, made from its stored set: light-1 and so on, albedo, relief, shadow, "
+        "normals, defects, defect-map; slopes at the large size.",
+        query={"size": _SIZE}, answer="image/jpeg",
+    ),
+)  # fmt: skip

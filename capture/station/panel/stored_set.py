@@ -1,0 +1,27 @@
+"""The stored set of a part, or why there is none."""
+
+from pathlib import Path
+
+from capture.station.folder import StationFolder
+from capture.station.results.history import HistoryEntry
+
+from .security import Denied
+
+
+def stored_set(folder: StationFolder, entry: HistoryEntry) -> Path:
+    """Return the set file of a part.
+
+    Raises
+    ------
+    Denied
+        If no set was captured, or the file is not there any more.
+    """
+    result = entry.result
+    if result.set_file is None:
+        raise Denied(404, f"part {result.part_id}: no set was captured")
+    path = (folder.path / result.set_file).resolve()
+    if not path.is_relative_to(folder.parts.resolve()) or not path.is_file():
+        when = entry.set_removed_utc
+        reason = f"was removed by the retention on {when[:10]}" if when else "is missing"
+        raise Denied(410 if when else 404, f"part {result.part_id}: its set file {reason}")
+    return path
