@@ -32,6 +32,7 @@ from .recipe import Recipe
 from .recipe_file import read_recipe
 from .recipe_folder import RecipeFolder, TaughtFiles, file_sha256
 from .results.part_result import DefectRecord
+from .software import software_sha256
 from .taught import Taught, read_taught
 from .verdict import Cause, Verdict
 
@@ -52,6 +53,7 @@ class Fingerprint(BaseModel):
     defects_sha256: tuple[str, ...]
     calibration_sha256: str | None
     software_version: str
+    software_sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +142,7 @@ class Inspector:
             defects_sha256=tuple(model.sha256 for model in defect_models.values()),
             calibration_sha256=None if calibration is None else calibration.file.hash,
             software_version=version("ps4rig"),
+            software_sha256=software_sha256(),
         )
 
     @classmethod

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from capture.station.challenge import replay_challenge, require_challenge
+from capture.station import software
+from capture.station.challenge import has_met_challenge, replay_challenge, require_challenge
 from capture.station.challenge_set import FILE, add_to_challenge
 from capture.station.errors import ChallengeFailed, RecipeError
 from capture.station.inspector import Inspector
@@ -50,6 +51,46 @@ def test_a_part_that_cannot_be_judged_is_a_regression(files: RecipeFolder) -> No
     outcomes = list(replay_challenge(files, Inspector.load(files)))
     assert outcomes[0].is_regression
     assert outcomes[0].found == "ERROR"
+
+
+def test_changed_code_of_the_same_version_needs_another_replay(
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = require_challenge(files, Inspector.load(files))
+    monkeypatch.setattr("capture.station.inspector.software_sha256", lambda: "of other code")
+    inspector = Inspector.load(files)
+    assert not has_met_challenge(files, inspector)
+    next(files.challenge.glob("sand-2*")).write_bytes(b"read again, and damaged")
+    with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is ERROR"):
+        require_challenge(files, inspector)
+    assert before.fingerprint.software_version == inspector.fingerprint.software_version
+
+
+def test_a_replay_of_a_program_that_did_not_hash_its_code_is_outdated(files: RecipeFolder) -> None:
+    replay = require_challenge(files, Inspector.load(files))
+    values = json.loads(files.replay.read_text())
+    del values["fingerprint"]["software_sha256"]
+    files.replay.write_text(json.dumps(values))
+    assert not has_met_challenge(files, Inspector.load(files))
+    assert require_challenge(files, Inspector.load(files)).fingerprint == replay.fingerprint
+
+
+def test_the_hash_of_the_software_changes_with_any_source_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for package in ("capture/station", "classify", "rig"):
+        (tmp_path / package).mkdir(parents=True)
+        (tmp_path / package / "a.py").write_text("a = 1\n")
+    found = {software.sources_sha256(tmp_path)}
+    (tmp_path / "classify/a.py").write_text("a = 2\n")
+    found.add(software.sources_sha256(tmp_path))
+    (tmp_path / "classify/a.py").rename(tmp_path / "classify/b.py")
+    found.add(software.sources_sha256(tmp_path))
+    monkeypatch.setattr(software, "version", lambda _: "another")
+    found.add(software.sources_sha256(tmp_path))
+    assert len(found) == 4
+    (tmp_path / "classify/notes.txt").write_text("no code")
+    assert software.sources_sha256(tmp_path) in found
 
 
 def test_added_parts_need_another_replay(files: RecipeFolder, tmp_path: Path) -> None:
