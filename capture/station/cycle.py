@@ -13,7 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture.errors import CalibrationError, SetRejected
-from classify.errors import InputError
 from rig.doctor.check import Check
 
 from .config import StationConfig
@@ -34,7 +33,7 @@ from .results.part_result import PartResult
 from .results.store import BegunPart
 from .self_test import disk_fault, require_no_fault
 from .states import Change, State, StateMachine
-from .triggers import Accepted, Answer, Refused, Trigger, TriggerSource
+from .triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerSource, refusal_by
 from .verdict import Cause, Decision
 
 # How often a thread that waits looks whether the station stops.
@@ -101,9 +100,9 @@ class Station:
 
     def submit(self, trigger: Trigger) -> Answer:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
-        utc, reason = self._clock.now(), self._reserve()
-        if reason is not None:
-            return self.refuse(trigger, reason)
+        utc, refused = self._clock.now(), self._reserve()
+        if refused is not None:
+            return self.refuse(trigger, *refused)
         try:
             step = self._clock.step()
             begun = self._store.begin(
@@ -113,9 +112,9 @@ class Station:
                 part_id=trigger.part_id,
             )
         except BaseException as error:
-            reason = said(error)
-            self._release(None if isinstance(error, InputError) else reason)
-            return self.refuse(trigger, reason)
+            reason, kind = said(error), refusal_by(error)
+            self._release(None if kind is Refusal.PART_ID else reason)
+            return self.refuse(trigger, reason, kind)
         self._publish(PartBegun(begun.part_id, begun.number))
         self._next.put((begun, step, self._clock.monotonic_s()))
         return Accepted(begun.part_id, begun.number)
@@ -333,24 +332,24 @@ class Station:
 
     # State and reservations.
 
-    def _reserve(self) -> str | None:
+    def _reserve(self) -> tuple[str, Refusal] | None:
         """Reserve the camera for a part; return the reason if that is not possible."""
         with self._lock:
             if self.is_stopping or self._left == 0:
-                return "the station is stopping"
+                return "the station is stopping", Refusal.STOPPING
             if self._exposing:
-                return "busy: another part is being exposed"
+                return "busy: another part is being exposed", Refusal.BUSY
             if not self._is_open():
-                return f"not ready: {self._reason}"
+                return f"not ready: {self._reason}", Refusal.NOT_READY
             if self._waiting >= self._config.buffers:
-                return f"busy: {self._waiting} parts wait for their verdict"
+                return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
             if self._machine.state is not State.READY:
-                return "not ready: the self-test runs"
+                return "not ready: the self-test runs", Refusal.NOT_READY
             sets_bytes = (self._waiting + 1) * self._set_bytes
             reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
             if reason is not None:
                 self._fail(reason)
-                return reason
+                return reason, Refusal.DISK
             self._exposing = True
             self._machine.change(Change.TRIGGERED)
             if self._left is not None:
@@ -368,7 +367,7 @@ class Station:
             else:
                 self._fail(failure)
 
-    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+    def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served. Never raises."""
         is_recorded = False
         with suppress(BaseException):
@@ -383,7 +382,7 @@ class Station:
         with self._lock:
             self._refused += 1
         self._publish(TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded))
-        return Refused(reason)
+        return Refused(reason, kind)
 
     def _become_free(self) -> None:
         """Take the next trigger, if the camera and a buffer are free."""

@@ -4,7 +4,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Protocol
+
+from classify.errors import InputError
+
+from .results.database import ResultsUnavailable
 
 
 @dataclass(frozen=True)
@@ -31,11 +36,31 @@ class Accepted:
     number: int
 
 
+class Refusal(Enum):
+    """Kinds of reasons, for programs."""
+
+    NOT_READY = auto()
+    BUSY = auto()  # another part is exposed, or no buffer is free
+    STOPPING = auto()
+    DISK = auto()
+    DATABASE = auto()
+    PART_ID = auto()  # cannot be one, or was used before
+    UNFORESEEN = auto()
+
+
+def refusal_by(error: BaseException) -> Refusal:
+    """Return the kind of reason of a trigger whose part could not be begun."""
+    if isinstance(error, InputError):
+        return Refusal.PART_ID
+    return Refusal.DATABASE if isinstance(error, ResultsUnavailable) else Refusal.UNFORESEEN
+
+
 @dataclass(frozen=True)
 class Refused:
     """The trigger is not served, because of `reason`; nothing is exposed."""
 
     reason: str
+    kind: Refusal = Refusal.NOT_READY
 
 
 Answer = Accepted | Refused

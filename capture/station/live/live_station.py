@@ -222,6 +222,18 @@ class LiveStation:
             else (target.submit(trigger))
         )
 
+    @property
+    def is_attached(self) -> bool:
+        """Whether the station takes triggers, and records those that it refuses."""
+        return self._has_target.is_set()
+
+    def refuse(self, trigger: Trigger, reason: str) -> None:
+        """Record a trigger that a face refused; one before `attach` is lost. Never raises."""
+        with self._lock:
+            target = self._target
+        if target is not None:
+            target.refuse(trigger, reason)
+
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
         ends_s = self._now_s() + timeout_s
