@@ -199,7 +199,16 @@ def _set_file(call: Call) -> Response:
     return FileResponse(path, media_type="image/tiff", filename=path.name)
 
 
-def _override(call: Call) -> Response:
+def override(call: Call) -> HistoryEntry:
+    """Give the part that the path names the verdict of a form or JSON object; return the part.
+
+    Raises
+    ------
+    Denied
+        If there is no result of it.
+    InputError
+        If the verdict is neither PASS nor FAIL, or without a reason.
+    """
     entry, reason = entry_of(call), call.text("reason")
     part_id, decision = entry.result.part_id, call.text("decision").upper()
     if decision not in (Decision.PASS, Decision.FAIL):
@@ -215,7 +224,11 @@ def _override(call: Call) -> Response:
     call.panel.live.announce(
         {"event": "override", "part_id": part_id, "decision": decision, "by": call.name}
     )
-    return Answer(record_of(entry_of(call)))
+    return entry_of(call)
+
+
+def _override(call: Call) -> Response:
+    return Answer(record_of(override(call)))
 
 
 def _recipes(call: Call) -> Response:

@@ -16,6 +16,7 @@ from . import (
     login,
     openapi,
     operator_page,
+    part_page,
     pictures,
 )
 from .guard import endpoint_of, error_answer
@@ -27,6 +28,7 @@ from .security import STATIC_PATH, HostRule, SecureHeaders
 ROUTES: tuple[PanelRoute, ...] = (
     *login.ROUTES,
     *operator_page.ROUTES,
+    *part_page.ROUTES,
     *api.ROUTES,
     *pictures.ROUTES,
     *event_stream.ROUTES,

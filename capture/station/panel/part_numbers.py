@@ -1,0 +1,76 @@
+"""The numbers of a part beside the limits of the recipe that judged it, as a table for people."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from capture.station.recipe import Limits, Recipe
+from capture.station.results.part_result import PartResult
+from capture.station.verdict import Cause
+from classify.library.match import LEAST_MARGIN
+
+_NOT_MEASURED = "not measured"
+
+
+@dataclass(frozen=True)
+class MeasuredNumber:
+    """A line of the table.
+
+    Attributes
+    ----------
+    name, value, limit
+        As texts; the limit is empty where the recipe has none.
+    is_beyond
+        Whether it speaks against the part.
+    """
+
+    name: str
+    value: str
+    limit: str = ""
+    is_beyond: bool = False
+
+
+def measured_numbers(result: PartResult, recipe: Recipe | None) -> list[MeasuredNumber]:
+    """Return the numbers of a part; without its recipe only the limit that the result has."""
+    return list(_numbers(result, recipe))
+
+
+def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[MeasuredNumber]:
+    texture = result.label or result.nearest or ""
+    limits = Limits() if recipe is None else recipe.limits_for(texture)
+    distances = [each for each in (result.limit, limits.distance) if each is not None]
+    to = f"distance to {result.nearest or 'the nearest texture'}"
+    yield _number(to, result.distance, high=min(distances, default=None))
+    least = None if recipe is None else max(LEAST_MARGIN, limits.margin or 0.0)
+    yield _number("margin to the next texture", result.margin, low=least)
+    yield _orientation(result, recipe)
+    low, high = limits.sdq or (None, None)
+    yield _number("Sdq, root mean square slope", result.sdq, low, high, ".3f")
+    yield _number("shadow", result.shadow_fraction, high=limits.shadow_fraction, form=".1%")
+    yield _number("blur in px", result.blur_px, high=limits.blur_px)
+    yield _number("defect score", result.defect_score, high=limits.defect)
+
+
+def _number(
+    name: str,
+    value: float | None,
+    low: float | None = None,
+    high: float | None = None,
+    form: str = ".2f",
+) -> MeasuredNumber:
+    bounds = [f"at least {low:{form}}"] if low is not None else []
+    bounds += [f"at most {high:{form}}"] if high is not None else []
+    if value is None:
+        return MeasuredNumber(name, _NOT_MEASURED, ", ".join(bounds))
+    is_beyond = (low is not None and value < low) or (high is not None and value > high)
+    return MeasuredNumber(name, f"{value:{form}}", ", ".join(bounds), is_beyond)
+
+
+def _orientation(result: PartResult, recipe: Recipe | None) -> MeasuredNumber:
+    degrees = result.orientation_deg
+    value = _NOT_MEASURED if degrees is None else f"{degrees:.1f}°"
+    limit = ""
+    if recipe is not None and recipe.orientation.tolerance_deg is not None:
+        rule = recipe.orientation
+        limit = f"{rule.reference_deg:g} ± {rule.tolerance_deg:g}°"
+    is_beyond = Cause.ORIENTATION in result.verdict.causes
+    return MeasuredNumber("orientation", value, limit, is_beyond)

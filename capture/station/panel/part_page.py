@@ -1,0 +1,102 @@
+"""The page of a part: its pictures, its numbers against the limits, and who judged it by what."""
+
+from collections.abc import Iterator
+
+from starlette.responses import RedirectResponse, Response
+
+from capture.station.recipe import Recipe
+from capture.station.results.history import HistoryEntry, Selection
+from capture.station.results.part_result import PartResult
+from classify.errors import InputError
+
+from .api import entry_of, override
+from .judged_by import recipe_of
+from .part_numbers import measured_numbers
+from .render import page
+from .roles import Role
+from .routes import Call, PanelRoute
+
+
+def _show(call: Call) -> Response:
+    return _page(call)
+
+
+def _page(call: Call, problem: str = "") -> Response:
+    entry = entry_of(call)
+    recipe, recipe_note = _recipe(call, entry.result)
+    answer = page(
+        call,
+        "part.html",
+        entry=entry,
+        result=entry.result,
+        numbers=measured_numbers(entry.result, recipe),
+        recipe_note=recipe_note,
+        facts=list(_facts(entry.result)),
+        hashes=list(_hashes(entry.result)),
+        previous=_neighbour(call, entry, entry.result.number),
+        following=_neighbour(call, entry, entry.result.number + 2),
+        may_override=call.someone.role.includes(Role.ENGINEER),
+        problem=problem,
+    )
+    answer.status_code = 400 if problem else 200
+    return answer
+
+
+def _override(call: Call) -> Response:
+    try:
+        entry = override(call)
+    except InputError as error:
+        return _page(call, str(error))
+    return RedirectResponse(f"/parts/{entry.result.part_id}", 303)
+
+
+def _neighbour(call: Call, entry: HistoryEntry, below_number: int) -> str | None:
+    """The last part below a number, None if that is the part itself or there is none."""
+    found = call.panel.results.store.parts(Selection(below_number=below_number), newest=1)
+    part_id = next((each.result.part_id for each in found), None)
+    return None if part_id == entry.result.part_id else part_id
+
+
+def _recipe(call: Call, result: PartResult) -> tuple[Recipe | None, str]:
+    try:
+        return recipe_of(call.panel.folder, result), ""
+    except InputError as error:
+        return None, f"The limits are not known: {error}."
+
+
+def _facts(result: PartResult) -> Iterator[tuple[str, str | None]]:
+    yield "number", str(result.number)
+    yield "triggered", f"{result.triggered_utc} by {result.trigger}"
+    yield "exposed", result.exposed_utc
+    yield "judged", result.decided_utc
+    yield "operator", result.operator
+    recipe = result.recipe and f"{result.recipe}, version {result.recipe_version}"
+    yield "recipe", recipe
+    yield "texture", result.label or (result.nearest and f"unknown, nearest {result.nearest}")
+    levels = ", ".join(f"{level:.0%}" for level in result.led_levels)
+    yield "LED levels, of the taught ones", levels or None
+    times = ", ".join(f"{name} {ms:.0f}" for name, ms in result.timings_ms.items())
+    yield "times in ms", times or None
+    yield "notes", "; ".join(result.notes) or None
+    yield "software", f"ps4rig {result.software_version}"
+
+
+def _hashes(result: PartResult) -> Iterator[tuple[str, str | None]]:
+    yield "set, its pixels", result.set_sha256
+    yield "recipe", result.recipe_sha256
+    yield "texture library", result.library_sha256
+    yield "calibration", result.calibration_sha256
+
+
+ROUTES = (
+    PanelRoute(
+        "GET", "/parts/{part_id}", Role.OPERATOR, _show,
+        "One part: pictures, numbers against limits, hashes, and why it got its verdict.",
+        answer="text/html",
+    ),
+    PanelRoute(
+        "POST", "/parts/{part_id}/override", Role.ENGINEER, _override,
+        "Give a part another verdict, from its page.", answer="text/html",
+        fields={"decision": "PASS or FAIL", "reason": "why"},
+    ),
+)  # fmt: skip

@@ -1,0 +1,158 @@
+// The page of a part: its pictures, a light that the mouse moves, and outlines of its defects.
+import { Relit } from "/static/relit.js";
+
+const STEP_DEG = 5; // of an arrow key
+const TRIES = 30; // a second apart, while pictures of other parts are made
+const byId = (id) => document.getElementById(id);
+const holder = byId("pictures");
+const canvas = byId("relit");
+let relit = null;
+let defects = [];
+let isDue = false;
+
+const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
+async function described(partId) {
+  for (let tries = 1; ; tries += 1) {
+    const path = `/api/v1/parts/${encodeURIComponent(partId)}/pictures?size=large`;
+    const answer = await fetch(path, { headers: { Accept: "application/json" } });
+    const about = await answer.json();
+    if (answer.ok) return about;
+    if (answer.status !== 503 || tries === TRIES) throw new Error(about.error);
+    await pause(1000);
+  }
+}
+
+async function loaded(url) {
+  const image = new Image();
+  image.src = url;
+  await image.decode();
+  return image;
+}
+
+function drawSoon() {
+  if (isDue || relit === null) return;
+  isDue = true;
+  requestAnimationFrame(() => {
+    isDue = false;
+    relit.draw();
+    const tilt = ((Math.round(relit.tiltDeg) % 360) + 360) % 360;
+    byId("light").textContent = `Light at tilt ${tilt}°, slant ${Math.round(relit.slantDeg)}°`;
+  });
+}
+
+function view(name, title, caption, url) {
+  const button = document.createElement("button");
+  const label = document.createElement("span");
+  button.type = "button";
+  button.dataset.view = name;
+  button.setAttribute("aria-pressed", "false");
+  label.textContent = title;
+  if (url !== null) {
+    const tile = new Image();
+    tile.alt = "";
+    tile.loading = "lazy";
+    tile.src = url;
+    button.append(tile);
+  }
+  button.append(label);
+  button.addEventListener("click", () => {
+    for (const each of byId("views").children) each.setAttribute("aria-pressed", String(each === button));
+    canvas.hidden = url !== null;
+    byId("shown").hidden = url === null;
+    if (url !== null) {
+      byId("shown").src = url;
+      byId("shown").alt = `${title} of the part`;
+    }
+    byId("caption").textContent = caption;
+  });
+  return button;
+}
+
+function showDefect(number) {
+  for (const button of document.querySelectorAll("#defects button")) {
+    const isIt = Number(button.dataset.defect) === number;
+    button.setAttribute("aria-pressed", String(isIt && button.getAttribute("aria-pressed") === "false"));
+  }
+  const pressed = document.querySelector('#defects button[aria-pressed="true"]');
+  const corners = pressed === null ? [] : [defects[Number(pressed.dataset.defect)].outline];
+  byId("outlines").replaceChildren(...corners.flatMap((outline) => ["under", "line"].map((kind) => {
+    const polygon = document.createElementNS("http://www.w3.org/2000/svg", "polygon");
+    polygon.setAttribute("class", kind);
+    polygon.setAttribute("points", outline.map(([x, y]) => `${x + 0.5},${y + 0.5}`).join(" "));
+    return polygon;
+  })));
+}
+
+// The defect at a point of the picture, in pixels of the light images; -1 without one.
+function defectAt(x, y) {
+  return defects.findIndex((each) => x >= each.column && x < each.column + each.width
+    && y >= each.row && y < each.row + each.height);
+}
+
+function placed(event) {
+  const box = byId("stage").getBoundingClientRect();
+  return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height, box];
+}
+
+function follow(about) {
+  canvas.addEventListener("pointermove", (event) => {
+    const [across, down, box] = placed(event);
+    const half = Math.min(box.width, box.height) / 2;
+    relit.aim(((across - 0.5) * box.width) / half, ((0.5 - down) * box.height) / half);
+    drawSoon();
+  });
+  canvas.addEventListener("keydown", (event) => {
+    const [tilt, slant] = { ArrowLeft: [STEP_DEG, 0], ArrowRight: [-STEP_DEG, 0], ArrowUp: [0, -STEP_DEG], ArrowDown: [0, STEP_DEG] }[event.key] ?? [0, 0];
+    if (tilt === 0 && slant === 0) return;
+    event.preventDefault();
+    relit.turn(tilt, slant);
+    drawSoon();
+  });
+  byId("stage").addEventListener("click", (event) => {
+    const [across, down] = placed(event);
+    const number = defectAt(across * about.width_px, down * about.height_px);
+    if (number >= 0) showDefect(number);
+  });
+  byId("grey").addEventListener("change", (event) => {
+    relit.isGrey = event.target.checked;
+    drawSoon();
+  });
+  byId("slopes").addEventListener("input", (event) => {
+    relit.times = Number(event.target.value);
+    byId("times").textContent = `${relit.times} times`;
+    drawSoon();
+  });
+  for (const button of document.querySelectorAll("#defects button")) {
+    button.addEventListener("click", () => showDefect(Number(button.dataset.defect)));
+  }
+}
+
+async function show(partId) {
+  const about = await described(partId);
+  const url = Object.fromEntries(about.pictures.map((each) => [each.name, each.url]));
+  const [slopes, albedo] = await Promise.all([loaded(url.slopes), loaded(url.albedo)]);
+  defects = about.defects;
+  relit = new Relit(canvas, slopes, albedo);
+  byId("outlines").setAttribute("viewBox", `0 0 ${about.width_px} ${about.height_px}`);
+  byId("stage").style.setProperty("--aspect", String(about.width_px / about.height_px));
+  const first = view("relit", "Relit", "Move the mouse over the picture, or press the arrow keys, to move the light. Press on a defect to outline it.", null);
+  const others = about.pictures.filter((each) => each.name !== "slopes");
+  byId("views").replaceChildren(first, ...others.map((each) => view(each.name, each.title, each.caption, each.url)));
+  byId("notes").replaceChildren(...about.notes.map((note) => {
+    const item = document.createElement("li");
+    item.textContent = note;
+    return item;
+  }));
+  follow(about);
+  byId("no-pictures").hidden = true;
+  holder.hidden = false;
+  first.click();
+  drawSoon();
+}
+
+if (holder.dataset.part) {
+  show(holder.dataset.part).catch((error) => {
+    byId("no-pictures").textContent = `No pictures: ${error.message}`;
+  });
+}
