@@ -6,7 +6,7 @@ import functools
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 
 import typer
 from rich.console import Console
@@ -42,6 +42,13 @@ class ItemProgress:
     def __call__(self, share: float) -> None:
         if self.show is not None:
             self.show(share)
+
+
+class ShowProgress(Protocol):
+    """Yields items, and shows how many of a total have been taken, as `progress` does."""
+
+    def __call__(self, items: Iterable[T], total: int, description: str, /) -> Iterator[T]:
+        """Yield `items`."""
 
 
 def progress(

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from capture.calibration.lookup import named_by
+from capture.console import ShowProgress, progress
 from capture.process.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from classify.durable_file import durable_file
@@ -16,7 +17,8 @@ from classify.regular_file import read_regular_file
 
 from .challenge_set import Expected, read_challenge
 from .errors import ChallengeFailed
-from .inspector import Fingerprint, Inspector
+from .fingerprint import Fingerprint
+from .inspector import Inspector
 from .outcome import error_verdict
 from .recipe_folder import RecipeFolder
 from .verdict import Decision, Verdict
@@ -81,6 +83,15 @@ def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Part
         )
 
 
+def run_challenge(
+    files: RecipeFolder, inspector: Inspector, show: ShowProgress = progress
+) -> Replay:
+    """Judge every part of the challenge, and keep the outcome; raises as `replay_challenge`."""
+    total = len(read_challenge(files.challenge).sets)
+    parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
+    return keep_replay(files, inspector, parts)
+
+
 def keep_replay(
     files: RecipeFolder, inspector: Inspector, parts: tuple[PartOutcome, ...]
 ) -> Replay:
@@ -104,7 +115,10 @@ def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     InputError
         If there is no challenge set, or it proves nothing.
     """
-    replay, outcomes = _last_replay(files, inspector), replay_challenge(files, inspector)
+    replay, outcomes = (
+        valid_replay(files, inspector.fingerprint),
+        replay_challenge(files, inspector),
+    )
     first = next(outcomes)
     if replay is None or first.is_regression:
         replay = keep_replay(files, inspector, (first, *outcomes))
@@ -125,7 +139,7 @@ def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
     InputError
         If there is no challenge set, or it proves nothing.
     """
-    replay = _last_replay(files, inspector)
+    replay = valid_replay(files, inspector.fingerprint)
     return replay is not None and not replay.regressions
 
 
@@ -143,12 +157,25 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
         return error_verdict(error), pixels_sha256
 
 
-def _last_replay(files: RecipeFolder, inspector: Inspector) -> Replay | None:
-    """The replay on record, if it was of the present challenge set by this inspector."""
-    try:
-        replay = Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
-    except (InputError, ValidationError):
+def valid_replay(files: RecipeFolder, fingerprint: Fingerprint) -> Replay | None:
+    """Return the replay on record, if it was of the present challenge set with this fingerprint.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    replay = last_replay(files)
+    if replay is None:
         return None
     expected = {part.file: part.expected for part in replay.parts}
     is_present = expected == dict(read_challenge(files.challenge).sets)
-    return replay if is_present and replay.fingerprint == inspector.fingerprint else None
+    return replay if is_present and replay.fingerprint == fingerprint else None
+
+
+def last_replay(files: RecipeFolder) -> Replay | None:
+    """Return the replay on record, of whatever it was; None if there is none, or it is damaged."""
+    try:
+        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
+    except (InputError, ValidationError):
+        return None

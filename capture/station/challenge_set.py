@@ -9,8 +9,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from capture.batch.tasks import LoadedSet
+from capture.process.folder_lock import folder_lock
 from capture.session.plan import Name
 from classify.durable_file import durable_file, make_folder
+from classify.errors import InputError
 from rig.config.section import Section
 from rig.config.toml_file import read_toml_as, validated
 
@@ -18,6 +20,7 @@ from .errors import RecipeError
 from .verdict import Decision
 
 FILE = "challenge.toml"
+_LOCK = "challenge.lock"
 Expected = Literal["PASS", "FAIL", "UNKNOWN"]
 _MOST_SETS = 10_000
 
@@ -60,31 +63,62 @@ def read_challenge(folder: Path) -> ChallengeSet:
     return found
 
 
+def challenge_sets(folder: Path) -> dict[str, Expected]:
+    """Return the files of a challenge and their verdicts; none if there is no challenge set.
+
+    Raises
+    ------
+    ConfigError
+        If its list is damaged.
+    """
+    if not (folder / FILE).exists():
+        return {}
+    return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+
+
 def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) -> None:
     """Copy sets into a challenge; one that is there already gets the new verdict.
 
     Raises
     ------
     InputError
-        If a set cannot be read or copied, or its name cannot be kept.
+        If a set cannot be read or copied, its name cannot be kept, or somebody else adds one now.
     RecipeError
         If another set of this name is there.
     """
     make_folder(folder)
-    sets: dict[str, Expected] = {}
-    if (folder / FILE).exists():
-        sets.update(read_toml_as(folder / FILE, ChallengeSet, "").sets)
-    sets.update({path.name: expected for path in paths})
-    checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
-    for path in paths:
-        pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
-        copy = folder / path.name
-        if copy.exists():
-            if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
-                raise RecipeError(f"{copy}: is another set; rename {path} to add it")
-        else:
-            with durable_file(copy) as temporary:
-                shutil.copyfile(path, temporary)
-    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in checked.sets.items())
+    with folder_lock(folder, _LOCK):
+        sets = challenge_sets(folder) | {path.name: expected for path in paths}
+        checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
+        for path in paths:
+            pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
+            copy = folder / path.name
+            if copy.exists():
+                if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
+                    raise RecipeError(f"{copy}: is another set; rename {path} to add it")
+            else:
+                with durable_file(copy) as temporary:
+                    shutil.copyfile(path, temporary)
+        _write(folder, checked)
+
+
+def remove_from_challenge(folder: Path, file: str) -> None:
+    """Take a set out of a challenge; its file stays.
+
+    Raises
+    ------
+    InputError
+        If it is not there, or somebody else changes the challenge now.
+    """
+    make_folder(folder)
+    with folder_lock(folder, _LOCK):
+        sets = challenge_sets(folder)
+        if sets.pop(file, None) is None:
+            raise InputError(f"{file[:100]!r} is not in the challenge set")
+        _write(folder, ChallengeSet(sets=sets))
+
+
+def _write(folder: Path, challenge: ChallengeSet) -> None:
+    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in challenge.sets.items())
     with durable_file(folder / FILE) as temporary:
         temporary.write_text(_HEAD + lines, encoding="utf-8")

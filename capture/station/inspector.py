@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 from typing import Any, Self
@@ -15,7 +14,6 @@ from typing import Any, Self
 import cv2
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict
 
 from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.parts import PartName
@@ -25,15 +23,15 @@ from classify import Match, SurfaceEstimate, TextureLibrary
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.defect_model import DefectModel
 
-from .errors import RecipeError
+from .fingerprint import Fingerprint
 from .judge import Finding, Measures, invalid, verdict_of
 from .measured_surface import MeasuredSurface, fits
 from .recipe import Recipe
 from .recipe_file import read_recipe
-from .recipe_folder import RecipeFolder, TaughtFiles, file_sha256
+from .recipe_folder import RecipeFolder, file_sha256
 from .results.part_result import DefectRecord
-from .software import software_sha256
-from .taught import Taught, read_taught
+from .taught import Taught
+from .taught_files import check_unchanged, defect_model_of, taught_for
 from .verdict import Cause, Verdict
 
 # Parts of a calibration that depend on pixel values and exposure, and on the lights.
@@ -41,19 +39,6 @@ _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 # Defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
-
-
-class Fingerprint(BaseModel):
-    """Hashes of all that a verdict depends on beside the part."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    recipe_sha256: str
-    library_sha256: str
-    defects_sha256: tuple[str, ...]
-    calibration_sha256: str | None
-    software_version: str
-    software_sha256: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,13 +121,8 @@ class Inspector:
         self._signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
-        self.fingerprint = Fingerprint(
-            recipe_sha256=recipe.sha256,
-            library_sha256=taught.library_sha256,
-            defects_sha256=tuple(model.sha256 for model in defect_models.values()),
-            calibration_sha256=None if calibration is None else calibration.file.hash,
-            software_version=version("ps4rig"),
-            software_sha256=software_sha256(),
+        self.fingerprint = Fingerprint.of(
+            recipe, taught, None if calibration is None else calibration.file
         )
 
     @classmethod
@@ -156,24 +136,14 @@ class Inspector:
         RecipeError
             If the recipe was not taught, or something was changed since.
         """
-        recipe = read_recipe(files.file)
-        if recipe.taught is None:
-            raise RecipeError(f"{files.file}: was never taught; run ps4rig station teach")
+        return cls.of(read_recipe(files.file), files, calibration)
+
+    @classmethod
+    def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load what teaching made for a recipe; raises as `load`."""
         made = files.version(recipe.version)
-        taught = read_taught(made.taught)
-        _check_unchanged(recipe, made.taught, taught.sha256, recipe.taught)
-        _check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
-        if taught.region != recipe.region:
-            raise RecipeError(
-                f"{files.file}: region is {recipe.region or 'the whole image'}, taught was "
-                f"{taught.region or 'the whole image'}; run ps4rig station teach"
-            )
-        missing = next((name for name in recipe.passes if name not in taught.textures), None)
-        if missing is not None or not recipe.passes:
-            named = "is empty" if missing is None else f"names {missing!r}, which was not taught"
-            raise RecipeError(
-                f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}"
-            )
+        taught = taught_for(recipe, files)
+        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
         models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
         found = None
@@ -301,39 +271,10 @@ def _known(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def defect_model_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> DefectModel:
-    """Load the defect model of a texture that passes.
-
-    Raises
-    ------
-    RecipeError
-        If it was taught as a bad texture, or the file was changed since teaching.
-    DefectModelError
-        If the file cannot be read.
-    """
-    about = taught.textures[texture]
-    if about.defects_file is None or about.defects_sha256 is None:
-        raise RecipeError(
-            f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
-            "ps4rig station teach"
-        )
-    path = made.folder / about.defects_file
-    model = DefectModel.load(path)
-    _check_unchanged(recipe, path, model.sha256, about.defects_sha256)
-    return model
-
-
 def setting_differences(taught: Setting, other: Setting) -> list[str]:
     """Return how another setting differs from the taught one, in words."""
     each = (taught.differences(other, part) for part in _WHOLE_SETTING)
     return list(dict.fromkeys(chain.from_iterable(each)))
-
-
-def _check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None:
-    if found != taught:
-        raise RecipeError(
-            f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"
-        )
 
 
 def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:

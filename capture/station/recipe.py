@@ -201,5 +201,6 @@ def require_approved(recipe: Recipe) -> None:
         return
     state = "was changed since it was approved" if recipe.approval else "is not approved"
     raise RecipeError(
-        f"recipe {recipe.name}, version {recipe.version}, {state}; run ps4rig station approve"
+        f"recipe {recipe.name}, version {recipe.version}, {state}; run ps4rig station approve, or "
+        "approve it in the panel of a run with --collect"
     )

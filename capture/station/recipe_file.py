@@ -13,6 +13,10 @@ from .recipe import Recipe
 
 SUFFIX = ".toml"
 
+_MISSING = (
+    "no such recipe; ps4rig station teach makes one, from sets that a run with --collect captures, "
+    "too"
+)
 _HEAD = """\
 # A recipe of the inspection station. A line that begins with # is a comment.
 # After a change run ps4rig station challenge DIR, and
@@ -59,7 +63,7 @@ def read_recipe(path: Path) -> Recipe:
         If it is missing or not TOML, has an unknown key or a value out of range, or is named
         otherwise than its file; the message names file, key and value.
     """
-    recipe = read_toml_as(path, Recipe, "no such recipe; ps4rig station teach makes one")
+    recipe = read_toml_as(path, Recipe, _MISSING)
     if path.name != recipe.name + SUFFIX:
         raise RecipeError(f"{path}: name = {recipe.name!r}: must be the name of the file")
     return recipe

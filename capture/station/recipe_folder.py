@@ -1,9 +1,14 @@
 """`RecipeFolder`: where the files of a recipe are, in ``recipes`` of a station."""
 
 import hashlib
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture.process.folder_lock import folder_lock
+from classify.durable_file import make_folder
 from classify.errors import InputError
 from classify.regular_file import open_regular_file
 
@@ -12,6 +17,8 @@ _MAX_BYTES = 1 << 34
 _BLOCK_BYTES = 1 << 20
 # Of a hash in the name of a file.
 _DIGITS = 8
+_LOCK = "teaching.lock"
+_VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,25 @@ class RecipeFolder:
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
         return TaughtFiles(self.folder / f"version-{version}")
+
+    def taught_versions(self) -> list[int]:
+        """Return the numbers of all versions that were taught, the newest first."""
+        found = (_VERSION.fullmatch(path.name) for path in self.folder.glob("version-*"))
+        numbers = [int(match[1]) for match in found if match is not None]
+        return sorted((n for n in numbers if self.version(n).taught.is_file()), reverse=True)
+
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """Let nobody else teach, change or approve the recipe during the block.
+
+        Raises
+        ------
+        InputError
+            If somebody else does so now, or the folder cannot be made or locked.
+        """
+        make_folder(self.folder)
+        with folder_lock(self.folder, _LOCK):
+            yield
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from capture.batch.tasks import PLANAR, LoadedSet
-from capture.console import progress
-from capture.process.folder_lock import folder_lock
+from capture.console import ShowProgress, progress
 from classify import Match, SurfaceEstimate, TextureLibrary
 from classify.classifiers import classifier_named
 from classify.defects.defect_model import DefectModel
@@ -26,10 +25,15 @@ from .taught_sets import KeptSet, keep_sets, known_sets
 from .teaching_limits import general_limits, limits_of_texture, with_unjudged
 from .teaching_result import Teaching
 
-_LOCK = "teaching.lock"
 
-
-def teach(files: RecipeFolder, paths: Sequence[Path], bad_texture: str | None = None) -> Teaching:
+def teach(
+    files: RecipeFolder,
+    paths: Sequence[Path],
+    bad_texture: str | None = None,
+    *,
+    good_texture: str | None = None,
+    show: ShowProgress = progress,
+) -> Teaching:
     """Add sets to those that were taught, and make a new version of the recipe from all of them.
 
     The file of the recipe is written last: until then the version before it holds.
@@ -39,9 +43,14 @@ def teach(files: RecipeFolder, paths: Sequence[Path], bad_texture: str | None = 
     files
         Where the recipe is, or will be. Sets whose file was removed from there are left out.
     paths
-        Captured sets. Their texture is their label, or the name of the recipe.
+        Captured sets.
     bad_texture
         Texture of all these sets, if they are of bad parts; None for good parts.
+    good_texture
+        Texture of all these sets, if they are of good parts; None takes the label of each, or the
+        name of the recipe.
+    show
+        Shows the progress.
 
     Raises
     ------
@@ -50,16 +59,15 @@ def teach(files: RecipeFolder, paths: Sequence[Path], bad_texture: str | None = 
     InputError
         If a set cannot be used.
     """
-    make_folder(files.folder)
-    with folder_lock(files.folder, _LOCK):
+    with files.changing():
         before = read_recipe(files.file) if files.file.exists() else None
         known = [] if before is None else list(known_sets(files, before))
-        given = keep_sets(paths, files.sets, bad_texture, files.name)
+        given = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
         sets = _by_texture([*known, *given])
         textures = list(dict.fromkeys(each.texture for each in given))
-        recipe = _next_version(files.name, before, textures, bad=bad_texture is not None)
+        recipe = _next_version(files, before, textures, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
-        teaching = _taught(files, recipe, sets)
+        teaching = _taught(files, recipe, sets, show)
         write_taught(teaching.files.taught, teaching.taught)
         write_recipe(files.file, teaching.recipe)
         return teaching
@@ -79,9 +87,10 @@ def _by_texture(sets: Sequence[KeptSet]) -> list[KeptSet]:
 
 
 def _next_version(
-    name: str, before: Recipe | None, textures: Sequence[str], *, bad: bool
+    files: RecipeFolder, before: Recipe | None, textures: Sequence[str], *, bad: bool
 ) -> Recipe:
     """The next version of a recipe with further textures, good or bad ones."""
+    name = files.name
     passes, fails = ((), ()) if before is None else (before.passes, before.fails)
     for texture in textures:
         if texture in (passes if bad else fails):
@@ -98,7 +107,9 @@ def _next_version(
     changes = {"passes": passes, "fails": fails, "approval": None}
     if before is None:
         return Recipe.model_validate({"name": name, **changes})
-    version = before.version + (before.taught is not None)
+    # After a roll back there are later versions, whose files stay.
+    taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
+    version = max([before.version, *(number + 1 for number in taught)])
     return Recipe.model_validate({**dict(before), **changes, "version": version})
 
 
@@ -111,9 +122,11 @@ def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
             )
 
 
-def _taught(files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet]) -> Teaching:
+def _taught(
+    files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet], show: ShowProgress
+) -> Teaching:
     measured = (taught_part(each, recipe.region) for each in sets)
-    parts = list(progress(measured, len(sets), "solve"))
+    parts = list(show(measured, len(sets), "solve"))
     check_alike(parts)
     made = files.version(recipe.version)
     make_folder(made.folder)
@@ -121,7 +134,7 @@ def _taught(files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet]) -> Tea
     library.save(made.library)
     segment_px = library.segment_px
     matches = leave_one_out([each.row for each in parts], [each.test for each in parts], segment_px)
-    models = {name: _defect_model(parts, name, library, recipe) for name in recipe.passes}
+    models = {name: _defect_model(parts, name, library, recipe, show) for name in recipe.passes}
     textures = {
         name: _texture(name, parts, matches, made, recipe, models) for name in library.classes
     }
@@ -133,7 +146,7 @@ def _taught(files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet]) -> Tea
         textures=textures,
     )
     recipe = _with_limits(recipe, parts, matches, taught)
-    inspections = _inspections(recipe, taught, library, models, parts)
+    inspections = _inspections(recipe, taught, library, models, parts, show)
     limits_of = {
         name: with_unjudged(
             limits,
@@ -148,7 +161,7 @@ def _taught(files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet]) -> Tea
     }
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
-        inspections = _inspections(recipe, taught, library, models, parts)
+        inspections = _inspections(recipe, taught, library, models, parts, show)
     bounds = {name: model.false_alarm_bound for name, model in models.items()}
     return Teaching(recipe, taught, made, tuple(parts), tuple(matches), tuple(inspections), bounds)
 
@@ -166,14 +179,18 @@ def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
 
 
 def _defect_model(
-    parts: Sequence[TaughtPart], texture: str, library: TextureLibrary, recipe: Recipe
+    parts: Sequence[TaughtPart],
+    texture: str,
+    library: TextureLibrary,
+    recipe: Recipe,
+    show: ShowProgress,
 ) -> DefectModel:
     good = [part for part in parts if part.kept.texture == texture]
     named = classifier_named(library.classifier)
     matches = [library.match(named.signature(part.test, library.parameters)) for part in good]
 
     def surfaces() -> Iterator[SurfaceEstimate]:
-        for part in progress(good, len(good), f"defects of {texture}"):
+        for part in show(good, len(good), f"defects of {texture}"):
             yield solved(part.kept, recipe.region)[1].surface
 
     return learn_defects(surfaces(), [match.orientation_deg for match in matches])
@@ -250,6 +267,7 @@ def _inspections(
     library: TextureLibrary,
     models: Mapping[str, DefectModel],
     parts: Sequence[TaughtPart],
+    show: ShowProgress,
 ) -> list[Inspection]:
     """Verdicts of the recipe on its own sets, each with its own calibration."""
 
@@ -259,4 +277,4 @@ def _inspections(
             inspector = Inspector(recipe, taught, library, models, loaded.found)
             yield inspector.inspect(loaded.captured)
 
-    return list(progress(inspections(), len(parts), "inspect"))
+    return list(show(inspections(), len(parts), "inspect"))

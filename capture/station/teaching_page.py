@@ -6,6 +6,7 @@ from html import escape
 from capture.maps import pictures
 from capture.maps.figures import tile_html
 from capture.page.skeleton import page_html, simulated_notice, table_html
+from classify.durable_file import durable_file
 
 from .recipe import Recipe
 from .taught_part import solved
@@ -14,6 +15,12 @@ from .teaching_result import Overlap, Teaching
 
 # Pictures of an overlap; further sets are named in the table of all sets.
 _MOST_PICTURES = 4
+
+
+def write_teaching_page(teaching: Teaching) -> None:
+    """Write the page beside what was taught; raises InputError if that cannot be done."""
+    with durable_file(teaching.files.report) as temporary:
+        temporary.write_text(teaching_page(teaching), encoding="utf-8")
 
 
 def teaching_page(teaching: Teaching) -> str:

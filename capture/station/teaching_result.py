@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from classify import Match
 from classify.confidence import CONFIDENCE, share_at_most, trials_to_show
@@ -18,6 +19,9 @@ from .verdict import Decision
 # Largest share of bad parts that may pass, and of good parts that may be rejected (AIAG,
 # Measurement Systems Analysis, 4th edition: acceptable for an appraiser of attributes).
 MOST_MISSES, MOST_FALSE_ALARMS = 0.02, 0.05
+# Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
+# (`classify.confidence.tolerance_factor`): with 10 the spread between parts decides, not its doubt.
+ENOUGH_PARTS = 10
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,23 @@ class Teaching:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a person should look at before approving the recipe."""
-        return (*map(str, self.overlaps), *self._odd_verdicts())
+        return (*map(str, self.overlaps), *self._few_parts(), *self._odd_verdicts())
+
+    def fields(self) -> dict[str, Any]:
+        """Return what a program is told of the teaching, as fields of JSON."""
+        return {
+            "recipe": self.recipe.name,
+            "version": self.recipe.version,
+            "sha256": self.recipe.sha256,
+            "sets": {name: len(each.sets) for name, each in self.taught.textures.items()},
+            "overlaps": [
+                {"texture": each.texture, "other": each.other, "sets": len(each.sets)}
+                for each in self.overlaps
+            ],
+            "remarks": list(self.remarks),
+            "promises": list(self.promises()),
+            "report": str(self.files.report),
+        }
 
     def promises(self) -> Iterator[str]:
         """Say what the parts show, in the words of a gauge study."""
@@ -99,6 +119,19 @@ class Teaching:
                 f"{texture}: the defect map rejects at most {bound:.1%} of good parts, with "
                 f"{CONFIDENCE:.0%} confidence"
             )
+
+    def _few_parts(self) -> Iterator[str]:
+        """Textures that overlap and have so few parts that their limits say little."""
+        overlapping = dict.fromkeys(
+            name for each in self.overlaps for name in (each.texture, each.other)
+        )
+        for texture in overlapping:
+            parts = len(self.taught.textures[texture].sets)
+            if parts < ENOUGH_PARTS:
+                yield (
+                    f"{texture} overlaps, and {parts} parts leave open how much it varies; teach "
+                    f"{ENOUGH_PARTS} parts or more"
+                )
 
     def _odd_verdicts(self) -> Iterator[str]:
         for part, inspection in zip(self.parts, self.inspections, strict=True):

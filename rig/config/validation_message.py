@@ -45,10 +45,20 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
             return f"{field} has {limits['actual_length']} values: must have {bound}"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{field} = {_toml(value)}: must be a table, [{field}]"
+    return f"{field} = {_toml(value)}: {_in_words(cause)}"
+
+
+def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
+    """Return what is wrong with each value, by its place, for a form that shows the value."""
+    return {each["loc"]: _in_words(each["msg"]) for each in error.errors(include_url=False)}
+
+
+def _in_words(cause: str) -> str:
+    """Put a message of pydantic as this program says it."""
+    cause = cause.removeprefix("Value error, ").replace("Field required", "is missing; give it")
     for old, new in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
         cause = cause.replace(old, new)
-    cause = cause.replace("a integer", "an integer").replace("a valid", "a")
-    return f"{field} = {_toml(value)}: {cause}"
+    return cause.replace("a integer", "an integer").replace("a valid", "a")
 
 
 def _unknown_key(location: list[Any], kind: str | None, root: type[BaseModel]) -> str:

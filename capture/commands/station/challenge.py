@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from capture.commands import options
-from capture.console import new_table, out, print_json, print_table, progress, reported
+from capture.console import new_table, out, print_json, print_table, reported
 from classify.errors import InputError
 
 from .teach import RecipeName, Station
@@ -33,8 +33,8 @@ def challenge(
     A changed recipe, library, calibration or version of ps4rig runs only after all got theirs. The
     exit status is 1 if one did not.
     """
-    from capture.station.challenge import keep_replay, replay_challenge
-    from capture.station.challenge_set import add_to_challenge, read_challenge
+    from capture.station.challenge import run_challenge
+    from capture.station.challenge_set import add_to_challenge
     from capture.station.folder import StationFolder
     from capture.station.inspector import Inspector
     from rig.config.rig import config_of
@@ -49,9 +49,7 @@ def challenge(
         return
     calibration = config_of(station.config.rig_in(folder)).calibration
     inspector = Inspector.load(files, None if calibration is None else Path(calibration))
-    total = len(read_challenge(files.challenge).sets)
-    parts = tuple(progress(replay_challenge(files, inspector), total, "replay"))
-    replay = keep_replay(files, inspector, parts)
+    replay = run_challenge(files, inspector)
     if json:
         print_json(replay.model_dump(mode="json") | {"passed": not replay.regressions})
     else:
@@ -60,7 +58,7 @@ def challenge(
             mark = "  <- REGRESSION" if part.is_regression else ""
             table.add_row(part.file, part.expected, f"{part.found}{mark}", part.reason)
         print_table(table)
-        met = len(parts) - len(replay.regressions)
-        out.print(f"{met} of {len(parts)} parts got the verdict that they must get")
+        met = len(replay.parts) - len(replay.regressions)
+        out.print(f"{met} of {len(replay.parts)} parts got the verdict that they must get")
     if replay.regressions:
         raise typer.Exit(1)

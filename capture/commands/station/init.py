@@ -16,4 +16,8 @@ def init(
     from capture.station.folder import make_station
 
     make_station(folder)
-    out.print(f"{folder}: edit station.toml, then run ps4rig station teach {folder}")
+    out.print(
+        f"{folder}: edit station.toml, then capture parts with ps4rig station run {folder} "
+        f"--collect and teach them in the panel, or run ps4rig station teach {folder} SET...",
+        soft_wrap=True,
+    )

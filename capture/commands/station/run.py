@@ -44,6 +44,10 @@ def run(
             min=0, max=65535, help="Its port; 0 is any.", show_default="that of station.toml"
         ),
     ] = None,
+    collect: Annotated[
+        bool,
+        typer.Option("--collect", help="Judge no part: capture parts that are to be taught."),
+    ] = False,
     operator: options.Operator = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print each event as one line of JSON.")
@@ -53,6 +57,9 @@ def run(
 
     With --trigger enter each line is a trigger, its text the id of the part; q ends it. The exit
     status is 1 if a part did not pass. The address of the panel is printed; it triggers parts, too.
+
+    With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed. Teach its
+    parts in the panel, or by station teach.
     """
     import os
     from contextlib import ExitStack
@@ -108,7 +115,7 @@ def run(
                 rig_config,
                 live.attached(source),
                 publisher,
-                RunOptions(operator, parts, notifier.turned),
+                RunOptions(operator, parts, notifier.turned, is_collecting=collect),
             )
     if stopped.rejected:
         raise typer.Exit(1)

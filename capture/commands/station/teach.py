@@ -42,30 +42,14 @@ def teach(
     from capture.sets.archive import find_sets
     from capture.station.folder import StationFolder
     from capture.station.teaching import teach as teach_sets
-    from capture.station.teaching_page import teaching_page
-    from classify.durable_file import durable_file
+    from capture.station.teaching_page import write_teaching_page
 
     files = StationFolder(folder).recipe_files(recipe)
     teaching = teach_sets(files, find_sets(sets) if sets else [], bad)
-    with durable_file(teaching.files.report) as temporary:
-        temporary.write_text(teaching_page(teaching), encoding="utf-8")
+    write_teaching_page(teaching)
     made = teaching.recipe
     if json:
-        print_json(
-            {
-                "recipe": made.name,
-                "version": made.version,
-                "sha256": made.sha256,
-                "sets": {name: len(each.sets) for name, each in teaching.taught.textures.items()},
-                "overlaps": [
-                    {"texture": each.texture, "other": each.other, "sets": len(each.sets)}
-                    for each in teaching.overlaps
-                ],
-                "remarks": list(teaching.remarks),
-                "promises": list(teaching.promises()),
-                "report": str(teaching.files.report),
-            }
-        )
+        print_json(teaching.fields())
         return
     for remark in teaching.remarks:
         complain(f"warning: {remark}")

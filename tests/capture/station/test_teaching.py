@@ -1,17 +1,19 @@
 """Tests of teaching: what is learned, what is said, what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.station.approval import approve
+from capture.station.approval import approve, approved_states, roll_back
 from capture.station.errors import RecipeError
 from capture.station.inspector import Inspector
 from capture.station.recipe import Region, require_approved
 from capture.station.recipe_file import read_recipe, write_recipe
 from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe_settings import save_settings, with_settings
 from capture.station.teaching import teach
 from capture.station.teaching_limits import limits_of_texture
 from capture.station.teaching_page import teaching_page
@@ -200,3 +202,38 @@ def _taught_of(files: RecipeFolder) -> dict[str, object]:
     from capture.station.taught import read_taught
 
     return dict(read_taught(files.version(2).taught).textures)
+
+
+def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
+    files: RecipeFolder,
+) -> None:
+    first = approve(files, "Ada")
+    changed = with_settings(first, {"note": "another note"})
+    save_settings(files, changed, first.sha256)
+    approve(files, "Bob", changed.sha256)
+    assert [each.note for each in approved_states(files)][-1] is None
+    with pytest.raises(RecipeError, match="changed by somebody else"):
+        approve(files, "Eve", first.sha256)
+    with pytest.raises(RecipeError, match="is no state that was approved"):
+        roll_back(files, "0" * 64)
+    assert roll_back(files, first.sha256) == read_recipe(files.file) == first
+    # Of version 1, which was never approved, only the files are left.
+    assert files.taught_versions() == [2, 1]
+    write_recipe(files.file, first.model_copy(update={"version": 1}))
+    again = teach(files, [])
+    assert again.recipe.version == 3
+
+
+def test_textures_that_overlap_need_ten_parts(taught: tuple[Path, Teaching]) -> None:
+    teaching = taught[1]
+    assert not any("teach 10" in each for each in teaching.remarks)
+    is_rock = [part.kept.texture == "rock" for part in teaching.parts]
+    matches = [
+        replace(match, nearest="loose sand", runner_up="rock", label=None) if rock else match
+        for match, rock in zip(teaching.matches, is_rock, strict=True)
+        if match is not None
+    ]
+    remarks = "\n".join(replace(teaching, matches=tuple(matches)).remarks)
+    assert f"rock overlaps, and {sum(is_rock)} parts leave open how much it varies" in remarks
+    assert "loose sand overlaps, and 2 parts leave open" in remarks
+    assert remarks.count("; teach 10 parts or more") == 2

@@ -1,0 +1,112 @@
+"""Change settings of a recipe: a new state of it, which nobody has approved."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig.config.validation_message import messages_by_place
+
+from .approval import require_seen
+from .errors import RecipeError
+from .recipe import Recipe
+from .recipe_file import read_recipe, write_recipe
+from .recipe_folder import RecipeFolder
+
+SETTINGS = (
+    "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
+)  # fmt: skip
+"""Keys of a recipe that people set; teaching and approval write the others."""
+
+Place = tuple[str | int, ...]
+
+
+class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error of the program
+    """Settings that no recipe can have.
+
+    Attributes
+    ----------
+    messages
+        What is wrong, by the place of the value, such as ``("limits", "margin")``.
+    """
+
+    def __init__(self, messages: Mapping[Place, str]) -> None:
+        self.messages = dict(messages)
+        said = (f"{dotted(place)}: {message}" for place, message in self.messages.items())
+        super().__init__("; ".join(said))
+
+
+@dataclass(frozen=True)
+class SettingChange:
+    """A setting that differs, with both values as text; None where it is not set."""
+
+    key: str
+    before: str | None
+    after: str | None
+
+
+def dotted(place: Place) -> str:
+    """Return the name of a place, as in ``limits.margin``."""
+    return ".".join(map(str, place))
+
+
+def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
+    """Return a recipe with other settings, not approved; each given key replaces its whole value.
+
+    Raises
+    ------
+    SettingsRefused
+        If a key is no setting, or a value is wrong.
+    """
+    unknown = [key for key in values if key not in SETTINGS]
+    if unknown:
+        said = f"is no setting; these are {', '.join(SETTINGS)}"
+        raise SettingsRefused({(key[:100],): said for key in unknown})
+    before = recipe.model_dump(by_alias=True, exclude={"approval"})
+    try:
+        return Recipe.model_validate(before | dict(values))
+    except ValidationError as error:
+        raise SettingsRefused(messages_by_place(error)) from error
+
+
+def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
+    """Return the settings that differ between two states of a recipe."""
+    old, new = (dict(_settings(each)) for each in (before, after))
+    keys = dict.fromkeys([*old, *new])
+    return [
+        SettingChange(key, old.get(key), new.get(key))
+        for key in keys
+        if old.get(key) != new.get(key)
+    ]
+
+
+def save_settings(files: RecipeFolder, recipe: Recipe, seen_sha256: str) -> None:
+    """Replace the recipe whose hash somebody has seen.
+
+    Raises
+    ------
+    RecipeError
+        If it was changed since.
+    InputError
+        If somebody else changes it now, or it cannot be written.
+    """
+    with files.changing():
+        require_seen(read_recipe(files.file), seen_sha256)
+        write_recipe(files.file, recipe)
+
+
+def _settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
+    values = recipe.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for key in SETTINGS:
+        yield from _flat(key, values.get(key))
+
+
+def _flat(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, dict):
+        for name, each in value.items():
+            yield from _flat(f"{key}.{name}", each)
+    elif isinstance(value, list):
+        yield key, ", ".join(map(str, value))
+    elif value is not None:
+        yield key, str(value)
