@@ -1,14 +1,16 @@
 """Which captured sets of a station stay on its disk."""
 
 import hashlib
-from collections.abc import Callable
-from contextlib import suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime, timedelta
 from itertools import islice
 from pathlib import Path, PurePosixPath
 
+from capture.process.folder_lock import folder_lock
 from capture.process.utc_time import utc_text
-from classify.durable_file import sync
+from classify.durable_file import make_folder, sync
 from classify.errors import InputError
 
 from .config import Retention
@@ -16,6 +18,10 @@ from .folder import PARTS
 from .results.removals import last_removals, passed_sets, record_removals
 from .results.store import ResultStore
 
+# Held while set files are removed, and while they must stay.
+_LOCK = "sets.lock"
+# A removal of a day's files takes seconds.
+_PATIENCE_S, _RETRY_S = 60.0, 0.1
 # Files between two transactions: an interrupted removal is repeated for so many at most.
 _BATCH = 200
 
@@ -56,28 +62,54 @@ def remove_old_sets(
     Raises
     ------
     InputError
-        If a file cannot be removed, or is not one of a part.
+        If a file cannot be removed, or is not one of a part, or the sets must stay: a backup reads
+        them.
     ResultsUnavailable
         If the database does not answer.
     """
     until_utc = _text(now - timedelta(days=retention.pass_days))
-    removed = _remove(folder, last_removals(store))
-    unwanted = (
-        (part_id, str(_inside_parts(set_file)))
-        for part_id, set_file in passed_sets(store, until_utc)
-        if not is_sample(store.station, part_id, retention.pass_every)
-    )
-    while not stop() and (batch := dict(islice(unwanted, _BATCH))):
-        record_removals(store, batch, _text(now))
-        removed += _remove(folder, list(batch.values()))
+    make_folder(folder / PARTS)
+    with folder_lock(folder / PARTS, _LOCK):
+        removed = _remove(folder, last_removals(store))
+        unwanted = (
+            (part_id, str(inside_parts(set_file)))
+            for part_id, set_file in passed_sets(store, until_utc)
+            if not is_sample(store.station, part_id, retention.pass_every)
+        )
+        while not stop() and (batch := dict(islice(unwanted, _BATCH))):
+            record_removals(store, batch, _text(now))
+            removed += _remove(folder, list(batch.values()))
     return removed
+
+
+@contextmanager
+def sets_stay(folder: Path) -> Iterator[None]:
+    """Remove no set file during the block; a removal that goes on is awaited.
+
+    Raises
+    ------
+    InputError
+        If the removal does not end, or the folder cannot be locked.
+    """
+    make_folder(folder / PARTS)
+    last_attempt_s = time.monotonic() + _PATIENCE_S
+    with ExitStack() as stack:
+        while True:
+            try:
+                stack.enter_context(folder_lock(folder / PARTS, _LOCK))
+                break
+            except InputError:
+                if time.monotonic() >= last_attempt_s:
+                    raise
+            time.sleep(_RETRY_S)
+        yield
 
 
 def _remove(folder: Path, set_files: list[str]) -> int:
     """Remove files that are there and return their number; durable before the next batch."""
     removed, days = 0, set()
     for set_file in set_files:
-        path = folder / _inside_parts(set_file)
+        path = folder / inside_parts(set_file)
         try:
             path.unlink()
         except FileNotFoundError:
@@ -93,8 +125,14 @@ def _remove(folder: Path, set_files: list[str]) -> int:
     return removed
 
 
-def _inside_parts(set_file: str) -> PurePosixPath:
-    """Return the path of a set file; a row must not name a file outside the parts."""
+def inside_parts(set_file: str) -> PurePosixPath:
+    """Return the path of a set file, relative to its station.
+
+    Raises
+    ------
+    InputError
+        If it is outside the parts: a row must not name another file.
+    """
     path = PurePosixPath(set_file)
     if path.parts[:1] != (PARTS,) or ".." in path.parts or len(path.parts) < 2:
         raise InputError(f"{set_file}: the results name it as a set, but it is not in {PARTS}/")

@@ -1,0 +1,173 @@
+"""A copy of a database of results as it was at one moment, while stations write to it."""
+
+import os
+import shutil
+import sqlite3
+import subprocess
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import URL, ColumnElement, Connection, FromClause, inspect, select, true
+
+from classify.errors import InputError
+
+from .database import (
+    PATIENCE_S,
+    database_url,
+    postgresql_engine,
+    shown,
+    sqlite_engine,
+    unavailable_if_failing,
+)
+from .history import ROWS_AT_A_TIME
+from .schema import removed_sets, results, same_part
+
+# A database of a million parts has 0.5 GB and is dumped in a minute.
+_DUMP_TIMEOUT_S = 3600.0
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What a copy of the results holds.
+
+    Attributes
+    ----------
+    parts
+        Number of the station's parts with a result.
+    set_files
+        Set files that they name and that were not removed, as in `PartResult`, by number of part.
+    """
+
+    parts: int
+    set_files: tuple[str, ...]
+
+
+def copy_results(address: str, station: str, target: Path) -> Snapshot:
+    """Copy a database of results to a file, as it is at one moment; writers are not held up.
+
+    SQLite's backup copies a file within one transaction. PostgreSQL's pg_dump writes all tables of
+    the database, with the rows of other stations, for pg_restore.
+
+    Parameters
+    ----------
+    address
+        `StationConfig.results_in`.
+    station
+        Name of the station.
+    target
+        An empty file.
+
+    Raises
+    ------
+    InputError
+        If the copy is damaged, or pg_dump is missing or fails.
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    url = database_url(address)
+    with unavailable_if_failing(url):
+        if url.get_backend_name() != "sqlite":
+            return _dump(url, station, target)
+        _copy_file(Path(address), target)
+        with _connection(database_url(str(target))) as connection:
+            return _snapshot(connection, station)
+
+
+def _copy_file(path: Path, target: Path) -> None:
+    try:
+        with (
+            closing(
+                sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", PATIENCE_S, uri=True)
+            ) as source,
+            closing(sqlite3.connect(target)) as copy,
+        ):
+            source.backup(copy)
+            [said] = copy.execute("PRAGMA integrity_check(1)").fetchone()
+    except sqlite3.Error as error:
+        raise InputError(f"{path}: cannot be copied: {error}") from error
+    if said != "ok":
+        raise InputError(f"{path}: damaged: {said}; restore a backup")
+
+
+def _dump(url: URL, station: str, target: Path) -> Snapshot:
+    program = shutil.which("pg_dump")
+    if program is None:
+        raise InputError(
+            f"{shown(url)}: pg_dump is missing; install postgresql-client in the version of the "
+            "server"
+        )
+    with _connection(url) as connection:
+        # Files and dump are of the same moment.
+        connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
+        moment = connection.exec_driver_sql("SELECT pg_export_snapshot()").scalar_one()
+        found = _snapshot(connection, station)
+        options = ("--format=custom", "--no-password", f"--snapshot={moment}", f"--file={target}")
+        _run(url, (program, *options), _variables(url))
+    return found
+
+
+def _variables(url: URL) -> dict[str, str]:
+    """The address as variables of libpq: arguments can be read by other users of the machine."""
+    given = {
+        "PGHOST": url.host,
+        "PGPORT": None if url.port is None else str(url.port),
+        "PGUSER": url.username,
+        "PGPASSWORD": url.password,
+        "PGDATABASE": url.database,
+        **{f"PG{name.upper()}": str(value) for name, value in url.query.items()},
+    }
+    return {name: value for name, value in given.items() if value}
+
+
+def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> None:
+    try:
+        subprocess.run(
+            command,
+            env=os.environ | variables,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="backslashreplace",
+            timeout=_DUMP_TIMEOUT_S,
+            check=True,
+        )
+    except subprocess.CalledProcessError as error:
+        raise InputError(f"{shown(url)}: pg_dump: {error.stderr.strip()}") from error
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{shown(url)}: pg_dump took more than an hour") from error
+
+
+@contextmanager
+def _connection(url: URL) -> Iterator[Connection]:
+    """Yield a connection in a transaction; the tables may be of an earlier version."""
+    if url.get_backend_name() == "sqlite":
+        engine = sqlite_engine(url, patience_s=PATIENCE_S, is_writer=False)
+    else:
+        engine = postgresql_engine(url, patience_s=PATIENCE_S, writing_station=None)
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def _snapshot(connection: Connection, station: str) -> Snapshot:
+    source: FromClause = results
+    kept: ColumnElement[bool] = true()
+    if inspect(connection).has_table(removed_sets.name):
+        source = results.outerjoin(removed_sets, same_part(removed_sets, results))
+        kept = removed_sets.c.part_id.is_(None)
+    rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(
+        select(results.c.set_file, kept)
+        .select_from(source)
+        .where(results.c.station == station)
+        .order_by(results.c.number)
+    )
+    parts, files = 0, []
+    for set_file, is_kept in rows:
+        parts += 1
+        if set_file is not None and is_kept:
+            files.append(set_file)
+    return Snapshot(parts, tuple(files))

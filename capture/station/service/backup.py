@@ -1,0 +1,235 @@
+"""Back up a running station: one file, of one moment."""
+
+import os
+import shutil
+import stat
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+from capture.process.utc_time import utc_text
+from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
+from capture.station.config import CONFIG, SIM, StationConfig
+from capture.station.folder import PARTS, RECIPES, StationFolder
+from capture.station.results.snapshot import Snapshot, copy_results
+from capture.station.retention import inside_parts, sets_stay
+from classify.durable_file import durable_file, locked_temporary, require_folder
+from classify.errors import InputError
+from classify.regular_file import open_regular_file
+
+from .manifest import MANIFEST, MOST_FILES, Manifest, StoredFile
+
+_BLOCK_BYTES = 1 << 20
+_MOST_FILE_BYTES = 1 << 40
+# What SQLite keeps beside its file while programs have it open.
+_BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
+_LOCKS = (".lock", ".lock.held")
+DUMP = "results.pgdump"
+
+
+class Backup:
+    """A backup that is about to be written; `prepared_backup` makes it.
+
+    Attributes
+    ----------
+    sources
+        Files by their name in the backup.
+    remarks
+        What the backup will not hold.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        config: StationConfig,
+        found: Snapshot,
+        database: tuple[str, Path] | None,
+    ) -> None:
+        self._folder, self._config = folder, config
+        self._found, self._database = found, database
+        self._recipes = _stamps(folder / RECIPES)
+        self._utc = utc_text()
+        self.sources: dict[str, Path] = dict(_settings(folder, config))
+        if database is not None:
+            self.sources[database[0]] = database[1]
+        self._missing = []
+        for name in found.set_files:
+            if (folder / inside_parts(name)).is_file():
+                self.sources[name] = folder / name
+            else:
+                self._missing.append(name)
+        if len(self.sources) > MOST_FILES:
+            raise InputError(
+                f"{folder}: has more than {MOST_FILES} files; move old parts elsewhere"
+            )
+        self.remarks = tuple(_remarks(folder, config, self._missing))
+
+    def write(self, path: Path) -> Iterator[str]:
+        """Write the backup, and yield the name of each file that is in it.
+
+        The file `path` is there when all is in it and on disk.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written, a file cannot be read, or a recipe was changed meanwhile.
+        """
+        stored = []
+        with durable_file(path) as temporary:
+            temporary.chmod(0o600)  # it holds hashes of passwords
+            with zipfile.ZipFile(temporary, "w") as archive:
+                for name, source in self.sources.items():
+                    stored.append(_store(archive, name, source))
+                    yield name
+                if _stamps(self._folder / RECIPES) != self._recipes:
+                    raise InputError(f"{path}: a recipe was changed meanwhile; repeat the backup")
+                manifest = self._manifest(tuple(stored))
+                archive.writestr(MANIFEST, manifest.model_dump_json(indent=1))
+
+    def _manifest(self, files: tuple[StoredFile, ...]) -> Manifest:
+        return Manifest(
+            utc=self._utc,
+            station=self._config.name,
+            software_version=version("ps4rig"),
+            database=None if self._database is None else self._database[0],
+            parts=self._found.parts,
+            sets=len(self._found.set_files) - len(self._missing),
+            missing=tuple(self._missing),
+            files=files,
+        )
+
+
+@contextmanager
+def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
+    """Copy the results of a station, and list all files that belong to them.
+
+    The station may run; no set file is removed during the block.
+
+    Parameters
+    ----------
+    path
+        Where the backup will be written.
+
+    Raises
+    ------
+    InputError
+        If `path` cannot be the place of the backup, or the results cannot be copied.
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    config = StationFolder(folder).config
+    _check_place(folder, path)
+    results = config.results_in(folder)
+    with (
+        sets_stay(folder),
+        # Beside the backup, which needs the space for it anyhow.
+        locked_temporary(path.absolute().parent, path) as copy,
+    ):
+        found, database = Snapshot(0, ()), None
+        if "://" in results:
+            found, database = copy_results(results, config.name, copy), (DUMP, copy)
+        elif Path(results).exists():
+            _check_space(folder, config, path, 2 * Path(results).stat().st_size)
+            found = copy_results(results, config.name, copy)
+            database = (_name_of_results(folder, Path(results)), copy)
+        backup = Backup(folder, config, found, database)
+        needed = sum(source.stat().st_size for source in backup.sources.values())
+        _check_space(folder, config, path, needed)
+        yield backup
+
+
+def _check_place(folder: Path, path: Path) -> None:
+    require_folder(path)
+    if path.exists() or path.is_symlink():
+        raise InputError(f"{path}: exists; give another name")
+    if path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{path}: inside the station, with which it would be lost")
+
+
+def _name_of_results(folder: Path, results: Path) -> str:
+    """Name of the SQLite file in a backup: its own, or a name for one of another folder."""
+    if results.resolve().is_relative_to(folder.resolve()):
+        return results.resolve().relative_to(folder.resolve()).as_posix()
+    return "results.sqlite"
+
+
+def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]:
+    """All files but results and sets of parts; a recipe before what teaching made for it."""
+    results = Path(config.results_in(folder)).resolve()
+    left_out = {results.with_name(results.name + end) for end in _BESIDE_SQLITE}
+    for path in _files_below(folder):
+        name = path.relative_to(folder).as_posix()
+        is_set = name.startswith(f"{PARTS}/") and name.endswith(SET_SUFFIX)
+        if not (is_set or path.name.endswith(_LOCKS) or path.resolve() in left_out):
+            yield name, path
+
+
+def _files_below(folder: Path) -> Iterator[Path]:
+    seen = set()
+    for home, folders, names in os.walk(folder, followlinks=True):
+        about = Path(home).stat()
+        if (about.st_dev, about.st_ino) in seen:  # a loop of links
+            folders.clear()
+            continue
+        seen.add((about.st_dev, about.st_ino))
+        # Hidden files are those that are being written.
+        for name in sorted(each for each in names if not each.startswith(".")):
+            path = Path(home) / name
+            if not path.is_file():
+                continue
+            try:
+                name.encode()
+            except UnicodeEncodeError as error:
+                raise InputError(f"{str(path)!r}: a name that is no UTF-8; rename it") from error
+            yield path
+
+
+def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:
+    """What changes with each file of the recipes: they name each other."""
+    stats = {path: path.stat() for path in _files_below(recipes)}
+    return {path: (about.st_mtime_ns, about.st_size) for path, about in stats.items()}
+
+
+def _remarks(folder: Path, config: StationConfig, missing: list[str]) -> Iterator[str]:
+    if missing:
+        yield f"{len(missing)} set files of the results are missing, the first {missing[0]}"
+    used = [config.results_in(folder)] if "://" not in config.results else []
+    used += [] if config.rig == SIM else [config.rig_in(folder)]
+    for text in used:
+        if not Path(text).resolve().is_relative_to(folder.resolve()):
+            yield f"{text}: outside the station; see {CONFIG} after a restore"
+
+
+def _check_space(folder: Path, config: StationConfig, path: Path, needed: int) -> None:
+    """Check that so many bytes fit, and do not bring the station to its disk floor."""
+    home = path.absolute().parent
+    if home.stat().st_dev == folder.stat().st_dev:
+        needed += config.disk_floor_mb * 1_000_000
+    free = shutil.disk_usage(home).free
+    if free < needed:
+        raise InputError(
+            f"{path}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed with the station's "
+            "disk floor; give a place on another disk"
+        )
+
+
+def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
+    """Copy a file into the archive, without what is appended to it meanwhile, such as to a log."""
+    digest = sha256()
+    with open_regular_file(source, _MOST_FILE_BYTES) as file:
+        about = os.fstat(file.fileno())
+        left = about.st_size
+        with archive.open(zipfile.ZipInfo(name), "w", force_zip64=True) as member:
+            while left and (block := file.read(min(_BLOCK_BYTES, left))):
+                digest.update(block)
+                member.write(block)
+                left -= len(block)
+    return StoredFile(
+        path=name,
+        bytes=about.st_size - left,
+        sha256=digest.hexdigest(),
+        is_private=not about.st_mode & (stat.S_IRWXG | stat.S_IRWXO),
+    )

@@ -1,0 +1,69 @@
+"""`Manifest`: what a backup of a station holds, with the hash of each file."""
+
+from pathlib import PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+SUFFIX = ".ps4backup"
+MANIFEST = "backup.json"
+MOST_FILES = 2_000_000
+"""A part a second that fails, for three weeks; its manifest has 400 MB."""
+
+
+def _inside(text: str) -> str:
+    """Check that a name is of a file inside a folder."""
+    parts = PurePosixPath(text).parts
+    if text != "/".join(parts) or parts[:1] == ("/",) or ".." in parts or "\0" in text:
+        raise ValueError(f"{text!r} is no name of a file inside a folder")
+    text.encode()  # names that are no UTF-8 raise a ValueError, too
+    return text
+
+
+InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_inside)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StoredFile(_Record):
+    """A file of a backup; `is_private` if only its owner may read it."""
+
+    path: InnerPath
+    bytes: Count
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    is_private: bool
+
+
+class Manifest(_Record):
+    """What a backup holds.
+
+    Attributes
+    ----------
+    utc
+        When the results were copied.
+    station, software_version
+        Name of the station, and the program that made the backup.
+    database
+        Where the results are in it: a file of SQLite, or a dump of PostgreSQL; None before the
+        first run.
+    parts, sets
+        Number of the station's parts with a result, and of set files.
+    missing
+        Set files that the results name and that were not there.
+    files
+        All files.
+    """
+
+    format: Literal["ps4rig-backup"] = "ps4rig-backup"
+    version: Literal[1] = 1
+    utc: str
+    station: str
+    software_version: str
+    database: InnerPath | None
+    parts: Count
+    sets: Count
+    missing: tuple[str, ...]
+    files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES)]

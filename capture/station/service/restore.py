@@ -1,0 +1,141 @@
+"""Restore a station from a backup: every file with its hash, or nothing."""
+
+import shutil
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from capture.station.folder import StationFolder
+from classify.durable_file import locked_temporary, sync
+from classify.errors import InputError
+from classify.regular_file import open_regular_file
+
+from .manifest import MANIFEST, Manifest, StoredFile
+
+_MOST_BYTES = 1 << 44
+_MOST_MANIFEST_BYTES = 1 << 29
+_BLOCK_BYTES = 1 << 20
+# What zipfile and zlib raise for a damaged file; RuntimeError stands for encrypted members.
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
+
+
+class OpenBackup:
+    """A backup whose list of files was checked; `opened_backup` makes it.
+
+    Attributes
+    ----------
+    manifest
+        What it holds.
+    """
+
+    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
+        self._path, self._archive = path, archive
+        self.manifest = self._read_manifest()
+        members = sorted(info.filename for info in archive.infolist())
+        if members != sorted([MANIFEST, *(each.path for each in self.manifest.files)]):
+            raise InputError(f"{path}: damaged: its files are not those of its manifest")
+
+    def restore(self, folder: Path) -> Iterator[str]:
+        """Write the station to `folder`, and yield the name of each file.
+
+        The folder is there when all is in it and on disk.
+
+        Raises
+        ------
+        InputError
+            If the folder is not empty or cannot be written, or a file of the backup is damaged.
+        """
+        folder = folder.absolute()
+        if folder.is_symlink() or (folder.exists() and not _is_empty_folder(folder)):
+            raise InputError(f"{folder}: exists and is not empty; give another folder")
+        if not folder.parent.is_dir():
+            raise InputError(f"{folder}: cannot be made: there is no folder {folder.parent}")
+        needed = sum(each.bytes for each in self.manifest.files)
+        free = shutil.disk_usage(folder.parent).free
+        if free < needed:
+            raise InputError(
+                f"{folder}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed; make room"
+            )
+        with locked_temporary(folder.parent, folder, is_folder=True) as temporary:
+            for file in self.manifest.files:
+                self._extract(file, temporary)
+                yield file.path
+            StationFolder(temporary)  # a backup of something else is refused
+            for made in temporary.rglob("*"):
+                if made.is_dir():
+                    sync(made)
+            sync(temporary)
+            if folder.exists():
+                folder.rmdir()  # Windows renames nothing onto it
+            temporary.rename(folder)
+            sync(folder.parent)
+
+    def _read_manifest(self) -> Manifest:
+        with self._readable():
+            info = self._archive.getinfo(MANIFEST)
+            if info.file_size > _MOST_MANIFEST_BYTES:
+                raise InputError(f"{self._path}: its manifest has {info.file_size} bytes")
+            text = self._archive.read(info)
+        try:
+            return Manifest.model_validate_json(text)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise InputError(
+                f"{self._path}: its manifest cannot be used: {place}: {first['msg']}"
+            ) from error
+
+    def _extract(self, file: StoredFile, folder: Path) -> None:
+        path = folder / file.path
+        if not path.resolve().is_relative_to(folder.resolve()):  # a drive, on Windows
+            raise InputError(f"{self._path}: {file.path}: names another place on this system")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch(mode=0o600 if file.is_private else 0o666, exist_ok=False)
+        digest, left = sha256(), file.bytes
+        with self._readable(), self._archive.open(file.path) as member, path.open("wb") as target:
+            # One byte more than there should be is read, too.
+            while block := member.read(min(_BLOCK_BYTES, left + 1)):
+                left -= len(block)
+                if left < 0:
+                    break
+                digest.update(block)
+                target.write(block)
+        if left != 0 or digest.hexdigest() != file.sha256:
+            raise InputError(f"{self._path}: damaged: {file.path} is not the file that was stored")
+        sync(path)
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        try:
+            yield
+        except KeyError as error:
+            raise InputError(f"{self._path}: no backup of a station") from error
+        except _UNREADABLE as error:
+            raise InputError(f"{self._path}: damaged: {error}") from error
+
+
+@contextmanager
+def opened_backup(path: Path) -> Iterator[OpenBackup]:
+    """Open a backup for restoring.
+
+    Raises
+    ------
+    InputError
+        If it is no backup, damaged, or names files outside a folder.
+    """
+    with open_regular_file(path, _MOST_BYTES) as file:
+        try:
+            archive = zipfile.ZipFile(file)
+        except _UNREADABLE as error:
+            raise InputError(f"{path}: no backup of a station: {error}") from error
+        with archive:
+            yield OpenBackup(path, archive)
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())
