@@ -14,9 +14,10 @@ from .results.part_result import PartResult
 WARN_LED_LEVEL = 0.9
 """Below this share of its taught level an LED is named; below `STOP_LED_LEVEL` parts are errors."""
 
-# Parts of one point, and points of the baseline, as usual since Shewhart.
-_GROUP, _POINTS = 5, 20
-BASELINE_PARTS = _GROUP * _POINTS
+# As usual since Shewhart.
+GROUP, BASELINE_POINTS = 5, 20
+"""Parts of one point, and points of the baseline."""
+BASELINE_PARTS = GROUP * BASELINE_POINTS
 """Parts whose results make the baseline."""
 # The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
 _RANGE_OF_TWO = 1.128
@@ -67,25 +68,41 @@ def _broken(offsets: Sequence[float]) -> Iterator[str]:
                 yield f"{least} of {points} points {distance} the baseline"
 
 
-class _Series:
-    """Points of one chart, and which of its warnings hold."""
+class RuleSeries:
+    """Points of one chart: the first ones are its baseline.
+
+    Attributes
+    ----------
+    baseline
+        None as long as there are too few points.
+    """
 
     def __init__(self) -> None:
         self._first: list[float] = []
-        self._baseline: Baseline | None = None
+        self.baseline: Baseline | None = None
         self._recent: deque[float] = deque(maxlen=_LONGEST)
+
+    def add(self, point: float) -> tuple[str, ...]:
+        """Add a point; return which rules it breaks, in words."""
+        if self.baseline is not None:
+            self._recent.append(point)
+            return broken_rules(list(self._recent), self.baseline)
+        self._first.append(point)
+        if len(self._first) == BASELINE_POINTS:
+            self.baseline = baseline_of(self._first)
+        return ()
+
+
+class _Warnings:
+    """Which warnings of one chart hold."""
+
+    def __init__(self) -> None:
+        self._series = RuleSeries()
         self._since: dict[str, int] = {}  # points since a warning last held
 
     def add(self, point: float, further: Iterable[str] = ()) -> list[str]:
         """Add a point; return the warnings that begin with it."""
-        holding = list(further)
-        if self._baseline is None:
-            self._first.append(point)
-            if len(self._first) == _POINTS:
-                self._baseline = baseline_of(self._first)
-        else:
-            self._recent.append(point)
-            holding += broken_rules(list(self._recent), self._baseline)
+        holding = [*further, *self._series.add(point)]
         begun = [text for text in holding if text not in self._since]
         # A warning that comes again within the longest rule is the same one.
         counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
@@ -110,8 +127,8 @@ class ControlChart:
     def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
         self._led_names = tuple(led_names)
         self._subscribers = subscribers
-        self._levels = {name: _Series() for name in led_names}
-        self._distance = _Series()
+        self._levels = {name: _Warnings() for name in led_names}
+        self._distance = _Warnings()
         self._group: list[PartResult] = []
 
     def __call__(self, event: Event) -> None:
@@ -123,10 +140,12 @@ class ControlChart:
 
     def add(self, result: PartResult) -> list[str]:
         """Add a result; return the warnings that begin with it."""
-        if not _is_measured(result, len(self._led_names)):
+        if result.label is None or not is_measured(
+            result.distance, result.led_levels, len(self._led_names)
+        ):
             return []
         self._group.append(result)
-        if len(self._group) < _GROUP:
+        if len(self._group) < GROUP:
             return []
         group, self._group = self._group, []
         return list(self._warnings(group))
@@ -137,16 +156,18 @@ class ControlChart:
             low = [_LOW] if level < WARN_LED_LEVEL else []
             for text in series.add(level, low):
                 yield f"{name} at {level:.1%} of its taught level: {text}"
-        # Distances are positive, and scatter by shares of their mean.
-        distance = math.exp(statistics.fmean(math.log(each.distance or 1.0) for each in group))
-        for text in self._distance.add(math.log(distance)):
+        log_distance = mean_log_distance(each.distance or 1.0 for each in group)
+        for text in self._distance.add(log_distance):
+            distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"
 
 
-def _is_measured(result: PartResult, leds: int) -> bool:
-    values = [*result.led_levels, result.distance or 0.0]
-    return (
-        result.label is not None
-        and len(result.led_levels) == leds
-        and all(math.isfinite(value) and value > 0.0 for value in values)
-    )
+def mean_log_distance(distances: Iterable[float]) -> float:
+    """Return the point of the chart of distances, which are positive and scatter by shares."""
+    return statistics.fmean(map(math.log, distances))
+
+
+def is_measured(distance: float | None, led_levels: Sequence[float], leds: int) -> bool:
+    """Whether a part that matched a texture belongs on the charts of so many LEDs."""
+    values = [*led_levels, distance or 0.0]
+    return len(led_levels) == leds and all(math.isfinite(value) and value > 0.0 for value in values)

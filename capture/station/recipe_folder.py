@@ -58,6 +58,11 @@ class RecipeFolder:
         """Outcome of the last replay of the challenge set."""
         return self.folder / "challenge.json"
 
+    @property
+    def gauge(self) -> Path:
+        """Report of the last gauge study."""
+        return self.folder / "gauge.json"
+
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
         return TaughtFiles(self.folder / f"version-{version}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -14,7 +15,7 @@ from .teach import Station
 
 if TYPE_CHECKING:
     from capture.station.folder import StationFolder
-    from capture.station.gauge import GaugeStudy, Presentation, Share
+    from capture.station.gauge import Presentation
 
 
 @reported
@@ -41,16 +42,23 @@ def gauge(
     """Study the station as a gauge: known parts, each presented several times.
 
     Effectiveness, misses and false alarms with exact bounds, against the 90, 2 and 5 % of AIAG. The
-    exit status is 1 if they are not acceptable.
+    report is kept beside the recipe, for the panel. The exit status is 1 if they are not
+    acceptable.
     """
     from capture.station.folder import StationFolder
     from capture.station.gauge import GaugeStudy
+    from capture.station.gauge_report import GaugeReport, write_gauge_report
+    from classify.durable_file import make_folder
 
     station = StationFolder(folder)
-    found = _recorded(station, known) if known else _presented(station, parts, times, seed)
+    found, of = _recorded(station, known) if known else _presented(station, parts, times, seed)
     study = GaugeStudy(tuple(found))
+    report = GaugeReport.of(study, station.config.recipe, of.recipe_sha256, simulated=of.simulated)
+    path = station.recipe_files().gauge
+    make_folder(path.parent)
+    write_gauge_report(path, report)
     if json:
-        print_json(_as_json(study))
+        print_json(report.model_dump(mode="json"))
     else:
         for line in (*study.lines(), *study.wrong()):
             out.print(line, soft_wrap=True)
@@ -58,7 +66,16 @@ def gauge(
         raise typer.Exit(1)
 
 
-def _presented(station: StationFolder, count: int, times: int, seed: int) -> list[Presentation]:
+class _Judged(NamedTuple):
+    """What judged the parts of a study: a recipe, and a real or a simulated rig."""
+
+    recipe_sha256: str | None
+    simulated: bool
+
+
+def _presented(
+    station: StationFolder, count: int, times: int, seed: int
+) -> tuple[Sequence[Presentation], _Judged]:
     from capture.station.inspector import Inspector
     from capture.station.simulated_gauge import known_parts, present
     from rig.config.rig import config_of
@@ -73,42 +90,28 @@ def _presented(station: StationFolder, count: int, times: int, seed: int) -> lis
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)
     )
     found = present(shown, times, rig_config, inspector, seed)
-    return list(progress(found, count * times, "present"))
+    presentations = list(progress(found, count * times, "present"))
+    return presentations, _Judged(inspector.recipe.sha256, simulated=True)
 
 
-def _recorded(station: StationFolder, known: Path) -> list[Presentation]:
+def _recorded(station: StationFolder, known: Path) -> tuple[Sequence[Presentation], _Judged]:
+    """Return the presentations among the results: of production, or else of a simulated rig."""
     from capture.station.gauge import presentations_of, read_known_parts
+    from capture.station.results.history import Selection
     from capture.station.results.store import open_store
     from classify.errors import InputError
 
     truths = read_known_parts(known)
     config = station.config
     with open_store(config.results_in(station.path), config.name, alone=False) as store:
-        # The verdicts of the station, not those of a person who overrode them.
-        recorded = ((entry.result.part_id, entry.result.verdict) for entry in store.parts())
-        found = presentations_of(truths, recorded)
-    if not found:
-        raise InputError(
-            f"{known}: none of its {len(truths)} parts is among the results; present them to "
-            "ps4rig station run --trigger enter, and enter their ids"
-        )
-    return list(found)
-
-
-def _as_json(study: GaugeStudy) -> dict[str, object]:
-    def share(found: Share) -> dict[str, float | int | None]:
-        return {
-            "events": found.events,
-            "trials": found.trials,
-            "share": found.value,
-            "bound": found.bound,
-        }
-
-    return {
-        "presentations": len(study.presentations),
-        "effectiveness": share(study.effectiveness),
-        "misses": share(study.misses),
-        "false_alarms": share(study.false_alarms),
-        "rating": study.rating,
-        "wrong": study.wrong(),
-    }
+        for simulated in (False, True):
+            # The verdicts of the station, not those of a person who overrode them.
+            entries = store.parts(Selection(simulated=simulated))
+            recorded = ((entry.result.part_id, entry.result.verdict) for entry in entries)
+            found = presentations_of(truths, recorded)
+            if found:
+                return found, _Judged(None, simulated)
+    raise InputError(
+        f"{known}: none of its {len(truths)} parts is among the results; present them to "
+        "ps4rig station run --trigger enter, and enter their ids"
+    )

@@ -128,8 +128,10 @@ _LAST_OVERRIDE = same_part(_LAST, results) & (
     _LAST.c.position
     == select(func.max(_AGAIN.c.position)).where(same_part(_AGAIN, results)).scalar_subquery()
 )
-_JOINED = results.outerjoin(_LAST, _LAST_OVERRIDE)
-_IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
+JOINED = results.outerjoin(_LAST, _LAST_OVERRIDE)
+"""The results, each with its last override."""
+IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
+"""The verdict that holds, in `JOINED`."""
 
 
 def entries(
@@ -137,11 +139,11 @@ def entries(
 ) -> Iterator[HistoryEntry]:
     """Yield parts by number, read as they are asked for; see `ResultStore.parts`."""
     said = [_LAST.c[name].label(f"override_{name}") for name in ("decision", "by", "reason", "utc")]
-    joined = _JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
+    joined = JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
     statement = (
         select(results, *said, removed_sets.c.utc.label("set_removed_utc"))
         .select_from(joined)
-        .where(*_conditions(station, selection))
+        .where(*conditions(station, selection))
     )
     if newest is not None:
         last = statement.order_by(results.c.number.desc()).limit(newest).subquery()
@@ -155,11 +157,11 @@ def entries(
 
 def counters(connection: Connection, station: str, selection: Selection) -> Counters:
     """Count parts and refused triggers; see `ResultStore.counters`."""
-    columns = (results.c.simulated, results.c.decision, _IN_FORCE.label("in_force"))
+    columns = (results.c.simulated, results.c.decision, IN_FORCE.label("in_force"))
     statement = (
         select(*columns, func.count().label("parts"))
-        .select_from(_JOINED)
-        .where(*_conditions(station, selection))
+        .select_from(JOINED)
+        .where(*conditions(station, selection))
         .group_by(*columns)
     )
     by_station: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
@@ -186,11 +188,12 @@ def _refused(connection: Connection, station: str, selection: Selection) -> dict
     return {row[0]: row[1] for row in connection.execute(statement)}
 
 
-def _conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bool]]:
+def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bool]]:
+    """Yield what holds for the rows of `JOINED` that are selected."""
     yield results.c.station == station
     yield from _within(results.c.triggered_utc, selection)
     for column, value in (
-        (_IN_FORCE, selection.decision and selection.decision.value),
+        (IN_FORCE, selection.decision and selection.decision.value),
         (results.c.label, selection.label),
         (results.c.recipe, selection.recipe),
         (results.c.simulated, selection.simulated),

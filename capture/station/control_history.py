@@ -1,0 +1,105 @@
+"""Control charts of parts that are in the results: the points and rules of `control_chart`."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from .control_chart import BASELINE_POINTS, GROUP, RuleSeries, is_measured, mean_log_distance
+
+
+@dataclass(frozen=True)
+class MeasuredPart:
+    """What control charts take of a part; names as in `PartResult`."""
+
+    number: int
+    part_id: str
+    triggered_utc: str
+    distance: float
+    led_levels: Sequence[float]
+
+
+@dataclass(frozen=True)
+class ChartPoint:
+    """A point of a chart: the mean of some parts.
+
+    Attributes
+    ----------
+    number, part_id, triggered_utc
+        Of its last part.
+    value
+        The mean: of levels, or the geometric one of distances.
+    broken
+        Which Western Electric rules it breaks, in words.
+    """
+
+    number: int
+    part_id: str
+    triggered_utc: str
+    value: float
+    broken: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ChartHistory:
+    """A control chart.
+
+    Attributes
+    ----------
+    points
+        In the order of the parts.
+    baseline_points
+        Number of the first points that make the baseline.
+    centre, lower, upper
+        The mean of the baseline, and three standard deviations from it; None as long as there are
+        too few points.
+    """
+
+    points: tuple[ChartPoint, ...]
+    baseline_points: int
+    centre: float | None
+    lower: float | None
+    upper: float | None
+
+
+def chart_histories(parts: Iterable[MeasuredPart]) -> tuple[ChartHistory, ...]:
+    """Return the chart of the distance and those of each LED, in the order of the lights.
+
+    A point is the mean of five parts, and the first 20 points are the baseline. Parts with another
+    number of lights than the last one are left out.
+    """
+    listed = list(parts)
+    leds = len(listed[-1].led_levels) if listed else 0
+    measured = [each for each in listed if is_measured(each.distance, each.led_levels, leds)]
+    groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
+    return (
+        _history(
+            groups,
+            [mean_log_distance(each.distance for each in group) for group in groups],
+            math.exp,
+        ),
+        *(
+            _history(groups, [fmean(each.led_levels[led] for each in group) for group in groups])
+            for led in range(leds)
+        ),
+    )
+
+
+def _history(
+    groups: Sequence[Sequence[MeasuredPart]],
+    points: Sequence[float],
+    value_of: Callable[[float], float] = lambda point: point,
+) -> ChartHistory:
+    """Apply the rules to the points of groups; `value_of` gives what a chart shows of a point."""
+    series = RuleSeries()
+    shown = tuple(
+        ChartPoint(
+            last.number, last.part_id, last.triggered_utc, value_of(point), series.add(point)
+        )
+        for (*_, last), point in zip(groups, points, strict=True)
+    )
+    if series.baseline is None:
+        return ChartHistory(shown, len(shown), None, None, None)
+    mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
+    centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
+    return ChartHistory(shown, BASELINE_POINTS, centre, lower, upper)

@@ -1,0 +1,199 @@
+"""Figures over many parts, counted by the database: over time, and by cause.
+
+Whatever the number of parts, the answers are bounded, and only counts leave the database.
+"""
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, Text, cast, func, select
+
+from capture.station.control_history import MeasuredPart
+from capture.station.verdict import Cause, Decision
+
+from .history import IN_FORCE, JOINED, Selection, conditions
+from .schema import results
+from .store import ResultStore
+
+MOST_PERIODS = 400
+"""Periods that are counted; the newest ones."""
+MOST_MEASURED = 2000
+"""Parts of the control charts: 400 points, about as many as a screen shows apart."""
+MOST_CHOICES = 100
+"""Names that a form offers; a station knows a few dozen textures."""
+# Counts of an hour up to two days, of a day up to three months, of a month beyond: by the number of
+# letters of the time that are the same within a period.
+_LENGTHS = ((2.0, len("2026-11-22T17")), (92.0, len("2026-11-22")))
+_MONTH = len("2026-11")
+
+
+@dataclass(frozen=True)
+class Period:
+    """Numbers of parts of an hour, a day or a month, by the verdict that holds.
+
+    Attributes
+    ----------
+    begin
+        Such as ``2026-11-22T17``, ``2026-11-22`` or ``2026-11``, UTC.
+    verdicts
+        Numbers of parts.
+    """
+
+    begin: str
+    verdicts: Mapping[Decision, int]
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        return sum(self.verdicts.values())
+
+
+@dataclass(frozen=True)
+class CauseCount:
+    """How often a cause kept a part from passing.
+
+    Attributes
+    ----------
+    cause
+        The cause.
+    parts
+        Parts of which it is the gravest cause. Their sum over all causes is the number of parts
+        that the station did not pass.
+    also
+        Parts that it speaks against beside a graver one.
+    """
+
+    cause: Cause
+    parts: int
+    also: int
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What parts of a station can be selected by.
+
+    Attributes
+    ----------
+    labels, recipes
+        Textures that were found, and recipes that judged, by name.
+    """
+
+    labels: tuple[str, ...]
+    recipes: tuple[str, ...]
+
+
+def counted_periods(store: ResultStore, selection: Selection) -> list[Period]:
+    """Count the selected parts by period, the earliest first; periods without parts are left out.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    selected = tuple(conditions(store.station, selection))
+    utc = results.c.triggered_utc
+    span = select(func.min(utc), func.max(utc)).select_from(JOINED).where(*selected)
+    with store.reading() as connection:
+        first_utc, last_utc = connection.execute(span).one()
+        if first_utc is None:
+            return []
+        begin = func.substr(utc, 1, _period_length(first_utc, last_utc))
+        counts = (
+            select(begin.label("begin"), IN_FORCE.label("decision"), func.count().label("parts"))
+            .select_from(JOINED)
+            .where(*selected)
+            .group_by(begin, IN_FORCE)
+            .order_by(begin.desc())
+            .limit(MOST_PERIODS * len(Decision))
+        )
+        found: dict[str, Counter[Decision]] = {}
+        for row in connection.execute(counts):
+            found.setdefault(row.begin, Counter())[Decision(row.decision)] = row.parts
+    return [Period(name, found[name]) for name in sorted(found)[-MOST_PERIODS:]]
+
+
+def _period_length(first_utc: str, last_utc: str) -> int:
+    span = datetime.fromisoformat(last_utc) - datetime.fromisoformat(first_utc)
+    days = span.total_seconds() / 86_400.0
+    return next((length for most, length in _LENGTHS if days <= most), _MONTH)
+
+
+def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]:
+    """Count causes of the selected parts that the station did not pass, the most frequent first.
+
+    The causes are those of the station, also of parts whose verdict a person changed.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    # Combinations of causes are few: the database counts parts of each of them.
+    causes = cast(results.c.causes, Text)
+    statement = (
+        select(causes.label("causes"), func.count().label("parts"))
+        .select_from(JOINED)
+        .where(*conditions(store.station, selection))
+        .where(results.c.decision != Decision.PASS.value)
+        .group_by(causes)
+    )
+    first: Counter[Cause] = Counter()
+    also: Counter[Cause] = Counter()
+    with store.reading() as connection:
+        for row in connection.execute(statement):
+            gravest, *others = map(Cause, json.loads(row.causes))
+            first[gravest] += row.parts
+            for cause in others:
+                also[cause] += row.parts
+    found = [CauseCount(each, first[each], also[each]) for each in first.keys() | also.keys()]
+    return sorted(found, key=lambda count: (-count.parts, -count.also, count.cause))
+
+
+def newest_measured(
+    store: ResultStore, selection: Selection, most: int = MOST_MEASURED
+) -> list[MeasuredPart]:
+    """Return the last selected parts that matched a texture, by number.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    columns = (results.c[name] for name in MeasuredPart.__dataclass_fields__)
+    statement = (
+        select(*columns)
+        .select_from(JOINED)
+        .where(*conditions(store.station, selection))
+        .where(results.c.label.is_not(None), results.c.distance.is_not(None))
+        .order_by(results.c.number.desc())
+        .limit(most)
+    )
+    with store.reading() as connection:
+        rows = connection.execute(statement).all()
+    return [MeasuredPart(**row._mapping) for row in reversed(rows)]
+
+
+def choices(store: ResultStore) -> Choices:
+    """Return textures and recipes of all parts, at most `MOST_CHOICES` of each.
+
+    Raises
+    ------
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    return Choices(_names(store, results.c.label), _names(store, results.c.recipe))
+
+
+def _names(store: ResultStore, column: ColumnElement[str | None]) -> tuple[str, ...]:
+    statement = (
+        select(column)
+        .where(results.c.station == store.station, column.is_not(None))
+        .distinct()
+        .order_by(column)
+        .limit(MOST_CHOICES)
+    )
+    with store.reading() as connection:
+        return tuple(name for name in connection.scalars(statement) if name is not None)
