@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Iterator
 from itertools import chain, islice
-from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
@@ -13,12 +12,12 @@ from capture.station.recipe_file import SUFFIX, read_recipe
 from capture.station.results.change_log import newest_changes
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from capture.station.results.utc import utc_bound
 from capture.station.triggers import Accepted, Refused
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
 from .awaiting import awaited
+from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
 from .render import Answer
 from .roles import Role
@@ -29,40 +28,6 @@ from .stored_set import stored_set
 MOST_PARTS = 500
 _PARTS = 50
 LONGEST_WAIT_S = 30.0
-_FILTERS = {
-    "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
-    "until": "parts triggered then or earlier; a date: all its day",
-    "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
-    "class": "the texture that was found",
-    "recipe": "name of the recipe",
-    "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
-}
-
-
-def selection_of(call: Call, **more: Any) -> Selection:
-    """Return the selection that a query describes.
-
-    Raises
-    ------
-    InputError
-        For a value that is none of its name.
-    """
-    query = call.query
-    verdict, simulated = query.get("verdict"), query.get("simulated", "false")
-    if verdict is not None and verdict.upper() not in Decision.__members__:
-        raise InputError(f"verdict = {verdict[:20]!r}: give PASS, FAIL, UNKNOWN or ERROR")
-    if simulated not in ("true", "false", "only"):
-        raise InputError(f"simulated = {simulated[:20]!r}: give true, false or only")
-    since, until = query.get("since"), query.get("until")
-    return Selection(
-        since_utc=None if since is None else utc_bound("since", since),
-        until_utc=None if until is None else utc_bound("until", until, is_end=True),
-        decision=None if verdict is None else Decision(verdict.upper()),
-        label=query.get("class"),
-        recipe=query.get("recipe"),
-        simulated={"true": None, "false": False, "only": True}[simulated],
-        **more,
-    )
 
 
 def whole_number(call: Call, name: str, default: int, most: int) -> int:
@@ -133,7 +98,7 @@ def _parts(call: Call) -> Response:
     below = None
     if "below" in call.query:
         below = whole_number(call, "below", 1, 2**53)
-    selection = selection_of(call, below_number=below)
+    selection = selection_of(call.query, below_number=below)
     entries = list(call.panel.results.store.parts(selection, newest=most))[::-1]
     has_more = len(entries) == most and entries[-1].result.number > 1
     return Answer(
@@ -146,12 +111,12 @@ def _parts(call: Call) -> Response:
 
 
 def _counts(call: Call) -> Response:
-    counters = call.panel.results.store.counters(selection_of(call))
+    counters = call.panel.results.store.counters(selection_of(call.query))
     return Answer({"station": call.panel.folder.config.name, **counts_of(counters)})
 
 
 def _parts_csv(call: Call) -> Response:
-    entries = call.panel.results.store.parts(selection_of(call))
+    entries = call.panel.results.store.parts(selection_of(call.query))
     # The first one before the answer begins: a database that does not answer is an error 503.
     first = list(islice(entries, 1))
     pieces: Iterator[str] = csv_pieces(chain(first, entries))
@@ -265,18 +230,18 @@ ROUTES = (
     ),
     PanelRoute(
         "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",
-        query=_FILTERS | {
+        query=FILTERS | {
             "limit": f"number of parts, {_PARTS} by default, at most {MOST_PARTS}",
             "below": "only parts with a lower number: next_below of the page before",
         },
     ),
     PanelRoute(
         "GET", f"{V1}/parts.csv", Role.OPERATOR, _parts_csv, "All selected parts as CSV.",
-        query=_FILTERS, answer="text/csv",
+        query=FILTERS, answer="text/csv",
     ),
     PanelRoute(
         "GET", f"{V1}/counts", Role.OPERATOR, _counts, "Numbers of parts by verdict.",
-        query=_FILTERS,
+        query=FILTERS,
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}", Role.OPERATOR, _part, "One part.",

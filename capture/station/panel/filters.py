@@ -1,0 +1,44 @@
+"""Which parts a page or an API call is about: the filters of a query."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from capture.station.results.history import Selection
+from capture.station.results.utc import utc_bound
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+FILTERS = {
+    "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
+    "until": "parts triggered then or earlier; a date: all its day",
+    "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
+    "class": "the texture that was found",
+    "recipe": "name of the recipe",
+    "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
+}
+_SIMULATED = {"true": None, "false": False, "only": True}
+
+
+def selection_of(query: Mapping[str, str], **more: Any) -> Selection:
+    """Return the selection that a query describes; empty values are those of forms, and select all.
+
+    Raises
+    ------
+    InputError
+        For a value that is none of its name.
+    """
+    since, until, verdict = (query.get(name) or None for name in ("since", "until", "verdict"))
+    simulated = query.get("simulated") or "false"
+    if verdict is not None and verdict.upper() not in Decision.__members__:
+        raise InputError(f"verdict = {verdict[:20]!r}: give PASS, FAIL, UNKNOWN or ERROR")
+    if simulated not in _SIMULATED:
+        raise InputError(f"simulated = {simulated[:20]!r}: give true, false or only")
+    return Selection(
+        since_utc=None if since is None else utc_bound("since", since),
+        until_utc=None if until is None else utc_bound("until", until, is_end=True),
+        decision=None if verdict is None else Decision(verdict.upper()),
+        label=query.get("class") or None,
+        recipe=query.get("recipe") or None,
+        simulated=_SIMULATED[simulated],
+        **more,
+    )
