@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import chain, islice
 
 from starlette.concurrency import run_in_threadpool
@@ -26,7 +27,7 @@ from .security import Denied
 from .stored_set import stored_set
 
 MOST_PARTS = 500
-_PARTS = 50
+PARTS = 50
 LONGEST_WAIT_S = 30.0
 
 
@@ -93,19 +94,32 @@ def _acknowledge(call: Call) -> Response:
     return Answer({"part_id": part_id, "acknowledged": True})
 
 
-def _parts(call: Call) -> Response:
-    most = whole_number(call, "limit", _PARTS, MOST_PARTS)
-    below = None
+def newest_parts(
+    call: Call, selection: Selection, most: int
+) -> tuple[list[HistoryEntry], int | None]:
+    """Return selected parts, the newest first, from below the number that the query gives on.
+
+    The number is the ``below`` of the next page, None for the last one.
+
+    Raises
+    ------
+    InputError
+        If `below` is no number of a part.
+    """
     if "below" in call.query:
-        below = whole_number(call, "below", 1, 2**53)
-    selection = selection_of(call.query, below_number=below)
-    entries = list(call.panel.results.store.parts(selection, newest=most))[::-1]
-    has_more = len(entries) == most and entries[-1].result.number > 1
+        selection = replace(selection, below_number=whole_number(call, "below", 1, 2**53))
+    entries = list(call.panel.results.store.parts(selection, newest=most + 1))[::-1]
+    return entries[:most], entries[most - 1].result.number if len(entries) > most else None
+
+
+def _parts(call: Call) -> Response:
+    most = whole_number(call, "limit", PARTS, MOST_PARTS)
+    entries, below = newest_parts(call, selection_of(call.query), most)
     return Answer(
         {
             "station": call.panel.folder.config.name,
             "parts": [record_of(entry) for entry in entries],
-            "next_below": entries[-1].result.number if has_more else None,
+            "next_below": below,
         }
     )
 
@@ -211,7 +225,7 @@ def _recipe(call: Call) -> Response:
 
 def _audit(call: Call) -> Response:
     changes = newest_changes(
-        call.panel.results.store, whole_number(call, "limit", _PARTS, MOST_PARTS)
+        call.panel.results.store, whole_number(call, "limit", PARTS, MOST_PARTS)
     )
     return Answer({"changes": [vars(change) for change in changes]})
 
@@ -231,7 +245,7 @@ ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts", Role.OPERATOR, _parts, "Parts, the newest first.",
         query=FILTERS | {
-            "limit": f"number of parts, {_PARTS} by default, at most {MOST_PARTS}",
+            "limit": f"number of parts, {PARTS} by default, at most {MOST_PARTS}",
             "below": "only parts with a lower number: next_below of the page before",
         },
     ),
@@ -264,7 +278,7 @@ ROUTES = (
     PanelRoute("GET", f"{V1}/recipes/{{name}}", Role.OPERATOR, _recipe, "One recipe."),
     PanelRoute(
         "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",
-        query={"limit": f"number of changes, {_PARTS} by default, at most {MOST_PARTS}"},
+        query={"limit": f"number of changes, {PARTS} by default, at most {MOST_PARTS}"},
     ),
     PanelRoute(
         "GET", f"{V1}/metrics", Role.OPERATOR, _metrics, "Figures of this run for Prometheus.",

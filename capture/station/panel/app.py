@@ -13,11 +13,14 @@ from . import (
     accounts_api,
     api,
     event_stream,
+    history_page,
     login,
     openapi,
     operator_page,
     part_page,
     pictures,
+    statistics_api,
+    statistics_page,
 )
 from .guard import endpoint_of, error_answer
 from .panel import Panel
@@ -29,8 +32,11 @@ ROUTES: tuple[PanelRoute, ...] = (
     *login.ROUTES,
     *operator_page.ROUTES,
     *part_page.ROUTES,
+    *history_page.ROUTES,
+    *statistics_page.ROUTES,
     *api.ROUTES,
     *pictures.ROUTES,
+    *statistics_api.ROUTES,
     *event_stream.ROUTES,
     *accounts_api.ROUTES,
     *account_pages.ROUTES,

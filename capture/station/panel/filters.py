@@ -1,7 +1,6 @@
 """Which parts a page or an API call is about: the filters of a query."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from capture.station.results.history import Selection
 from capture.station.results.utc import utc_bound
@@ -12,14 +11,17 @@ FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
     "until": "parts triggered then or earlier; a date: all its day",
     "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
+    "part": "identity of the part",
     "class": "the texture that was found",
     "recipe": "name of the recipe",
     "simulated": "true: also parts of a simulated rig; only: these alone; without it production",
 }
+OF_ONE_PART = ("verdict", "part")
+"""Filters that statistics do not have."""
 _SIMULATED = {"true": None, "false": False, "only": True}
 
 
-def selection_of(query: Mapping[str, str], **more: Any) -> Selection:
+def selection_of(query: Mapping[str, str]) -> Selection:
     """Return the selection that a query describes; empty values are those of forms, and select all.
 
     Raises
@@ -40,5 +42,5 @@ def selection_of(query: Mapping[str, str], **more: Any) -> Selection:
         label=query.get("class") or None,
         recipe=query.get("recipe") or None,
         simulated=_SIMULATED[simulated],
-        **more,
+        part_id=query.get("part") or None,
     )

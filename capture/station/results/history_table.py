@@ -42,12 +42,13 @@ def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
 
 def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
     """Yield the lines of `write_csv`, so that they never are in memory as a whole."""
-    yield _csv_line(COLUMNS)
+    yield csv_line(COLUMNS)
     for entry in entries:
-        yield _csv_line(map(_cell, record_of(entry).values()))
+        yield csv_line(map(_cell, record_of(entry).values()))
 
 
-def _csv_line(cells: Iterable[Any]) -> str:
+def csv_line(cells: Iterable[Any]) -> str:
+    """Return a line of CSV (RFC 4180)."""
     line = io.StringIO()
     csv.writer(line).writerow(cells)
     return line.getvalue()
@@ -68,8 +69,8 @@ def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry
 def counts_of(counters: Counters) -> dict[str, Any]:
     """Return numbers of parts for JSON; those of a simulated rig apart."""
     return {
-        "production": _tally(counters.production),
-        "simulated": _tally(counters.simulated),
+        "production": tally_record(counters.production),
+        "simulated": tally_record(counters.simulated),
     }
 
 
@@ -77,7 +78,8 @@ def _cell(value: Any) -> Any:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else value
 
 
-def _tally(tally: Tally) -> dict[str, Any]:
+def tally_record(tally: Tally) -> dict[str, Any]:
+    """Return numbers of parts for JSON."""
     return {
         "parts": tally.parts,
         "verdicts": {each.value: count for each, count in tally.in_force.items()},

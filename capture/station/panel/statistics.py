@@ -1,0 +1,246 @@
+"""Statistics of selected parts: the same numbers for the page, the API, CSV and PNG."""
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from capture.station.control_history import ChartHistory, chart_histories
+from capture.station.folder import StationFolder
+from capture.station.gauge import ACCEPTABLE
+from capture.station.gauge_report import GaugeReport, read_gauge_report
+from capture.station.results.history import Selection, Tally
+from capture.station.results.statistics import (
+    MOST_MEASURED,
+    CauseCount,
+    Period,
+    counted_causes,
+    counted_periods,
+    newest_measured,
+)
+from capture.station.verdict import Decision
+from classify.errors import InputError
+from rig.config.rig import config_of
+
+from .charts import causes_chart, control_chart, gauge_chart, yield_chart
+from .drawing import Drawing
+from .panel import Panel
+from .security import Denied
+
+Cell = str | int | float | None
+# Requests that count at a time, and how long another one waits. Five browsers that load the page
+# again and again leave the station its processor.
+_AT_A_TIME = threading.BoundedSemaphore(1)
+_PATIENCE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A chart and its numbers.
+
+    Attributes
+    ----------
+    title, note
+        What it shows, and what one must know of it.
+    columns, rows
+        The numbers.
+    drawing
+        The chart.
+    remarks
+        What stands out, one fact each.
+    """
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    drawing: Drawing
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StationStatistics:
+    """Statistics of selected parts, either of production or of a simulated rig.
+
+    Attributes
+    ----------
+    selection
+        Which parts.
+    tally
+        Their numbers.
+    figures
+        By a name for addresses and files; those without numbers are left out.
+    """
+
+    selection: Selection
+    tally: Tally
+    figures: dict[str, Figure]
+
+    @property
+    def shown(self) -> str:
+        """What is shown: ``production`` or ``simulated``."""
+        return "simulated" if self.selection.simulated else "production"
+
+
+def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
+    """Return the statistics of the selected parts.
+
+    Raises
+    ------
+    InputError
+        If parts of production and of a simulated rig are selected together, or the file of the
+        gauge study is damaged.
+    ResultsUnavailable
+        If the database does not answer.
+    Denied
+        If others wait for statistics already.
+    """
+    if selection.simulated is None:
+        raise InputError(
+            "simulated = 'true': give false or only; parts of a simulated rig are no production"
+        )
+    store = panel.results.store
+    with _one_at_a_time():
+        counters = store.counters(selection)
+        tally = counters.simulated if selection.simulated else counters.production
+        charts = chart_histories(newest_measured(store, selection))
+        return StationStatistics(
+            selection,
+            tally,
+            dict(
+                (
+                    *_yield_figure(counted_periods(store, selection)),
+                    *_causes_figure(counted_causes(store, selection)),
+                    *_control_figures(charts, led_names(panel.folder, len(charts) - 1)),
+                    *_gauge_figure(gauge_of(panel.folder, selection)),
+                )
+            ),
+        )
+
+
+@contextmanager
+def _one_at_a_time() -> Iterator[None]:
+    if not _AT_A_TIME.acquire(timeout=_PATIENCE_S):
+        raise Denied(503, "other statistics are being counted", {"Retry-After": "5"})
+    try:
+        yield
+    finally:
+        _AT_A_TIME.release()
+
+
+def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
+    """Return names of LEDs as warnings have them, or numbers where the rig has other LEDs now."""
+    try:
+        tilts_deg = config_of(folder.config.rig_in(folder.path)).lights.tilts_deg
+    except InputError:
+        tilts_deg = ()
+    if len(tilts_deg) == leds:
+        return [f"LED {tilt_deg:g}" for tilt_deg in tilts_deg]
+    return [f"light {number}" for number in range(1, leds + 1)]
+
+
+def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
+    """Return the gauge study of the selected recipe, or of the configured one, if one was made."""
+    report = read_gauge_report(folder.recipe_files(selection.recipe).gauge)
+    return report if report is None or report.simulated == selection.simulated else None
+
+
+def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
+    if not periods:
+        return
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (
+            each.begin,
+            each.parts,
+            *(each.verdicts.get(decision, 0) for decision in Decision),
+            each.verdicts.get(Decision.PASS, 0) / each.parts,
+        )
+        for each in periods
+    )
+    yield (
+        "yield",
+        Figure(
+            "Yield",
+            "Verdicts that hold, after overrides. Above a bar: the share that passed.",
+            ("period", "parts", *Decision, "passed"),
+            rows,
+            yield_chart(periods),
+        ),
+    )
+
+
+def _causes_figure(causes: Sequence[CauseCount]) -> Iterator[tuple[str, Figure]]:
+    if not causes:
+        return
+    total, added = sum(each.parts for each in causes), 0
+    rows: list[tuple[Cell, ...]] = []
+    for each in causes:
+        added += each.parts
+        rows.append((each.cause.value, each.parts, each.also, each.parts / total, added / total))
+    yield (
+        "causes",
+        Figure(
+            "Causes",
+            "The gravest cause of each part that the station did not pass; overrides change "
+            "nothing here. The line adds up the shares.",
+            ("cause", "parts", "also", "share", "cumulative_share"),
+            tuple(rows),
+            causes_chart(causes),
+        ),
+    )  # fmt: skip
+
+
+def _control_figures(
+    charts: Sequence[ChartHistory], names: Sequence[str]
+) -> Iterator[tuple[str, Figure]]:
+    if not charts[0].points:
+        return
+    titles = ("Distance", *(f"Level of {name}" for name in names))
+    for number, (chart, title) in enumerate(zip(charts, titles, strict=True)):
+        rows = tuple(
+            (
+                point.number, point.part_id, point.triggered_utc, point.value,
+                chart.centre, chart.lower, chart.upper, "; ".join(point.broken),
+            )
+            for point in chart.points
+        )  # fmt: skip
+        remarks = tuple(
+            f"{point.part_id}: {'; '.join(point.broken)}" for point in chart.points if point.broken
+        )
+        yield (
+            f"led-{number}" if number else "distance",
+            Figure(
+                title,
+                f"Means of five of the last {MOST_MEASURED} parts that matched a texture; the "
+                "first 20 points are the baseline. Marked points break a Western Electric rule.",
+                (
+                    "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
+                    "upper_limit", "broken_rules",
+                ),
+                rows,
+                control_chart(chart, f"Control chart: {title}", is_share=number > 0),
+                remarks,
+            ),
+        )  # fmt: skip
+
+
+def _gauge_figure(report: GaugeReport | None) -> Iterator[tuple[str, Figure]]:
+    if report is None:
+        return
+    names = ("effectiveness", "misses", "false_alarms")
+    found = (report.effectiveness, report.misses, report.false_alarms)
+    yield (
+        "gauge",
+        Figure(
+            f"Gauge study: {report.rating}",
+            f"Recipe {report.recipe}, {report.utc[:10]}, {report.presentations} presentations"
+            f"{' of parts of a simulated rig' if report.simulated else ''}. {report.lines[-1]}.",
+            ("measure", "events", "trials", "share", "bound_95", "acceptable", "rating"),
+            tuple(
+                (name, each.events, each.trials, each.share, each.bound, acceptable, report.rating)
+                for name, each, acceptable in zip(names, found, ACCEPTABLE, strict=True)
+            ),
+            gauge_chart(report),
+            report.wrong,
+        ),
+    )

@@ -1,0 +1,210 @@
+"""History and statistics: the page, the API, CSV, PNG and `station history` agree."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Callable, Iterator
+from html import unescape
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.gauge import GaugeStudy, Presentation
+from capture.station.gauge_report import GaugeReport, write_gauge_report
+from capture.station.panel.statistics import gauge_of
+from capture.station.results.history import Selection
+from capture.station.verdict import Decision
+from classify.errors import InputError
+from tests.capture.station.panel.panels import RunningPanel, running_panel
+from tests.capture.station.results.many import fill, many
+
+PRODUCED, SIMULATED = 400, 60
+
+
+@pytest.fixture(scope="module")
+def filled(
+    tmp_path_factory: pytest.TempPathFactory, captured: CapturedSet
+) -> Iterator[RunningPanel]:
+    """A panel with results of production and of a simulated rig, two of them overridden."""
+    with running_panel(tmp_path_factory.mktemp("filled") / "line-1", captured) as running:
+        running.until_ready()
+        store, parts = running.bench.store, many("line-1", PRODUCED, simulated=SIMULATED)
+        fill(store, parts)
+        for each in [each for each in parts if each.verdict.decision is Decision.FAIL][:2]:
+            store.override(
+                each.part_id, decision=Decision.PASS, by="Kim", reason="a <hair>",
+                utc=each.decided_utc,
+            )  # fmt: skip
+        yield running
+
+
+def rows_of(page: str) -> list[str]:
+    """The texts of the rows of the table of parts."""
+    body = page.partition("<tbody>")[2].partition("</tbody>")[0]
+    rows = (unescape(re.sub("<[^>]*>", " ", row)) for row in body.split("</tr>"))
+    return [" ".join(row.split()) for row in rows if row.strip()]
+
+
+def numbers_of(page: str) -> list[int]:
+    return [int(row.partition(" ")[0]) for row in rows_of(page)]
+
+
+def table_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def statistics_of(panel: RunningPanel, query: str = "") -> dict[str, Any]:
+    answer = panel.local.get(f"/api/v1/statistics?{query}")
+    assert answer.status == 200, answer.text
+    return dict(answer.json)
+
+
+def test_the_pages_of_the_history_show_every_part_once_and_as_the_api_does(
+    filled: RunningPanel,
+) -> None:
+    seen: list[int] = []
+    address = "/history?simulated=false"
+    while address:
+        page = filled.local.get(address).text
+        seen += numbers_of(page)
+        found = re.search(r'href="([^"]*)" rel="next"', page)
+        address = unescape(found[1]) if found else ""
+    assert seen == list(range(PRODUCED, 0, -1))
+    parts = filled.local.get("/api/v1/parts?limit=50").json["parts"]
+    assert [part["number"] for part in parts] == seen[:50]
+
+
+def test_page_api_csv_and_command_select_the_same_parts(
+    filled: RunningPanel, ps4rig: Callable[..., Any]
+) -> None:
+    since = "2026-11-22T17:30"
+    query = f"class=sand&recipe=example&verdict=PASS&since={since}"
+    page = filled.local.get(f"/history?simulated=false&{query}").text
+    table = table_of(filled.local.get(f"/api/v1/parts.csv?{query}").text)
+    parts = filled.local.get(f"/api/v1/parts?{query}").json["parts"]
+    folder = filled.bench.folder.path
+    options = ("--class", "sand", "--recipe", "example", "--verdict", "PASS", "--since", since)
+    said = ps4rig("station", "history", folder, "--csv", *options).stdout
+    assert 20 < len(table) < PRODUCED / 5
+    assert table_of(said) == table
+    assert [int(row["number"]) for row in table[::-1]][:50] == numbers_of(page)
+    assert [part["number"] for part in parts] == numbers_of(page)
+    counted = json.loads(ps4rig("station", "history", folder, "--json", *options).stdout)
+    assert len(counted["parts"]) == len(table)
+    assert f"Production: {len(table)} parts, {len(table)} PASS" in " ".join(
+        re.sub("<[^>]*>", "", page).split()
+    )
+
+
+def test_an_override_is_shown_beside_what_the_station_said(filled: RunningPanel) -> None:
+    (entry, _) = (each for each in filled.bench.store.parts() if each.override)
+    part_id, reason = entry.result.part_id, entry.result.verdict.reason
+    page = filled.local.get(f"/history?simulated=false&part={part_id}").text
+    (row,) = rows_of(page)
+    assert f"{part_id} PASS station: FAIL Kim: a <hair> station: {reason}" in row
+    assert f'href="/parts/{part_id}"' in page
+
+
+def test_parts_of_a_simulated_rig_are_shown_as_such_and_never_as_production(
+    filled: RunningPanel,
+) -> None:
+    alone, both = (filled.local.get(f"/history{query}").text for query in ("", "?simulated=true"))
+    assert min(numbers_of(alone)) == PRODUCED + 11  # the page of a simulated rig shows its parts
+    assert f"<strong>SIMULATED</strong>:\n{SIMULATED} parts" in alone
+    assert all("SIMULATED" in row for row in rows_of(both))
+    assert f"<strong>Production</strong>:\n{PRODUCED} parts" in both
+    assert statistics_of(filled)["parts"] == PRODUCED
+    assert statistics_of(filled, "simulated=only")["parts"] == SIMULATED
+    refused = filled.local.get("/api/v1/statistics?simulated=true")
+    assert (refused.status, "no production" in refused.json["error"]) == (400, True)
+
+
+def test_statistics_are_the_same_on_the_page_and_from_the_api_and_the_command(
+    filled: RunningPanel, ps4rig: Callable[..., Any]
+) -> None:
+    page = filled.local.get("/statistics?simulated=false").text
+    found = statistics_of(filled)
+    counted = json.loads(
+        ps4rig("station", "history", filled.bench.folder.path, "--json").stdout
+    )["production"]  # fmt: skip
+    assert {name: found[name] for name in counted} == counted
+    assert found["verdicts"]["PASS"] == found["station_verdicts"]["PASS"] + 2
+    for name, count in found["verdicts"].items():
+        assert f'id="count-{name}">{count}<' in page
+    assert f'id="parts">{PRODUCED}<' in page
+    assert f'id="passed">{100 * found["verdicts"]["PASS"] / PRODUCED:.1f} %<' in page
+    figures = found["figures"]
+    assert [*figures] == ["yield", "causes", "distance", "led-1", "led-2", "led-3", "led-4"]
+    assert sum(row["parts"] for row in figures["yield"]["rows"]) == PRODUCED
+    assert sum(row["PASS"] for row in figures["yield"]["rows"]) == found["verdicts"]["PASS"]
+    rejected = PRODUCED - found["station_verdicts"]["PASS"]
+    assert sum(row["parts"] for row in figures["causes"]["rows"]) == rejected
+    assert figures["causes"]["rows"][-1]["cumulative_share"] == pytest.approx(1.0)
+
+
+def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel) -> None:
+    page = filled.local.get("/statistics?simulated=false").text
+    for name, figure in statistics_of(filled)["figures"].items():
+        assert f'id="{name}-title"' in page
+        answer = filled.local.get(f"/api/v1/statistics/{name}.csv")
+        assert answer.headers["content-disposition"] == f'attachment; filename="line-1-{name}.csv"'
+        given = [{key: "" if value is None else str(value) for key, value in row.items()}
+                 for row in figure["rows"]]  # fmt: skip
+        assert table_of(answer.text) == given
+        png = filled.local.get(f"/api/v1/statistics/{name}.png")
+        assert png.headers["content-type"] == "image/png"
+        image = cv2.imdecode(np.frombuffer(png.body, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert image.shape[1] == 1200
+        assert len(np.unique(image.reshape(-1, 3), axis=0)) > 10
+    missing = filled.local.get("/api/v1/statistics/gauge.csv")
+    assert missing.status == 404
+    assert "not among those of the selected parts: yield, causes" in missing.json["error"]
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("/history?verdict=MAYBE", "give PASS, FAIL, UNKNOWN or ERROR"),
+        ("/history?since=yesterday", "give a date or a time"),
+        ("/history?below=no", "whole number"),
+        ("/statistics?simulated=true", "give false or only"),
+        ("/statistics?verdict=FAIL", "statistics have no such filter"),
+        ("/statistics?until=now", "give a date or a time"),
+    ],
+)
+def test_a_wrong_filter_is_named_on_the_page(filled: RunningPanel, address: str, said: str) -> None:
+    answer = filled.local.get(address)
+    assert answer.status == 400
+    assert said in unescape(answer.text)
+
+
+def test_a_selection_without_parts_says_so(filled: RunningPanel) -> None:
+    assert "No parts are selected" in filled.local.get("/history?class=none").text
+    page = filled.local.get("/statistics?class=none")
+    assert (page.status, "No parts are selected" in page.text) == (200, True)
+    assert statistics_of(filled, "class=none")["figures"] == {}
+
+
+def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPanel) -> None:
+    shown = [Presentation(f"K{n}", n % 2 == 0, Decision.PASS, "fine") for n in range(4)]
+    report = GaugeReport.of(GaugeStudy(tuple(shown)), "example", None, simulated=True)
+    files = filled.bench.folder.recipe_files()
+    files.folder.mkdir(exist_ok=True)
+    write_gauge_report(files.gauge, report)
+    try:
+        assert "gauge" not in statistics_of(filled)["figures"]
+        figure = statistics_of(filled, "simulated=only")["figures"]["gauge"]
+        assert figure["title"] == "Gauge study: unacceptable"
+        misses = next(row for row in figure["rows"] if row["measure"] == "misses")
+        assert (misses["events"], misses["trials"], misses["acceptable"]) == (2, 2, 0.02)
+        assert filled.local.get("/api/v1/statistics/gauge.png?simulated=only").status == 200
+        files.gauge.write_text('{"format": "other"}')
+        with pytest.raises(InputError, match=r"gauge\.json: .*; run ps4rig station gauge"):
+            gauge_of(filled.bench.folder, Selection(simulated=True))
+    finally:
+        files.gauge.unlink()
