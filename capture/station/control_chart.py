@@ -93,21 +93,29 @@ class RuleSeries:
         return ()
 
 
-class _Warnings:
-    """Which warnings of one chart hold."""
+class NewWarnings:
+    """Tells which warnings begin: one that comes again within the longest rule is the same one."""
 
     def __init__(self) -> None:
-        self._series = RuleSeries()
         self._since: dict[str, int] = {}  # points since a warning last held
 
-    def add(self, point: float, further: Iterable[str] = ()) -> list[str]:
-        """Add a point; return the warnings that begin with it."""
-        holding = [*further, *self._series.add(point)]
-        begun = [text for text in holding if text not in self._since]
-        # A warning that comes again within the longest rule is the same one.
+    def begun(self, holding: Sequence[str]) -> tuple[str, ...]:
+        """Return those of the warnings of a point that begin with it."""
+        begun = tuple(text for text in holding if text not in self._since)
         counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
         self._since = counts | dict.fromkeys(holding, 0)
         return begun
+
+
+class _Watched:
+    """One chart of a running station."""
+
+    def __init__(self) -> None:
+        self._series, self._warnings = RuleSeries(), NewWarnings()
+
+    def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
+        """Add a point; return the warnings that begin with it, with further ones that hold."""
+        return self._warnings.begun([*further, *self._series.add(point)])
 
 
 class ControlChart:
@@ -127,8 +135,8 @@ class ControlChart:
     def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
         self._led_names = tuple(led_names)
         self._subscribers = subscribers
-        self._levels = {name: _Warnings() for name in led_names}
-        self._distance = _Warnings()
+        self._levels = {name: _Watched() for name in led_names}
+        self._distance = _Watched()
         self._group: list[PartResult] = []
 
     def __call__(self, event: Event) -> None:

@@ -5,7 +5,14 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from .control_chart import BASELINE_POINTS, GROUP, RuleSeries, is_measured, mean_log_distance
+from .control_chart import (
+    BASELINE_POINTS,
+    GROUP,
+    NewWarnings,
+    RuleSeries,
+    is_measured,
+    mean_log_distance,
+)
 
 
 @dataclass(frozen=True)
@@ -29,8 +36,9 @@ class ChartPoint:
         Of its last part.
     value
         The mean: of levels, or the geometric one of distances.
-    broken
-        Which Western Electric rules it breaks, in words.
+    broken, begun
+        Which Western Electric rules it breaks, in words, and of which of them a running station
+        warns with this point.
     """
 
     number: int
@@ -38,6 +46,7 @@ class ChartPoint:
     triggered_utc: str
     value: float
     broken: tuple[str, ...]
+    begun: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -91,15 +100,15 @@ def _history(
     value_of: Callable[[float], float] = lambda point: point,
 ) -> ChartHistory:
     """Apply the rules to the points of groups; `value_of` gives what a chart shows of a point."""
-    series = RuleSeries()
-    shown = tuple(
-        ChartPoint(
-            last.number, last.part_id, last.triggered_utc, value_of(point), series.add(point)
+    series, warnings, shown = RuleSeries(), NewWarnings(), []
+    for (*_, last), point in zip(groups, points, strict=True):
+        broken = series.add(point)
+        begun, value = warnings.begun(broken), value_of(point)
+        shown.append(
+            ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
         )
-        for (*_, last), point in zip(groups, points, strict=True)
-    )
     if series.baseline is None:
-        return ChartHistory(shown, len(shown), None, None, None)
+        return ChartHistory(tuple(shown), len(shown), None, None, None)
     mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
     centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
-    return ChartHistory(shown, BASELINE_POINTS, centre, lower, upper)
+    return ChartHistory(tuple(shown), BASELINE_POINTS, centre, lower, upper)

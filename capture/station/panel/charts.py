@@ -29,12 +29,12 @@ from .drawing import (
 )
 
 # Room for the longest name of a cause or a measure, and for a count with its share.
-_NAMES, _NUMBERS = 110, 76
+_NAMES, _NUMBERS = 110, 86
 _ROW = 22
 # Names of periods that fit side by side below the chart.
 _MOST_NAMES = 8
-# So many bars are wide enough for the share that passed above them.
-_MOST_SHARES = 14
+MOST_SHARES = 16
+"""Bars that are wide enough for the share that passed, above them."""
 
 Element = Line | Box | Dot | Words
 
@@ -61,7 +61,7 @@ def _yield(periods: Sequence[Period]) -> Iterator[Element]:
                 about = f"{period.begin}: {parts} {decision}"
                 yield Box(_KINDS[decision], begin, top, width, bottom - top, about)
                 below += parts
-        if len(periods) <= _MOST_SHARES:
+        if len(periods) <= MOST_SHARES:
             share = period.verdicts.get(Decision.PASS, 0) / period.parts
             yield Words(middle, up(below) - 4, f"{share:.0%}", "middle")
     yield bottom_line()
@@ -111,15 +111,15 @@ def _causes(causes: Sequence[CauseCount], height: int) -> Iterator[Element]:
     across = Scale(0.0, 100.0, LEFT + _NAMES - 20, WIDTH - _NUMBERS)
     yield from _percent_axis(across, height)
     total = sum(each.parts for each in causes)
-    added, curve = 0, list[tuple[float, float]]()
+    added, curve = 0, []
     for number, each in enumerate(causes):
-        y = TOP + _ROW * number
+        y = float(TOP + _ROW * number)
         added += each.parts
         end = across(100.0 * each.parts / total)
         about = f"{each.cause}: {each.parts} parts, also in {each.also}"
         yield Box("series", across(0.0), y + 3, end - across(0.0), _ROW - 6, about)
         yield Words(across(0.0) - 6, y + 16, each.cause, "end")
-        yield Words(WIDTH - _NUMBERS + 8, y + 16, f"{each.parts} ({each.parts / total:.0%})")
+        yield Words(WIDTH - _NUMBERS + 14, y + 16, f"{each.parts} ({each.parts / total:.0%})")
         curve.append((across(100.0 * added / total), y + _ROW / 2))
     yield Line("share", tuple(curve))
     for x, y in curve:
@@ -165,8 +165,9 @@ def _control(history: ChartHistory, factor: float, unit: str) -> Iterator[Elemen
     for (x, y), point, value in zip(places, points, values, strict=True):
         if point.broken:
             about = f"{point.part_id}: {value:.4g}{unit}; {'; '.join(point.broken)}"
-            yield Dot("alarm", x, y, 5, about)
+            yield Dot("alarm", x, y, 3.5, about)
     yield bottom_line()
+    yield Words(LEFT - 24, HEIGHT - BOTTOM + 18, "part", "end")
     every = -(-len(points) // _MOST_NAMES)
     for number in range(0, len(points), every):
         y = HEIGHT - BOTTOM + 18
@@ -203,4 +204,4 @@ def _gauge(report: GaugeReport, height: int) -> Iterator[Element]:
         yield Box("alarm", across(100.0 * acceptable) - 1.5, y + 4, 3, _ROW + 8)
         yield Words(across(0.0) - 6, y + 24, name, "end")
         text = "no trials" if each.share is None else f"{each.events} of {each.trials}"
-        yield Words(WIDTH - _NUMBERS + 8, y + 24, text)
+        yield Words(WIDTH - _NUMBERS + 14, y + 24, text)

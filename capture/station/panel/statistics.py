@@ -22,7 +22,7 @@ from capture.station.verdict import Decision
 from classify.errors import InputError
 from rig.config.rig import config_of
 
-from .charts import causes_chart, control_chart, gauge_chart, yield_chart
+from .charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .drawing import Drawing
 from .panel import Panel
 from .security import Denied
@@ -161,7 +161,8 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[tuple[str, Figure]]:
         "yield",
         Figure(
             "Yield",
-            "Verdicts that hold, after overrides. Above a bar: the share that passed.",
+            "Verdicts that hold, after overrides."
+            f"{' Above a bar: the share that passed.' if len(periods) <= MOST_SHARES else ''}",
             ("period", "parts", *Decision, "passed"),
             rows,
             yield_chart(periods),
@@ -205,14 +206,15 @@ def _control_figures(
             for point in chart.points
         )  # fmt: skip
         remarks = tuple(
-            f"{point.part_id}: {'; '.join(point.broken)}" for point in chart.points if point.broken
+            f"{point.part_id}: {'; '.join(point.begun)}" for point in chart.points if point.begun
         )
         yield (
             f"led-{number}" if number else "distance",
             Figure(
                 title,
                 f"Means of five of the last {MOST_MEASURED} parts that matched a texture; the "
-                "first 20 points are the baseline. Marked points break a Western Electric rule.",
+                "first 20 points are the baseline. Marked points break a Western Electric rule; "
+                "the list says where that begins.",
                 (
                     "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
                     "upper_limit", "broken_rules",

@@ -12,9 +12,11 @@ from capture.station.control_chart import (
     baseline_of,
     broken_rules,
 )
+from capture.station.control_history import MeasuredPart, chart_histories
 from capture.station.events import Event, PartAnnounced, Warned
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Decision, Verdict
+from tests.capture.station.results.many import many
 
 LEDS = ("LED 0", "LED 90", "LED 180", "LED 270")
 UNIT = Baseline(0.0, 1.0)
@@ -126,3 +128,38 @@ def test_an_led_below_90_percent_is_named_with_the_first_point() -> None:
     told = [text for _ in range(20) for text in chart.add(part)]
     assert len(told) == 1
     assert told[0].startswith("LED 90 at 88.0% of its taught level: least 90%")
+
+
+def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
+    """The points, the baseline and the rules are the same; only levels below 90 % are not told."""
+    parts = many("line-1", 600)
+    watching = ControlChart(["LED 0", "LED 90", "LED 180", "LED 270"])
+    told = {part.part_id: watching.add(part) for part in parts}
+    running = [(part_id, text) for part_id, texts in told.items() for text in texts]
+    distance, *levels = chart_histories(
+        MeasuredPart(**{name: getattr(part, name) for name in MeasuredPart.__dataclass_fields__})
+        for part in parts
+        if part.label is not None
+    )
+    assert len(running) > 5
+    assert len(distance.points) == sum(part.label is not None for part in parts) // 5
+    recorded = {
+        (point.part_id, text)
+        for chart in (distance, *levels)
+        for point in chart.points
+        for text in point.begun
+    }
+    assert recorded == {(part_id, text.split(": ")[1].split(";")[0]) for part_id, text in running}
+    assert distance.lower is not None
+    assert distance.centre is not None
+    assert distance.upper is not None
+    assert 0.0 < distance.lower < distance.centre < distance.upper
+
+
+def test_too_few_parts_have_no_baseline() -> None:
+    parts = [MeasuredPart(n, f"part-{n}", "", 0.4, (1.0, 0.9)) for n in range(99)]
+    charts = chart_histories(parts)
+    assert [len(chart.points) for chart in charts] == [19, 19, 19]
+    assert {chart.centre for chart in charts} == {None}
+    (alone,) = chart_histories([])
+    assert alone.points == ()
