@@ -53,6 +53,8 @@ MAX_AVERAGE = 1024
 # A passing disturbance (a lost line, a torn frame) seldom affects two attempts; see the table that
 # test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
+# Read once: to read it takes longer than to switch a light.
+_SOFTWARE_VERSION = version("ps4rig")
 
 
 def capture_set(
@@ -177,7 +179,7 @@ def _attempt(
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
         mm_per_px=known.mm_per_px,
-        software_version=version("ps4rig"),
+        software_version=_SOFTWARE_VERSION,
         pixels_sha256=pixels_sha256(images.images, images.ambient),
     )
     return CapturedSet(images.images, images.ambient, metadata)

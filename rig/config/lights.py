@@ -1,5 +1,6 @@
 """The section ``[lights]`` of ``rig.toml``: the controller, and the positions of its LEDs."""
 
+from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -68,8 +69,7 @@ class LightsConfig(Section):
     @property
     def lighting(self) -> Lighting:
         """Directions and relative intensities of the lights."""
-        ring = Lighting.from_angles(self.tilts_deg, self.slant_deg)
-        return Lighting(ring.directions, np.array(self.intensities))
+        return _lighting(self.tilts_deg, self.slant_deg, self.intensities)
 
     @model_validator(mode="after")
     def _one_intensity_each(self) -> Self:
@@ -78,3 +78,11 @@ class LightsConfig(Section):
                 f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
             )
         return self
+
+
+@lru_cache(maxsize=16)  # a capture asks a dozen times
+def _lighting(
+    tilts_deg: tuple[float, ...], slant_deg: float, intensities: tuple[float, ...]
+) -> Lighting:
+    ring = Lighting.from_angles(tilts_deg, slant_deg)
+    return Lighting(ring.directions, np.array(intensities))

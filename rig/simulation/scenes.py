@@ -59,6 +59,7 @@ class SceneCache:
     def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
         self._limit_bytes = limit_bytes
         self._scenes: OrderedDict[Hashable, SceneImages] = OrderedDict()
+        self._kept_bytes = 0
         self._lock = Lock()
 
     def get(self, key: Hashable, render: Callable[[], SceneImages]) -> SceneImages:
@@ -66,10 +67,11 @@ class SceneCache:
         with self._lock:
             if key not in self._scenes:
                 self._scenes[key] = render()
+                self._kept_bytes += _bytes_of(self._scenes[key])
             self._scenes.move_to_end(key)
             scene = self._scenes[key]
-            while sum(map(_bytes_of, self._scenes.values())) > self._limit_bytes:
-                self._scenes.popitem(last=False)
+            while self._kept_bytes > self._limit_bytes:
+                self._kept_bytes -= _bytes_of(self._scenes.popitem(last=False)[1])
             return scene
 
 
