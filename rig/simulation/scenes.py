@@ -5,6 +5,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
 from pathlib import Path
 from threading import Lock
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -14,11 +15,13 @@ from rig.config.simulation import Placement
 from rig.scene.lens import Lens
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import DISTANT, SceneImages, render_frame
-from rig.scene.surfaces import Surface
+from rig.scene.surfaces import PeriodicSurface, Surface
 from rig.scene.synthetic import SYNTHETIC_NAMES, SYNTHETIC_TEXTURES, synthetic_surface, tile_side_px
 from rig.scene.targets import TARGETS, Sphere, target_named
 
 from .defective_surface import DefectiveSurface
+
+Kept = TypeVar("Kept")
 
 # One scene of 1024 x 1024 px and four lights, or many small ones.
 _CACHE_BYTES = 64_000_000
@@ -50,32 +53,41 @@ def require_surface(name: str) -> None:
         )
 
 
-class SceneCache:
-    """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig.
+class BoundedCache(Generic[Kept]):
+    """Keeps values that take long to make. Thread-safe.
 
-    When all scenes together exceed `limit_bytes`, the least recently used ones are removed.
+    When all values together exceed `limit_bytes`, the least recently used ones are removed.
+
+    Parameters
+    ----------
+    bytes_of
+        Memory that a value takes.
     """
 
-    def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
-        self._limit_bytes = limit_bytes
-        self._scenes: OrderedDict[Hashable, SceneImages] = OrderedDict()
+    def __init__(self, bytes_of: Callable[[Kept], int], limit_bytes: int = _CACHE_BYTES) -> None:
+        self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
+        self._kept: OrderedDict[Hashable, Kept] = OrderedDict()
         self._kept_bytes = 0
         self._lock = Lock()
 
-    def get(self, key: Hashable, render: Callable[[], SceneImages]) -> SceneImages:
-        """The scene of `key`, rendered if it is not kept."""
+    def get(self, key: Hashable, make: Callable[[], Kept]) -> Kept:
+        """The value of `key`, made if it is not kept."""
         with self._lock:
-            if key not in self._scenes:
-                self._scenes[key] = render()
-                self._kept_bytes += _bytes_of(self._scenes[key])
-            self._scenes.move_to_end(key)
-            scene = self._scenes[key]
+            if key not in self._kept:
+                self._kept[key] = make()
+                self._kept_bytes += self._bytes_of(self._kept[key])
+            self._kept.move_to_end(key)
+            value = self._kept[key]
             while self._kept_bytes > self._limit_bytes:
-                self._kept_bytes -= _bytes_of(self._scenes.popitem(last=False)[1])
-            return scene
+                self._kept_bytes -= self._bytes_of(self._kept.popitem(last=False)[1])
+            return value
 
 
-_SHARED_CACHE = SceneCache()
+class SceneCache(BoundedCache[SceneImages]):
+    """Keeps rendered scenes, because rendering takes most of the time to open a simulated rig."""
+
+    def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
+        super().__init__(_bytes_of, limit_bytes)
 
 
 class SceneRenderer:
@@ -90,9 +102,9 @@ class SceneRenderer:
         folder is rendered each time, because its files may change.
     """
 
-    def __init__(self, config: RigConfig, cache: SceneCache = _SHARED_CACHE) -> None:
+    def __init__(self, config: RigConfig, cache: SceneCache | None = None) -> None:
         self._config = config
-        self._cache = cache
+        self._cache = _SHARED_CACHE if cache is None else cache
         self._surface: tuple[tuple[object, ...], Surface] | None = None
 
     def render(self, placement: Placement) -> SceneImages:
@@ -172,8 +184,22 @@ def _bytes_of(scene: SceneImages) -> int:
     return sum((array if array.base is None else array.base).nbytes for array in arrays)
 
 
+def _bytes_of_surface(surface: PeriodicSurface) -> int:
+    maps = (surface.height, surface.p, surface.q, surface.albedo)
+    # The spline coefficients have twice as many rows and columns.
+    return 5 * sum(each.nbytes for each in maps)
+
+
+_SHARED_CACHE = SceneCache()
+# Synthetic surfaces of frames up to 256 px; those of larger frames exceed it.
+_SYNTHETIC_CACHE = BoundedCache(_bytes_of_surface)
+
+
 def _load(name: str, seed: int, size_px: int) -> Surface:
     if name in SYNTHETIC_TEXTURES:
-        return synthetic_surface(name, seed, tile_side_px(size_px))
+        tile_px = tile_side_px(size_px)
+        return _SYNTHETIC_CACHE.get(
+            (name, seed, tile_px), lambda: synthetic_surface(name, seed, tile_px)
+        )
     require_surface(name)
     return load_material(bundled_materials().get(name, Path(name)))

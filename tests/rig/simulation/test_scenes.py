@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rig import Placement, RigConfig
 from rig.scene.material_folder import bundled_materials
-from rig.simulation.scenes import SceneCache, SceneRenderer
+from rig.simulation.scenes import BoundedCache, SceneCache, SceneRenderer
 
 SMALL = RigConfig().with_changes(camera={"width_px": 32, "height_px": 24})
 SCENE_BYTES = 32 * 32 * (4 * 4 + 4 + 4 * 1 + 3 * 4)
@@ -35,3 +35,17 @@ def test_a_material_folder_is_rendered_anew(tmp_path: Path) -> None:
     cache, placement = SceneCache(), Placement(surface=str(folder))
     first = SceneRenderer(SMALL, cache).render(placement)
     assert SceneRenderer(SMALL, cache).render(placement) is not first
+
+
+def test_a_cache_forgets_the_size_of_what_it_removed() -> None:
+    cache = BoundedCache[bytes](len, limit_bytes=4)
+    kept = [cache.get(number, lambda: bytes(2)) for number in range(5)]
+    assert cache.get(4, lambda: b"") is kept[4]
+    assert cache.get(3, lambda: b"") is kept[3]
+    assert cache.get(2, lambda: b"") == b""
+
+
+def test_what_exceeds_a_cache_is_not_kept() -> None:
+    cache = BoundedCache[bytes](len, limit_bytes=4)
+    assert cache.get("large", lambda: bytes(5)) == bytes(5)
+    assert cache.get("large", lambda: b"") == b""

@@ -1,0 +1,145 @@
+"""A long production: memory, open files, and whether files, rows and announcements agree.
+
+    python -m tests.capture.station.endurance --parts 20000
+    python -m tests.capture.station.endurance --parts 20000 --frame-px 256
+
+Frames of another size than the taught 256 px end as ERROR: they show the loop without the judge.
+"""
+
+import argparse
+import gc
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections import Counter
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, NamedTuple
+
+# The kernels run in one thread, so that other tests have the other cores.
+os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
+import cv2
+
+from capture.sets.ome_tiff import SUFFIX
+from capture.station.event_lines import json_fields
+from capture.station.events import Event, PartAnnounced
+from capture.station.folder import StationFolder
+from capture.station.results.store import open_store
+from capture.station.retention import remove_old_sets
+from tests.capture.station.production import (
+    SMALL_RIG,
+    contradictions,
+    in_memory,
+    run_parts,
+    taught_station,
+)
+
+# Lines of the printed table.
+LINES = 20
+# Growth of the resident memory over the last half of a run that still counts as flat.
+FLAT_MB = 8.0
+# Of the set files, one in so many is read whole and hashed: all of them would take as long as a
+# tenth of the run.
+READ_EVERY = 20
+
+
+class Reading(NamedTuple):
+    """What a run needs after some parts."""
+
+    parts: int
+    memory_mb: float
+    open_files: int
+    cpu_ms: float  # of a part, since the reading before
+
+
+def resident_mb() -> float:
+    found = re.search(r"VmRSS:\s+(\d+) kB", Path("/proc/self/status").read_text())
+    assert found is not None
+    return int(found[1]) / 1024
+
+
+def produce(folder: Path, parts: int, frame_px: int, announced: Path) -> list[Reading]:
+    """Run the station, write its events to a file, and read memory and open files."""
+    readings: list[Reading] = []
+    every = max(1, parts // LINES)
+    rig = SMALL_RIG.with_changes(camera={"width_px": frame_px, "height_px": frame_px})
+    before_s = time.process_time()
+    with announced.open("w", encoding="utf-8") as file:
+
+        def listen(event: Event) -> None:
+            nonlocal before_s
+            file.write(json.dumps(json_fields(event)) + "\n")
+            if isinstance(event, PartAnnounced) and event.result.number % every == 0:
+                gc.collect()
+                now_s = time.process_time()
+                open_files = len(list(Path("/proc/self/fd").iterdir()))
+                cpu_ms = 1e3 * (now_s - before_s) / every
+                readings.append(Reading(event.result.number, resident_mb(), open_files, cpu_ms))
+                print("{:6} {:14.1f} {:12} {:18.1f}".format(*readings[-1]), flush=True)
+                before_s = now_s
+
+        run_parts(folder, parts, listen, rig)
+    return readings
+
+
+def faults_of(readings: list[Reading]) -> list[str]:
+    """Say what grows."""
+    half = len(readings) // 2
+    first, last = readings[:half], readings[half:]
+    grown_mb = max(each.memory_mb for each in last) - last[0].memory_mb
+    found = []
+    if grown_mb >= FLAT_MB:
+        found.append(f"memory grows by {grown_mb:.1f} MB in the last half, limit {FLAT_MB}")
+    # A set file and a journal of the database may be open at the moment.
+    if max(each.open_files for each in last) > max(each.open_files for each in first) + 2:
+        found.append("more and more files are open")
+    return found
+
+
+def main(parts: int, frame_px: int) -> int:
+    """Print the figures; return the exit status."""
+    cv2.setNumThreads(1)
+    with tempfile.TemporaryDirectory(prefix="ps4rig-endurance-", dir=in_memory(parts)) as place:
+        folder, announced = Path(place) / "line-1", Path(place) / "announced"
+        taught_station(folder)
+        print(" parts   memory in MB   open files   ms of CPU a part")
+        wrong = faults_of(produce(folder, parts, frame_px, announced))
+        with announced.open(encoding="utf-8") as lines:
+            events: list[dict[str, Any]] = [json.loads(line) for line in lines]
+        wrong += contradictions(folder, events, read_every=READ_EVERY)
+        told = Counter(event["decision"] for event in events if event["event"] == "part")
+        config = StationFolder(folder).config
+        with open_store(config.results_in(folder), config.name) as store:
+            rows = store.counters().simulated.parts
+            files = set_files(folder)
+            later = datetime.now(UTC) + timedelta(days=config.retention.pass_days + 1.0)
+            removed = remove_old_sets(folder, store, config.retention, later)
+        kept = set_files(folder)
+        if not told.total() == rows == parts == files:
+            wrong.append(
+                f"{told.total()} announced, {rows} rows and {files} files of {parts} parts"
+            )
+        if files - removed != kept:
+            wrong.append(f"the retention removed {removed} of {files} files, {kept} are left")
+        wrong += contradictions(folder, events, read_every=READ_EVERY)
+    verdicts = ", ".join(f"{count} {decision}" for decision, count in sorted(told.items()))
+    print(f"{told.total()} announced, {rows} rows, {files} set files: {verdicts}")
+    print(f"the retention of {config.retention.pass_days:g} days leaves {kept} set files")
+    print(f"{len(wrong)} faults", *wrong, sep="\n")
+    return int(bool(wrong))
+
+
+def set_files(folder: Path) -> int:
+    return sum(1 for _ in (folder / "parts").glob(f"*/*{SUFFIX}"))
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    options.add_argument("--parts", type=int, default=20000)
+    options.add_argument("--frame-px", type=int, default=64)
+    given = options.parse_args()
+    sys.exit(main(given.parts, given.frame_px))
