@@ -87,6 +87,19 @@ def map_in_threads(function: Callable[[Item], Result], items: Sequence[Item]) ->
     return [results[index] for index in range(len(items))]
 
 
+def beside(work: Callable[[], Result]) -> Callable[[], Result]:
+    """Start work in another thread; the function returned waits for its result and returns it.
+
+    The caller does the work itself if no thread was free until then.
+    """
+    future = _kept_threads(thread_count()).submit(work) if thread_count() > 1 else None
+
+    def result() -> Result:
+        return work() if future is None or future.cancel() else future.result()
+
+    return result
+
+
 def run_on_rows(
     function: Callable[[int, int], None], shape: tuple[int, int], strip_px: int = STRIP_PX
 ) -> None:

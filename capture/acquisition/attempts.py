@@ -18,7 +18,6 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import (
     CameraRecord,
-    ChecksRecord,
     ControllerRecord,
     LightingRecord,
     SetMetadata,
@@ -29,24 +28,14 @@ from classify.errors import InputError, Ps4rigError
 from classify.labels import checked_label
 from classify.lights.agreement import like_signed
 from rig import CameraInfo, HardwareError, Rig
-from rig.set_file import pixels_sha256
 
 from .frame_mean import SetImage
 from .fresh_frames import FrameHistory, light_name
 from .hardware_set import images_in_sequence
-from .light_checks import (
-    check_agreement,
-    check_ambient,
-    check_different,
-    check_images,
-    check_order,
-    check_retake,
-    check_signals,
-    check_target,
-    retake_reasons,
-)
+from .light_checks import check_target
 from .light_images import images_under
 from .part_sensor import ArrivedPart
+from .set_checks import check_set
 
 # Keeps the sum of 16-bit frames far within 32 bits.
 MAX_AVERAGE = 1024
@@ -158,7 +147,11 @@ def _attempt(
         image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
     known = Calibration() if calibration is None else calibration.calibration
-    checks = check_target(images) if is_target else _check(rig, images, known, average, history)
+
+    def retake() -> npt.NDArray[np.uint16]:
+        return _stack(_light_images(_capture(rig, average, history, retake=True)))
+
+    checks = check_target(images) if is_target else check_set(images, known, retake)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -180,36 +173,9 @@ def _attempt(
         calibration_ids=() if calibration is None else (calibration.hash,),
         mm_per_px=known.mm_per_px,
         software_version=_SOFTWARE_VERSION,
-        pixels_sha256=pixels_sha256(images.images, images.ambient),
+        pixels_sha256=images.pixels_sha256,
     )
     return CapturedSet(images.images, images.ambient, metadata)
-
-
-def _check(
-    rig: Rig, images: LightImages, known: Calibration, average: int, history: FrameHistory
-) -> ChecksRecord:
-    """Check the images of a set, if need be with a retake; may raise SetRejected."""
-    ambient_change = check_ambient(images)
-    check_images(images)
-    check_different(images)
-    calibrated = images.calibrated(known)
-    found = check_agreement(calibrated)
-    undecided = retake_reasons(found)
-    if undecided:
-        retaken = _light_images(_capture(rig, average, history, retake=True))
-        check_retake(images, _stack(retaken))
-        if found is None or found.levels is None:
-            check_signals(calibrated)
-    levels = None if found is None else found.levels
-    return ChecksRecord(
-        ambient_change=ambient_change,
-        redundancy_residual=None if found is None else found.redundancy_residual,
-        light_levels=levels,
-        light_levels_error=None if found is None or levels is None else found.level_error,
-        retaken=bool(undecided),
-        light_order=check_order(calibrated),
-        undecided=undecided,
-    )
 
 
 def _capture(

@@ -11,9 +11,10 @@ import numpy as np
 from capture.errors import SetRejected
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
+from classify import Lighting
 from classify.errors import InputError
 from classify.lights.agreement import LightAgreement, image_difference, light_agreement
-from classify.lights.order import light_order
+from classify.lights.order import LightOrder, light_order
 from rig.acceptance import (
     DEAD_LED_SHARE,
     LED_LEVEL_STANDARD_ERRORS,
@@ -44,12 +45,12 @@ def check_images(images: LightImages) -> None:
         Names each such light with its value.
     """
     causes: list[str] = []
-    full_scale, ambient_mean = images.full_scale, float(images.ambient.mean())
+    full_scale, ambient_mean = images.full_scale, images.ambient_mean
     if ambient_mean > MAX_AMBIENT_SHARE * full_scale:
         causes.append(
             f"ambient light fills {ambient_mean / full_scale:.0%} of the range; shield the rig"
         )
-    signals = images.signals()
+    signals = images.signals
     brightest = float(signals.max())
     shares = images.saturated_shares()
     for name, saturated, signal in zip(images.names, shares, signals, strict=True):
@@ -84,7 +85,7 @@ def check_ambient(images: LightImages) -> float | None:
     """
     if images.later_ambient is None:
         return None
-    signal = max(1.0, float(images.signals().max()))
+    signal = max(1.0, float(images.signals.max()))
     change = image_difference(images.ambient, images.later_ambient, signal, images.noise)
     if change > MAX_AMBIENT_CHANGE:
         raise SetRejected(
@@ -107,7 +108,7 @@ def check_target(images: LightImages) -> ChecksRecord:
         If two images hold the same frame, or the ambient light changed.
     """
     check_different(images)
-    bright = float(images.signals().max()) >= MIN_SIGNAL_SHARE * images.full_scale
+    bright = float(images.signals.max()) >= MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
         ambient_change=check_ambient(images) if bright else None,
         redundancy_residual=None,
@@ -118,29 +119,21 @@ def check_target(images: LightImages) -> ChecksRecord:
     )
 
 
-def check_agreement(images: LightImages) -> LightAgreement | None:
-    """Reject light images that contradict one another.
+def agreement_of(images: LightImages) -> LightAgreement | None:
+    """Agreement of images that have passed `check_images`.
 
-    The images must have passed `check_images`. The result is None without four lights in general
-    position.
-
-    Raises
-    ------
-    SetRejected
-        If an LED's level differs from the others.
+    None without four lights in general position.
     """
     try:
-        found = light_agreement(
+        return light_agreement(
             images.images, images.lighting, images.ambient, images.full_scale, images.noise
         )
     except InputError:  # not four lights, or three of them in one plane
         return None
-    _check_levels(found, images)
-    return found
 
 
 def retake_reasons(found: LightAgreement | None) -> tuple[str, ...]:
-    """Reasons for a retake, in words, by the result of `check_agreement`; empty if none."""
+    """Reasons for a retake, in words, by the result of `agreement_of`; empty if none."""
     if found is None:
         return ("the redundancy needs four lights in general position",)
     causes = []
@@ -163,7 +156,7 @@ def check_retake(images: LightImages, retaken: Images) -> None:
     SetRejected
         Naming the light.
     """
-    ambient, signals = float(images.ambient.mean()), images.signals()
+    ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(
         images.names, images.images, retaken, signals.tolist(), strict=True
     ):
@@ -185,7 +178,7 @@ def check_signals(images: LightImages) -> None:
     SetRejected
         Naming the light.
     """
-    shares = images.signals() / images.lighting.intensities
+    shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
     for name, share in zip(images.names, shares.tolist(), strict=True):
         if share < WEAK_LED_SHARE:
@@ -195,20 +188,25 @@ def check_signals(images: LightImages) -> None:
             )
 
 
-def check_order(images: LightImages) -> Literal["confirmed", "undecided"]:
-    """Whether the shading confirms the order of the lights.
+def order_of(images: LightImages) -> LightOrder | None:
+    """Order of the lights by the shading; None for another number than four."""
+    if len(images.lighting) != 4:
+        return None
+    return light_order(
+        images.images, images.lighting, ambient=images.ambient, full_scale=images.full_scale
+    )
+
+
+def check_order(order: LightOrder | None, lighting: Lighting) -> Literal["confirmed", "undecided"]:
+    """Whether the shading confirms the order of the lights, by the result of `order_of`.
 
     Raises
     ------
     SetRejected
         If the shading shows another order.
     """
-    lighting = images.lighting
-    if len(lighting) != 4:
+    if order is None:
         return "undecided"
-    order = light_order(
-        images.images, lighting, ambient=images.ambient, full_scale=images.full_scale
-    )
     # A ring rotated by 180 degrees fits nearly as well: the smallest error alone decides that.
     if order.is_refuted and order.opposite not in order.plausible:
         best = ", ".join(f"{tilt:g}" for tilt in lighting.tilts_deg[list(order.plausible[0])])
@@ -236,8 +234,15 @@ def check_different(images: LightImages) -> None:
         )
 
 
-def _check_levels(found: LightAgreement, images: LightImages) -> None:
-    if found.levels is None:
+def check_levels(found: LightAgreement | None, images: LightImages) -> None:
+    """Reject light images that contradict one another, by the result of `agreement_of`.
+
+    Raises
+    ------
+    SetRejected
+        If an LED's level differs from the others.
+    """
+    if found is None or found.levels is None:
         return
     limit = max(MAX_LED_LEVEL_DIFFERENCE, LED_LEVEL_STANDARD_ERRORS * found.level_error)
     causes = [

@@ -11,18 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from capture.acquisition.attempts import capture_set
-from capture.acquisition.light_checks import (
-    check_agreement,
-    check_ambient,
-    check_different,
-    check_images,
-    check_order,
-)
+from capture.acquisition.set_checks import check_set
 from capture.batch.tasks import PLANAR
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from classify import TextureLibrary
+from classify.calibration.calibration import Calibration
 from classify.defects.learning import LEAST_PARTS, learn_defects
 from classify.durable_file import make_folder
 from classify.library.training import TrainingRow, observe
@@ -30,7 +25,6 @@ from classify.methods import default_method
 from classify.texture.spectra import segment_for
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
-from rig.set_file import pixels_sha256
 
 from .config import StationConfig
 from .cycle import Station
@@ -149,7 +143,7 @@ class _StoredSets:
 
 
 def _check_as_captured(captured: CapturedSet) -> None:
-    """Make the checks that `capture_set` makes of an undisturbed set, and hash its pixels."""
+    """Check a set as `capture_set` does, and hash its pixels."""
     assert captured.ambient is not None
     lighting, full_scale = captured.lighting, captured.metadata.full_scale
     names = [f"LED {light}" for light in range(len(lighting))]
@@ -157,12 +151,7 @@ def _check_as_captured(captured: CapturedSet) -> None:
         captured.images, captured.ambient, captured.ambient, lighting, names, full_scale,
         captured.noise,
     )  # fmt: skip
-    check_ambient(images)
-    check_images(images)
-    check_different(images)
-    check_agreement(images)
-    check_order(images)
-    pixels_sha256(captured.images, captured.ambient)
+    check_set(images, Calibration(), lambda: captured.images)
 
 
 def run_bench(

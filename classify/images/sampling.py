@@ -22,6 +22,7 @@ def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> IndexAr
     return (grid[0][:, None] * shape[1] + grid[1]).ravel()
 
 
+@lru_cache(maxsize=32)
 def symmetric_samples(size: int, step: int) -> IndexArray:
     """Indices below `size` at distances of `step`, symmetric about (size - 1) / 2.
 

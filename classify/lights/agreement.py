@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.compiling import kernel
 from classify.errors import InputError
 from classify.images.noise import SensorNoise, noise_of_images
 from classify.images.sampling import IndexArray, symmetric_samples
 from classify.images.stack import ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
+from classify.threads import map_in_threads
 
 from .algebra import drop_one_constants
 from .led_levels import MATT, fit_levels
@@ -123,15 +125,22 @@ def light_agreement(
     step = max(1, math.ceil(math.sqrt(rows * columns / _MAX_SAMPLES)))
     grid = compared(symmetric_samples(rows, step), symmetric_samples(columns, step))
     terms, noises = grid.normed()
-    fits = [_fit(terms[:, part], noises[:, part]) for part in _parts(grid.lit)]
+    fits = map_in_threads(
+        lambda part: _fit(terms.take(part, axis=1), noises.take(part, axis=1)),
+        [*_parts(grid.lit)],
+    )
     whole = fits[0]
     if not all(fit is None or (whole is not None and fit.is_like(whole)) for fit in fits):
         whole = None
     levels = np.ones(4) if whole is None else whole.levels
     in_rows = compared(np.arange(rows), _spread_out(columns))
-    in_columns = compared(_spread_out(rows), np.arange(columns)).transposed()
+    in_columns = compared(_spread_out(rows), np.arange(columns))
+    deviation, variance = in_columns.corrected(levels)
     return LightAgreement(
-        redundancy_residual=max(in_rows.beyond_noise(levels), in_columns.beyond_noise(levels)),
+        redundancy_residual=max(
+            _beyond_noise(*in_rows.corrected(levels), in_rows.lit),
+            _beyond_noise(deviation.T, variance.T, in_columns.lit.T),
+        ),
         levels=None if whole is None else tuple(whole.levels.tolist()),
         level_error=math.inf if whole is None else whole.error,
         compared_rows=float((in_rows.lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean()),
@@ -154,23 +163,23 @@ class _Comparison:
     noises: FloatArray
     lit: BoolArray
 
-    def transposed(self) -> _Comparison:
-        """With columns in place of rows."""
-        terms, noises = (
-            np.ascontiguousarray(values.swapaxes(1, 2)) for values in (self.terms, self.noises)
-        )
-        return _Comparison(terms, noises, np.ascontiguousarray(self.lit.T))
-
     def normed(self) -> tuple[FloatArray, FloatArray]:
         """(4, R C) terms and noises for `fit_levels`."""
-        spread = np.hypot(np.sqrt(self.noises.sum(axis=0)), MATT)
-        return (self.terms / spread).reshape(4, -1), (self.noises / spread**2).reshape(4, -1)
+        variance = self.noises.sum(axis=0) + MATT**2
+        return (
+            (self.terms / np.sqrt(variance)).reshape(4, -1),
+            (self.noises / variance).reshape(4, -1),
+        )
 
-    def beyond_noise(self, levels: npt.NDArray[np.float64]) -> float:
-        """Residual beyond noise of bands of rows, after correction for the levels."""
-        factors = (1.0 / levels).astype(np.float32)[:, None, None]
-        spread = np.hypot(np.sqrt((np.square(factors) * self.noises).sum(axis=0)), MATT)
-        return _beyond_noise((factors * self.terms).sum(axis=0), spread, self.lit)
+    def corrected(self, levels: npt.NDArray[np.float64]) -> tuple[FloatArray, FloatArray]:
+        """(R, C) residual after correction for the levels, and its variance."""
+        factors = (1.0 / levels).astype(np.float32)
+        residual, variance = (
+            (weights @ values.reshape(4, -1)).reshape(self.lit.shape)
+            for weights, values in ((factors, self.terms), (np.square(factors), self.noises))
+        )
+        variance += MATT**2
+        return residual, variance
 
 
 def _compare(
@@ -184,24 +193,69 @@ def _compare(
     columns: IndexArray,
 ) -> _Comparison:
     """Compare some rows and columns; `noise` is of the sensor, or the deviation of all values."""
-    pixels = (rows * images.shape[2])[:, None] + columns
-    raw = images.reshape(4, -1).take(pixels, axis=1).astype(np.float32)
-    gains = (1.0 / lighting.intensities).astype(np.float32)[:, None, None]
-    values = gains * (raw - ambient.ravel().take(pixels).astype(np.float32))
+    raw, dark = (_picked(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
+    gains = (1.0 / lighting.intensities).astype(np.float32)
     if isinstance(noise, SensorNoise):
-        offset, slope, black = noise.coefficients()
-        variance = np.square(gains) * (offset + slope * np.maximum(raw - black, np.float32(0.0)))
+        squares, variance = np.square(gains), noise.coefficients()
     else:
-        variance = np.full_like(raw, max(noise**2, 1.0 / 12.0))
-    means = np.maximum(values.mean(axis=(1, 2), keepdims=True), np.float32(1e-6))
-    evened = values / means
-    lit = evened.min(axis=0) > MAYBE_SHADOW * evened.max(axis=0)
-    lit &= raw.max(axis=0) < full_scale
-    # In shares of the brightness: if one image is wrong by a share, the residual is that share.
-    brightness = np.maximum(values.mean(axis=0), np.float32(1e-6))
-    weights = null.astype(np.float32)[:, None, None] / (np.abs(null).mean() * brightness)
-    weights = weights.astype(np.float32)
-    return _Comparison(weights * values, np.square(weights) * variance, lit)
+        squares = np.ones(4, np.float32)
+        variance = np.array([max(noise**2, 1.0 / 12.0), 0.0, 0.0], np.float32)
+    means = gains * (raw.mean(axis=(1, 2)) - dark.mean())
+    noises, lit = np.empty_like(raw), np.empty(dark.shape, np.bool_)
+    _weigh(
+        raw, dark, gains, np.maximum(means, np.float32(1e-6)),
+        (null / np.abs(null).mean()).astype(np.float32), squares, variance,
+        np.float32(full_scale), noises, lit,
+    )  # fmt: skip
+    return _Comparison(raw, noises, lit)
+
+
+def _picked(
+    planes: npt.NDArray[np.uint16], rows: IndexArray, columns: IndexArray
+) -> npt.NDArray[np.uint16]:
+    """Pick rows and columns of (..., H, W); rows first, because these are copied as a whole."""
+    if len(rows) < planes.shape[-2]:
+        planes = planes.take(rows, axis=-2)
+    return planes.take(columns, axis=-1) if len(columns) < planes.shape[-1] else planes
+
+
+@kernel
+def _weigh(
+    values: FloatArray, dark: FloatArray, gains: FloatArray, means: FloatArray, null: FloatArray,
+    squares: FloatArray, variance: FloatArray, full_scale: np.float32,
+    noises: FloatArray, lit: BoolArray,
+) -> None:  # fmt: skip
+    """Turn pixel values (4, R, C) into the terms of a `_Comparison`, and find the other arrays.
+
+    `means` (4,) are those of the images less ambient light, times `gains`. The variance of a pixel
+    value is `squares` (4,) times a + b (value - black).
+    """
+    rows, columns = dark.shape
+    a, b, black = variance
+    zero, quarter, tiny = np.float32(0.0), np.float32(0.25), np.float32(1e-6)
+    shadow = np.float32(MAYBE_SHADOW)
+    low, high, total = np.empty((3, columns), np.float32)
+    for r in range(rows):
+        low[:], high[:], total[:], lit[r] = np.inf, -np.inf, zero, True
+        for k in range(4):
+            gain, even = gains[k], gains[k] / means[k]
+            for c in range(columns):
+                value = values[k, r, c]
+                noises[k, r, c] = squares[k] * (a + b * max(value - black, zero))
+                lit[r, c] &= value < full_scale
+                value -= dark[r, c]
+                values[k, r, c] = gain * value
+                low[c], high[c] = min(low[c], even * value), max(high[c], even * value)
+                total[c] += gain * value
+        for c in range(columns):
+            lit[r, c] &= low[c] > shadow * high[c]
+            # In shares of the brightness: if one image is wrong by a share, so is the residual.
+            total[c] = np.float32(1.0) / max(quarter * total[c], tiny)
+        for k in range(4):
+            for c in range(columns):
+                weight = null[k] * total[c]
+                values[k, r, c] *= weight
+                noises[k, r, c] *= weight * weight
 
 
 def image_difference(
@@ -216,17 +270,16 @@ def image_difference(
     the steps of the difference from pixel to pixel, for pixels of similar brightness.
     """
     columns = _spread_out(first.shape[1])
-    a, b = (image[:, columns].astype(np.float32) for image in (first, second))
+    a, b = (image.take(columns, axis=1).astype(np.float32) for image in (first, second))
     if noise is None:
         variance = _variance_of_difference(a, b)
     else:
         offset, slope, black = (float(value) for value in noise.coefficients())
         variance = 2.0 * offset + slope * np.maximum(a + b - 2.0 * black, 0.0)
-    everywhere = np.ones(a.shape, np.bool_)
+    variance += np.float32(2.0 * _EXTRA_ROUNDING)
     share = np.float32(1.0 / signal)
-    return _beyond_noise(
-        share * (a - b), share * np.sqrt(variance + 2.0 * _EXTRA_ROUNDING), everywhere
-    )
+    everywhere = np.ones(a.shape, np.bool_)
+    return _beyond_noise(share * (a - b), share * share * variance, everywhere)
 
 
 def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -247,17 +300,21 @@ def _spread_out(size: int) -> IndexArray:
     return symmetric_samples(size, max(1, -(-size // _MAX_COLUMNS)))
 
 
-def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray) -> float:
+def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArray) -> float:
     """Largest rms deviation beyond noise over bands of rows of one height, of all heights."""
     rows = len(deviation)
-    squares = np.where(counted, np.minimum(np.square(deviation / spread), _OUTLIER**2), 0.0)
+    squares = np.square(deviation)
+    squares /= variance
+    np.minimum(squares, np.float32(_OUTLIER**2), out=squares)
+    squares *= counted
+    counts_of_rows, sums_of_rows = counted.sum(axis=1), squares.sum(axis=1)
     worst = 0.0
     height = 1
     while True:
         edges = _band_edges(rows, height)
         starts = edges[:-1]
-        counts = np.add.reduceat(counted.sum(axis=1), starts)
-        means = np.add.reduceat(squares.sum(axis=1), starts) / np.maximum(counts, 1)
+        counts = np.add.reduceat(counts_of_rows, starts)
+        means = np.add.reduceat(sums_of_rows, starts) / np.maximum(counts, 1)
         errors = _STANDARD_ERRORS * np.sqrt(2.0 / np.maximum(counts, 1))
         large = np.flatnonzero(
             (counts >= _MIN_SAMPLES_OF_A_ROW) & (means > 1.0 + _ABOVE_NOISE + errors)
@@ -268,14 +325,15 @@ def _beyond_noise(deviation: FloatArray, spread: FloatArray, counted: BoolArray)
             inside = counted[part]
             # The median, as a few glints are not a wrong light.
             size = 1.4826 * float(np.median(np.abs(deviation[part][inside])))
-            noise = float(np.median(spread[part][inside]))
-            total += max(0.0, size**2 - noise**2) * len(inside) / rows
+            noise = float(np.median(variance[part][inside]))
+            total += max(0.0, size**2 - noise) * len(inside) / rows
         worst = max(worst, total)
         if height >= rows:
             return float(np.sqrt(worst))
         height *= 4
 
 
+@lru_cache(maxsize=32)
 def _band_edges(rows: int, height: int) -> IndexArray:
     """First rows of bands of about one height, symmetric about the middle, and the end."""
     count = -(-rows // height)

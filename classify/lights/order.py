@@ -1,8 +1,9 @@
 """The order of four lights, tested by the images of a surface with relief."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from .algebra import drop_one_constants
 FloatArray = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 Order = tuple[int, ...]
+Join = Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[Any]]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN = _ORDERS[0]
@@ -120,22 +122,25 @@ def light_order(
     opposite = _opposite(lighting)
     if opposite is None:
         return LightOrder(_ORDERS, None, 0.0)
-    values = stack.astype(np.float32)
-    usable = np.ones(stack.shape[1:], np.float32)
-    if full_scale is not None:
-        usable[stack.max(axis=0) >= full_scale] = 0.0
+    planes: list[npt.NDArray[Any]] = [*stack]
     if ambient is not None:
-        values -= checked_ambient(ambient, stack)
-    values /= lighting.intensities.astype(np.float32)[:, None, None]
+        planes.append(checked_ambient(ambient, stack))
+    limit = np.inf if full_scale is None else full_scale
+    usable = stack.max(axis=0) < limit
+    intensities = lighting.intensities.astype(np.float32)[:, None, None]
     pinv, null = drop_one_constants(lighting, "light_order")
     orders = np.array(_ORDERS)
     # (24, 4, 4): x, y and z of the scaled normal and the redundancy residual, from four images.
     weights = np.concatenate([pinv, null[None]])[:, orders].transpose(1, 0, 2).astype(np.float32)
+    same_pairs, same_axis = _alike(opposite)
     residual, curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
-    for scale in _scales(np.concatenate([values, usable[None]])):
-        residuals, curls = _misfits(scale[:4], scale[4] == 1.0, weights)
-        residual += _least_of_kind(residuals, [_pairs(o, opposite) for o in _ORDERS])
-        curl += _least_of_kind(curls, [{o, _rotated(o, opposite)} for o in _ORDERS])
+    for middles, usable_middle in _scales(planes, usable):
+        values = np.stack(middles[:4]).astype(np.float32, copy=False)
+        for dark in middles[4:]:
+            values -= dark
+        residuals, curls = _misfits(values / intensities, usable_middle, weights)
+        residual += np.where(same_pairs, residuals, np.inf).min(axis=1)
+        curl += np.where(same_axis, curls, np.inf).min(axis=1)
     misfit = residual + curl
     misfit -= misfit.min()
     ranked = sorted(range(len(_ORDERS)), key=lambda index: float(misfit[index]))
@@ -146,23 +151,40 @@ def light_order(
     )
 
 
-def _scales(planes: FloatArray) -> Iterator[FloatArray]:
-    """The middle of the frame at full, half, quarter ... resolution."""
+def _scales(
+    planes: list[npt.NDArray[Any]], usable: BoolArray
+) -> Iterator[tuple[list[npt.NDArray[Any]], BoolArray]]:
+    """The middle of the frame at full, half, quarter ... resolution.
+
+    A pixel is usable if all that it is the mean of are.
+    """
     while True:
-        rows, columns = planes.shape[1:]
+        rows, columns = usable.shape
         top, left = max(0, (rows - _MIDDLE_PX) // 2), max(0, (columns - _MIDDLE_PX) // 2)
-        yield planes[:, top : rows - top, left : columns - left]
+        middle = np.s_[top : rows - top, left : columns - left]
+        yield [plane[middle] for plane in planes], usable[middle]
         if min(rows, columns) < 2 * _COARSEST_PX:
             return
-        planes = _halved(_halved(planes).swapaxes(1, 2)).swapaxes(1, 2)
+        planes = map_in_threads(lambda plane: _halved(plane, _mean), planes)
+        usable = _halved(usable, np.logical_and)
 
 
-def _halved(planes: FloatArray) -> FloatArray:
-    """Half as many rows, symmetric about the middle: means of two, of three where they are odd."""
-    if planes.shape[1] % 2 == 0:
-        return np.float32(0.5) * (planes[:, ::2] + planes[:, 1::2])
-    middle = planes[:, 1:-1:2]
-    return np.float32(0.25) * ((planes[:, :-2:2] + middle) + (middle + planes[:, 2::2]))
+def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
+    """Half of the rows and columns, symmetric about the middle: two joined, three if odd."""
+    for _ in range(2):
+        if len(plane) % 2 == 0:
+            plane = join(plane[::2], plane[1::2])
+        else:
+            middle = plane[1:-1:2]
+            plane = join(join(plane[:-2:2], middle), join(middle, plane[2::2]))
+        plane = plane.T
+    return plane
+
+
+def _mean(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> FloatArray:
+    mean: FloatArray = np.add(a, b, dtype=np.float32)
+    mean *= np.float32(0.5)
+    return mean
 
 
 def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.NDArray[np.float64]:
@@ -179,9 +201,10 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
     # Shares of the light at a pixel do not depend on its albedo.
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     shares = shares.astype(np.float32)
+    means = shares.mean(axis=(1, 2), where=lit)
 
     def of_order(weight: FloatArray) -> tuple[float, float]:
-        residual, curl = _mean_misfits(shares, lit, inner, weight)
+        residual, curl = _mean_misfits(shares, means, lit, inner, weight)
         return residual, curl
 
     # An even image has neither residual nor curl.
@@ -190,53 +213,55 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
 
 @kernel
 def _mean_misfits(
-    shares: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
+    shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weight: FloatArray
 ) -> tuple[float, float]:
     """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
 
-    Unequal LED levels change the means only. `shares` is (4, H, W), `inner` (H - 2, W - 2), and
-    `weight` (4, 4) gives the scaled normal and the residual from four shares.
+    Unequal LED levels change the means only. `shares` is (4, H, W) with its `means` (4,) over
+    `lit`, `inner` is (H - 2, W - 2), and `weight` (4, 4) gives the scaled normal and the residual
+    from four shares.
     """
     rows, columns = lit.shape
-    p, q = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
-    residual = np.empty((rows, columns), np.float32)
+    none, one = np.float32(0.0), np.float32(1.0)
+    x0, x1, x2, x3 = weight[0]
+    y0, y1, y2, y3 = weight[1]
+    z0, z1, z2, z3 = weight[2]
+    n0, n1, n2, n3 = weight[3]
+    mean = (n0 * means[0] + n1 * means[1]) + (n2 * means[2] + n3 * means[3])
+    # Of the last three rows.
+    p, q = np.empty((3, columns), np.float32), np.empty((3, columns), np.float32)
     curl = np.empty((rows - 2, columns - 2), np.float32)
+    # Sums of columns, which vectorise without changing the order of additions.
+    counts, residuals = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
+    inner_counts, curls = np.zeros(columns - 2, np.float32), np.zeros(columns - 2, np.float32)
     for row in range(rows):
+        above, here, below = (row - 2) % 3, (row - 1) % 3, row % 3
         for column in range(columns):
             a, b = shares[0, row, column], shares[1, row, column]
             c, d = shares[2, row, column], shares[3, row, column]
-            over_z = -1.0 / (
-                weight[2, 0] * a + weight[2, 1] * b + weight[2, 2] * c + weight[2, 3] * d
-            )
-            x = weight[0, 0] * a + weight[0, 1] * b + weight[0, 2] * c + weight[0, 3] * d
-            y = weight[1, 0] * a + weight[1, 1] * b + weight[1, 2] * c + weight[1, 3] * d
-            p[row, column], q[row, column] = x * over_z, y * over_z
-            residual[row, column] = (
-                weight[3, 0] * a + weight[3, 1] * b + weight[3, 2] * c + weight[3, 3] * d
-            )
-    for row in range(rows - 2):
+            over_z = -one / ((z0 * a + z1 * b) + (z2 * c + z3 * d))
+            p[below, column] = ((x0 * a + x1 * b) + (x2 * c + x3 * d)) * over_z
+            q[below, column] = ((y0 * a + y1 * b) + (y2 * c + y3 * d)) * over_z
+            residual = abs((n0 * a + n1 * b) + (n2 * c + n3 * d) - mean)
+            counts[column] += one if lit[row, column] else none
+            residuals[column] += residual if lit[row, column] else none
+        if row < 2:
+            continue
         for column in range(columns - 2):
             # y is up, rows go down
-            across = p[row, column + 1] - p[row + 2, column + 1]
-            curl[row, column] = across - (q[row + 1, column + 2] - q[row + 1, column])
-    return _spread(residual, lit), _spread(curl, inner)
-
-
-@kernel
-def _spread(values: FloatArray, chosen: BoolArray) -> float:
-    """Mean absolute deviation from the mean of the chosen values."""
-    count, total = 0, 0.0
-    for row in range(values.shape[0]):
-        for column in range(values.shape[1]):
-            if chosen[row, column]:
-                count += 1
-                total += values[row, column]
-    mean, deviation = total / count, 0.0
-    for row in range(values.shape[0]):
-        for column in range(values.shape[1]):
-            if chosen[row, column]:
-                deviation += abs(values[row, column] - mean)
-    return deviation / count
+            across = p[above, column + 1] - p[below, column + 1]
+            value = across - (q[here, column + 2] - q[here, column])
+            curl[row - 2, column] = value
+            inner_counts[column] += one if inner[row - 2, column] else none
+            curls[column] += value if inner[row - 2, column] else none
+    count = inner_counts.sum()
+    mean = curls.sum() / count
+    curls[:] = none
+    for row in range(rows - 2):
+        for column in range(columns - 2):
+            deviation = abs(curl[row, column] - mean)
+            curls[column] += deviation if inner[row, column] else none
+    return residuals.sum() / counts.sum(), curls.sum() / count
 
 
 def _opposite(lighting: Lighting) -> Order | None:
@@ -251,20 +276,20 @@ def _opposite(lighting: Lighting) -> Order | None:
     return opposite if opposite in _ORDERS else None
 
 
-def _rotated(order: Order, opposite: Order) -> Order:
-    return tuple(opposite[light] for light in order)
+@lru_cache(maxsize=8)
+def _alike(opposite: Order) -> tuple[BoolArray, BoolArray]:
+    """(24, 24) which orders have the same pairs of images whose lights are opposite each other.
 
+    And which are the same or rotated by 180 degrees.
+    """
 
-def _pairs(order: Order, opposite: Order) -> set[frozenset[int]]:
-    """Pairs of images whose lights are opposite each other."""
-    return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}
+    def pairs(order: Order) -> set[frozenset[int]]:
+        return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}
 
+    def rotations(order: Order) -> set[Order]:
+        return {order, tuple(opposite[light] for light in order)}
 
-def _least_of_kind(
-    values: npt.NDArray[np.float64], kinds: Sequence[object]
-) -> npt.NDArray[np.float64]:
-    """Replace each value by the smallest of its kind."""
-    return np.array([
-        min(value for value, other in zip(values, kinds, strict=True) if other == kind)
-        for kind in kinds
-    ])  # fmt: skip
+    return (
+        np.array([[pairs(a) == pairs(b) for b in _ORDERS] for a in _ORDERS]),
+        np.array([[rotations(a) == rotations(b) for b in _ORDERS] for a in _ORDERS]),
+    )

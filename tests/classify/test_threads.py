@@ -3,11 +3,12 @@
 import os
 import threading
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 
 from classify.errors import InputError
-from classify.threads import map_in_threads, run_on_rows, set_thread_count, thread_count
+from classify.threads import beside, map_in_threads, run_on_rows, set_thread_count, thread_count
 
 
 @pytest.fixture(autouse=True)
@@ -47,9 +48,32 @@ def test_a_call_within_a_call_ends() -> None:
     assert map_in_threads(inner, range(8)) == [6 * item for item in range(8)]
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_work_beside_the_caller_has_its_result(count: int) -> None:
+    set_thread_count(count)
+
+    def work(item: int) -> int:
+        nested = beside(lambda: sum(map_in_threads(lambda other: item * other, range(4))))
+        return nested()
+
+    assert [each() for each in [beside(partial(work, item)) for item in range(8)]] == [
+        6 * item for item in range(8)
+    ]
+
+
+def test_work_goes_on_beside_the_caller() -> None:
+    set_thread_count(2)
+    meeting = threading.Barrier(2, timeout=60)
+    other = beside(meeting.wait)
+    meeting.wait()
+    other()
+
+
 @pytest.mark.parametrize("count", [1, 4])
 def test_an_exception_reaches_the_caller(count: int) -> None:
     set_thread_count(count)
+    with pytest.raises(ZeroDivisionError):
+        beside(lambda: 1 // 0)()
     with pytest.raises(ZeroDivisionError):
         map_in_threads(lambda item: 1 // item, [3, 2, 1, 0, 1, 2, 3])
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture import SetRejected, capture_set
-from capture.acquisition.light_checks import check_agreement, check_order
+from capture.acquisition.set_checks import check_set
 from capture.calibration.ps4cal import CalibrationFile
 from capture.errors import CalibrationError
 from capture.sets.image_checks import LightImages
@@ -51,13 +51,11 @@ def test_a_calibrated_rig_is_still_rejected_for_a_fault(
     weak = images.images.copy()
     weak[2] = captured.ambient + 0.9 * (weak[2].astype(float) - captured.ambient)
     with pytest.raises(SetRejected, match=r"c gives (89|90|91)% of the others' light"):
-        check_agreement(replace(images, images=weak).calibrated(near_calibration.calibration))
-    swapped = replace(images, images=np.ascontiguousarray(pixels[[0, 3, 2, 1]]))
-    exchanged = swapped.calibrated(
-        replace(near_calibration.calibration, flat_field=None, lights=None)
-    )
+        check_set(replace(images, images=weak), near_calibration.calibration, lambda: weak)
+    exchanged = np.ascontiguousarray(pixels[[0, 3, 2, 1]])
+    without_lights = replace(near_calibration.calibration, flat_field=None, lights=None)
     with pytest.raises(SetRejected, match="not in the order"):
-        check_order(exchanged)
+        check_set(replace(images, images=exchanged), without_lights, lambda: exchanged)
 
 
 def test_a_capture_refuses_the_calibration_of_another_setting(

@@ -5,16 +5,10 @@ from pathlib import Path
 import pytest
 
 from capture import SetRejected, capture_set, import_images
-from capture.acquisition.light_checks import (
-    check_agreement,
-    check_ambient,
-    check_order,
-    check_retake,
-    check_signals,
-    retake_reasons,
-)
+from capture.acquisition.set_checks import check_set
 from capture.sets.image_checks import LightImages
 from capture.sets.light_list import load_light_list
+from classify.calibration.calibration import Calibration
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
 from rig.scene.material_folder import bundled_materials
 
@@ -83,12 +77,9 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     assert ambient is not None
     names, full_scale = list(map(str, chosen)), photographs.metadata.full_scale
     images = LightImages(photographs.images, ambient, ambient, lighting, names, full_scale, None)
-    assert check_ambient(images) == 0.0
-    found = check_agreement(images)
     # Near lights differ over the frame, so that these images cannot confirm one another.
-    assert retake_reasons(found)
-    assert found is not None
-    assert found.levels is None
-    check_retake(images, photographs.images)
-    check_signals(images)
-    check_order(images)
+    checks = check_set(images, Calibration(), lambda: photographs.images)
+    assert checks.ambient_change == 0.0
+    assert checks.undecided
+    assert checks.retaken
+    assert checks.light_levels is None

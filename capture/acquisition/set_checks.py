@@ -1,0 +1,65 @@
+"""All checks of the images of a set, in their order."""
+
+from collections.abc import Callable
+
+from capture.sets.image_checks import Images, LightImages
+from capture.sets.metadata import ChecksRecord
+from classify.calibration.calibration import Calibration
+from classify.threads import beside
+
+from .light_checks import (
+    agreement_of,
+    check_ambient,
+    check_different,
+    check_images,
+    check_levels,
+    check_order,
+    check_retake,
+    check_signals,
+    order_of,
+    retake_reasons,
+)
+
+
+def check_set(
+    images: LightImages, known: Calibration, retake: Callable[[], Images]
+) -> ChecksRecord:
+    """Check the images of a set, with a retake if they leave a doubt.
+
+    Parameters
+    ----------
+    known
+        What a calibration knows of the rig: its lights are taken into account.
+    retake
+        Captures the light images a second time; called at most once, by this thread.
+
+    Raises
+    ------
+    SetRejected
+        Naming the cause; the first one in the order of the checks.
+    """
+    ambient_change = check_ambient(images)
+    check_images(images)
+    check_different(images)
+    calibrated = images.calibrated(known)
+    # Side by side, because these take most of the time; nothing is rejected before its turn.
+    order, hashed = beside(lambda: order_of(calibrated)), beside(lambda: images.pixels_sha256)
+    found = agreement_of(calibrated)
+    check_levels(found, calibrated)
+    undecided = retake_reasons(found)
+    if undecided:
+        check_retake(images, retake())
+        if found is None or found.levels is None:
+            check_signals(calibrated)
+    light_order = check_order(order(), calibrated.lighting)
+    hashed()
+    levels = None if found is None else found.levels
+    return ChecksRecord(
+        ambient_change=ambient_change,
+        redundancy_residual=None if found is None else found.redundancy_residual,
+        light_levels=levels,
+        light_levels_error=None if found is None or levels is None else found.level_error,
+        retaken=bool(undecided),
+        light_order=light_order,
+        undecided=undecided,
+    )
