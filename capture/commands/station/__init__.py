@@ -2,7 +2,7 @@
 
 from capture.commands.group import command_group
 
-from . import backup, bench, challenge, doctor, gauge, history, init, run, teach, user
+from . import backup, bench, challenge, doctor, gauge, history, init, run, teach, unit, user
 
 __all__ = ["station_app"]
 
@@ -17,6 +17,7 @@ station_app.command()(history.override)
 station_app.command()(gauge.gauge)
 station_app.command()(bench.bench)
 station_app.command()(doctor.doctor)
+station_app.command()(unit.unit)
 station_app.command()(backup.backup)
 station_app.command()(backup.restore)
 station_app.add_typer(user.user_app, name="user")

@@ -9,10 +9,12 @@ from .teach import Station
 
 @reported
 def doctor(folder: Station, as_json: options.Json = False) -> None:
-    """Check everything that a station needs: recipe, challenge, calibration, results, disk, rig.
+    """Check everything that a station needs.
 
-    The exit status is 1 if there is a fault.
+    Recipe, challenge, calibration, results, disk and rig; where systemd runs, its unit. The exit
+    status is 1 if there is a fault.
     """
     from capture.station.diagnosis import diagnose_station
+    from capture.station.service.unit_check import diagnose_unit
 
-    print_checks(list(diagnose_station(folder)), as_json=as_json)
+    print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)

@@ -1,0 +1,23 @@
+"""``ps4rig station unit``."""
+
+from typing import Annotated
+
+import typer
+
+from capture.console import reported
+
+from .teach import Station
+
+
+@reported
+def unit(
+    folder: Station,
+    user: Annotated[
+        str, typer.Option(help="The user that the station runs as.", metavar="NAME")
+    ] = "ps4rig",
+) -> None:
+    """Print the systemd unit of a station, with the commands that install it as comments."""
+    from capture.station.folder import StationFolder
+    from capture.station.service.unit import unit_text
+
+    print(unit_text(StationFolder(folder), user), end="")

@@ -1,0 +1,198 @@
+"""The systemd unit of a station, with the commands that install it."""
+
+import os
+import re
+import shlex
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+from capture.station.config import StationConfig
+from capture.station.folder import StationFolder
+from classify.errors import InputError
+from rig import RigConfig
+from rig.config.camera import DeviceCameraConfig
+from rig.config.lights import AUTO
+from rig.config.rig import config_of
+
+USER = "ps4rig"
+_UNITS = "/etc/systemd/system"
+# Longest turn of a worker beside its exposures: 20 s for a database, and opening a camera.
+_PATIENCE_S = 60.0
+# Frame periods of a self-test for each light: three tests, two attempts, three frames.
+_PERIODS = 18
+# Drivers of serial adapters and of boards with USB: /proc/devices.
+_SERIAL = ("ttyACM", "ttyUSB")
+_FIRST_FREE_PORT = 1024
+_HOMES = ("/home", "/root", "/run/user")
+_TEMPORARY = ("/tmp", "/var/tmp")
+
+# Not here: MemoryDenyWriteExecute, which forbids numba to compile; PrivateDevices, which hides the
+# rig; ProcSubset, which hides the number of processors from the libraries.
+_HARDENING = """\
+NoNewPrivileges=yes
+PrivateMounts=yes
+ProtectSystem=strict
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectControlGroups=yes
+ProtectClock=yes
+ProtectHostname=yes
+ProtectProc=invisible
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+RemoveIPC=yes
+KeyringMode=private
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged
+SystemCallErrorNumber=EPERM
+UMask=0027
+LimitCORE=0
+DevicePolicy=closed"""
+
+
+def unit_name(config: StationConfig) -> str:
+    """Return the name of a station's unit, without ``.service``."""
+    return f"ps4rig-{config.name}"
+
+
+def unit_text(station: StationFolder, user: str = USER) -> str:
+    """Return the unit that runs a station with this program.
+
+    Parameters
+    ----------
+    user
+        The user that the station runs as, and to whom its folder belongs.
+
+    Raises
+    ------
+    InputError
+        If the station cannot be a service: its triggers come from a keyboard, or a path or the user
+        cannot stand in a unit.
+    """
+    config, folder = station.config, station.path.resolve()
+    if config.trigger == "enter":
+        raise InputError(
+            f"{folder}: a service has no keyboard; set trigger = 'timer', 'sensor' or 'http' in "
+            "station.toml"
+        )
+    if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
+        raise InputError(f"--user {user!r}: give the name of a user in lower case")
+    rig = config_of(config.rig_in(station.path))
+    command = " ".join(_word(each) for each in (sys.executable, "-P", "-m", "capture"))
+    devices, groups = _devices(rig)
+    lines = [
+        *(f"# {line}".rstrip() for line in _how_to_install(config, folder, user)),
+        "[Unit]",
+        f"Description=ps4rig station {config.name}{', simulated' * rig.is_simulated}",
+        "Wants=network-online.target",
+        "After=network-online.target time-sync.target",
+        "# A rig may be plugged in days later.",
+        "StartLimitIntervalSec=0",
+        "",
+        "[Service]",
+        "Type=notify",
+        "NotifyAccess=main",
+        f"ExecStart={command} station run {_word(folder)}",
+        f"User={user}",
+        *([f"SupplementaryGroups={' '.join(groups)}"] if groups else []),
+        "# The challenge set is replayed before the station is ready.",
+        "TimeoutStartSec=30min",
+        "# Pinged by the threads that capture and judge.",
+        f"WatchdogSec={_watchdog_s(rig)}",
+        "TimeoutStopSec=60",
+        "Restart=on-failure",
+        "RestartSec=5",
+        "# 1: the challenge set was not met; 2: something must be configured.",
+        "RestartPreventExitStatus=1 2",
+        "# After SIGTERM.",
+        "SuccessExitStatus=130",
+        "CacheDirectory=ps4rig",
+        "StateDirectory=ps4rig",
+        "Environment=NUMBA_CACHE_DIR=%C/ps4rig XDG_STATE_HOME=%S PYTHONFAULTHANDLER=1",
+        "",
+        _HARDENING,
+        *(f"DeviceAllow={each} rw" for each in devices),
+        f"ProtectHome={'read-only' if _lies_in(folder, _HOMES) else 'yes'}",
+        f"PrivateTmp={'no' if _lies_in(folder, _TEMPORARY) else 'yes'}",
+        *(f"ReadWritePaths={_path(each)}" for each in _writable(config, folder)),
+        *_capabilities(config),
+        "",
+        "[Install]",
+        "WantedBy=multi-user.target",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _how_to_install(config: StationConfig, folder: Path, user: str) -> list[str]:
+    name = unit_name(config)
+    program = shlex.join([sys.executable, "-P", "-m", "capture"])
+    place = shlex.quote(str(folder))
+    return [
+        f"Printed by ps4rig station unit, ps4rig {version('ps4rig')}. To install it, as root:",
+        f"  id {user} || useradd --system --no-create-home --shell /usr/sbin/nologin {user}",
+        f"  chown -R {user}: {place}",
+        f"  {program} station unit {place} --user {user} > {_UNITS}/{name}.service",
+        "  systemctl daemon-reload",
+        f"  systemctl enable --now {name}",
+    ]
+
+
+def _word(value: object) -> str:
+    """A word of a command, in which $ begins a substitution."""
+    return _path(str(value).replace("$", "$$"))
+
+
+def _path(value: object) -> str:
+    """A word of a list of paths, in which % begins a substitution."""
+    text = str(value)
+    if any(character < " " for character in text):
+        raise InputError(f"{text!r}: such a path cannot stand in a unit")
+    for character, escaped in (("\\", "\\\\"), ('"', '\\"'), ("%", "%%")):
+        text = text.replace(character, escaped)
+    return f'"{text}"' if re.search(r"[^\w/.,:@%$+-]", text) else text
+
+
+def _watchdog_s(rig: RigConfig) -> int:
+    images = len(rig.lights.tilts_deg) + 1
+    return round(_PATIENCE_S + _PERIODS * images / rig.camera.frame_rate_hz)
+
+
+def _devices(rig: RigConfig) -> tuple[list[str], list[str]]:
+    """Devices of the rig by driver, so that one that is plugged in again is allowed; groups."""
+    devices: list[str] = []
+    groups = []
+    port = rig.lights.port
+    if port == AUTO or port.startswith("/"):
+        named = re.fullmatch(r"/dev/(tty[A-Za-z]+)\d+", os.path.realpath(port))
+        devices += [f"char-{each}" for each in ([named[1]] if named else _SERIAL)]
+        groups.append("dialout")
+    if isinstance(rig.camera, DeviceCameraConfig):
+        devices.append("char-video4linux")
+        groups.append("video")
+    return devices, groups
+
+
+def _lies_in(folder: Path, hidden: tuple[str, ...]) -> bool:
+    """Whether the station or this program would be hidden with some folders."""
+    used = (folder, Path(sys.prefix), Path(sys.base_prefix), Path(__file__))
+    return any(path.resolve().is_relative_to(home) for path in used for home in hidden)
+
+
+def _writable(config: StationConfig, folder: Path) -> list[Path]:
+    """The station, and the folder of an SQLite file elsewhere."""
+    results = config.results_in(folder)
+    home = folder if "://" in results else Path(results).resolve().parent
+    return [folder] if home.is_relative_to(folder) else [folder, home]
+
+
+def _capabilities(config: StationConfig) -> list[str]:
+    if config.panel.port >= _FIRST_FREE_PORT or config.panel.port == 0:
+        return ["CapabilityBoundingSet="]
+    capability = "CAP_NET_BIND_SERVICE"
+    return [f"CapabilityBoundingSet={capability}", f"AmbientCapabilities={capability}"]
