@@ -41,7 +41,7 @@ class LocalPool:
 
     def submit(self, function: Callable[[Item], Result], item: Item) -> Future[Result]:
         try:
-            with _terminal_signals_blocked():
+            with terminal_signals_blocked():
                 return self._executor.submit(_call, function, item)
         except OSError as error:
             # A broken pipe: the new worker was killed before it read its instructions.
@@ -62,14 +62,14 @@ class LocalPool:
     def _start(self) -> None:
         context = get_context("spawn")
         far_end, self._lifeline = context.Pipe(duplex=False)
-        with _terminal_signals_blocked():
+        with terminal_signals_blocked():
             self._executor = ProcessPoolExecutor(
-                self.workers, mp_context=context, initializer=_begin, initargs=(far_end,)
+                self.workers, mp_context=context, initializer=begin_worker, initargs=(far_end,)
             )
 
 
 @contextmanager
-def _terminal_signals_blocked() -> Iterator[None]:
+def terminal_signals_blocked() -> Iterator[None]:
     """Block the signals that a terminal sends to all processes of a command.
 
     Processes that are started in the block keep the signals blocked: workers, which this process
@@ -87,8 +87,8 @@ def _terminal_signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(lifeline: Connection) -> None:
-    """Prepare a worker process."""
+def begin_worker(lifeline: Connection) -> None:
+    """Prepare a worker process: it ends with the process that holds the other end of `lifeline`."""
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     signal.signal(signal.SIGTERM, _end)
     if not hasattr(signal, "pthread_sigmask"):

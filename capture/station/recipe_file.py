@@ -22,7 +22,7 @@ _HEAD = """\
 # After a change run ps4rig station challenge DIR, and
 # ps4rig station approve DIR --recipe {name} --by WHO
 """
-_COMMENTS = {
+COMMENTS = {
     "version": "raised by each teaching",
     "pass": "textures of good parts",
     "fail": "textures of known bad parts; those in neither list fail too",
@@ -43,7 +43,8 @@ _COMMENTS = {
     "taught": "hash of what teaching measured",
     "sha256": "hash of the recipe that was approved",
 }
-_SECTIONS = {
+"""What the keys of a recipe mean."""
+SECTIONS = {
     "orientation": "How a part must lie. Without tolerance_deg every orientation passes.",
     "limits": "Limits of all textures.",
     "limits_of": "Limits of one texture, in place of those above.",
@@ -52,6 +53,7 @@ _SECTIONS = {
     "calibration": "",
     "approval": "Written by ps4rig station approve.",
 }
+"""What the sections of a recipe mean."""
 
 
 def read_recipe(path: Path) -> Recipe:
@@ -91,9 +93,9 @@ def _lines(recipe: Recipe) -> Iterator[str]:
         field.alias or name: getattr(recipe, name) for name, field in Recipe.model_fields.items()
     }
     for key, value in values.items():
-        if key not in _SECTIONS:
+        if key not in SECTIONS:
             yield from _entry(key, value)
-    for section, comment in _SECTIONS.items():
+    for section, comment in SECTIONS.items():
         value = values[section]
         if section == "limits_of":
             tables = {f"{section}.{_toml(name)}": each for name, each in value.items()}
@@ -115,7 +117,7 @@ def _table(header: str, table: Section) -> Iterator[str]:
 def _entry(key: str, value: object) -> Iterator[str]:
     if value is not None:
         text = _toml(value)
-        comment = _COMMENTS.get(key)
+        comment = COMMENTS.get(key)
         yield f"{key} = {text}" + (f"  # {comment}" if comment else "")
 
 

@@ -9,7 +9,6 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.process.utc_time import utc_text
-from capture.station.recipe_file import SUFFIX, read_recipe
 from capture.station.results.change_log import newest_changes
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
@@ -210,19 +209,6 @@ def _override(call: Call) -> Response:
     return Answer(record_of(override(call)))
 
 
-def _recipes(call: Call) -> Response:
-    names = sorted(path.stem for path in (call.panel.folder.path / "recipes").glob(f"*{SUFFIX}"))
-    return Answer({"recipes": names, "configured": call.panel.folder.config.recipe})
-
-
-def _recipe(call: Call) -> Response:
-    files = call.panel.folder.recipe_files(call.path["name"])
-    if not files.file.is_file():
-        raise Denied(404, f"recipe {files.name}: there is none")
-    recipe = read_recipe(files.file)
-    return Answer(recipe.model_dump(mode="json", by_alias=True) | {"sha256": recipe.sha256})
-
-
 def _audit(call: Call) -> Response:
     changes = newest_changes(
         call.panel.results.store, whole_number(call, "limit", PARTS, MOST_PARTS)
@@ -274,8 +260,6 @@ ROUTES = (
         "Give a part another verdict; the station's own stays beside it.",
         fields={"decision": "PASS or FAIL", "reason": "why"},
     ),
-    PanelRoute("GET", f"{V1}/recipes", Role.OPERATOR, _recipes, "Names of the recipes."),
-    PanelRoute("GET", f"{V1}/recipes/{{name}}", Role.OPERATOR, _recipe, "One recipe."),
     PanelRoute(
         "GET", f"{V1}/audit", Role.ENGINEER, _audit, "Who changed what, the newest first.",
         query={"limit": f"number of changes, {PARTS} by default, at most {MOST_PARTS}"},

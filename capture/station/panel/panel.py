@@ -6,6 +6,7 @@ from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder
 from capture.station.live.live_station import LiveStation
 
+from .background_jobs import BackgroundJobs
 from .change_log import ChangeLog
 from .picture_maker import PictureMaker
 from .results_access import ResultsAccess
@@ -31,6 +32,8 @@ class Panel:
         Its results.
     changes
         The log of changes.
+    jobs
+        The long job that somebody started, and no second one.
     users, tokens, sessions, logins
         Who may ask.
     triggers
@@ -49,6 +52,7 @@ class Panel:
     sessions: Sessions
     triggers: KeyedTriggers
     pictures: PictureMaker
+    jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
 
     @classmethod

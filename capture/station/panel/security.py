@@ -14,7 +14,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 MAX_BODY_BYTES = 64 * 1024
 # A body of 64 kB takes a tenth of a second at 5 Mbit/s.
 BODY_S = 5.0
-MAX_FIELDS = 200
+# Each of 100 textures has ten settings.
+MAX_FIELDS = 1200
 STATIC_PATH = "/static"
 SAFE_METHODS = ("GET", "HEAD")
 

@@ -127,6 +127,7 @@ def serving_panel(panel: Panel) -> Iterator[str]:
         panel.live.close()
         server.should_exit = True
         thread.join()
+        panel.jobs.close()
         panel.pictures.close()
         panel.results.close()
 

@@ -9,7 +9,7 @@ from capture.station.panel.roles import Role
 from capture.station.panel.routes import PanelRoute
 from tests.capture.station.panel.panels import Client, RunningPanel
 
-PLACES = {"part_id": "nobody", "name": "nobody"}
+PLACES = {"part_id": "nobody", "name": "nobody", "version": "9", "file": "nothing"}
 # What a route answers to somebody who may ask: what follows finds no part, no user, no recipe, or
 # an empty body. Never 401 or 403.
 SERVED = {200, 202, 303, 400, 404, 409, 503}

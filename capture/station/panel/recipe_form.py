@@ -1,0 +1,252 @@
+"""The settings of a recipe as a form: its fields with values and messages, and what comes back."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from capture.station.recipe import (
+    CalibrationRule,
+    GeneralLimits,
+    Light,
+    Limits,
+    Orientation,
+    Recipe,
+    Region,
+)
+from capture.station.recipe_file import COMMENTS, SECTIONS
+from capture.station.recipe_settings import Place, dotted
+from rig.config.section import Section
+
+_MODELS: dict[str, type[Section]] = {
+    "orientation": Orientation,
+    "limits": GeneralLimits,
+    "region": Region,
+    "light": Light,
+    "calibration": CalibrationRule,
+}
+_TRUTHS = ("full_turn", "required")
+_UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
+_BOUNDS = ("least", "largest")  # of Sdq
+
+
+@dataclass(frozen=True)
+class FormField:
+    """A field of the form.
+
+    Attributes
+    ----------
+    name
+        Its name in the form.
+    label, hint
+        What it is called and what it means.
+    kind
+        What it takes.
+    value
+        Its value as text.
+    message
+        What is wrong with it; empty if nothing is.
+    """
+
+    name: str
+    label: str
+    hint: str
+    kind: Literal["number", "yes", "text"]
+    value: str
+    message: str
+
+
+@dataclass(frozen=True)
+class FormSection:
+    """Fields with a heading; `message` is wrong with them together."""
+
+    title: str
+    hint: str
+    fields: tuple[FormField, ...]
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class TextureField:
+    """A texture, and whether parts of it are good."""
+
+    name: str
+    texture: str
+    is_good: bool
+
+
+class RecipeForm:
+    """The form of a recipe.
+
+    Parameters
+    ----------
+    recipe
+        The recipe; names of fields depend on the order of its textures.
+    given
+        What somebody gave; None for the values of the recipe.
+    messages
+        What is wrong with it, by place.
+    """
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        given: Mapping[str, Any] | None = None,
+        messages: Mapping[Place, str] | None = None,
+    ) -> None:
+        self._recipe = recipe
+        self._given = given
+        self._messages = dict(messages or {})
+        self._shown: set[Place] = set()
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether something is wrong with what was given."""
+        return bool(self._messages)
+
+    def sections(self) -> list[FormSection]:
+        """Return all sections but the textures."""
+        recipe = self._recipe
+        found = [
+            self._section((name,), name, SECTIONS[name], model, getattr(recipe, name))
+            for name, model in _MODELS.items()
+        ]
+        for number, texture in enumerate(recipe.passes):
+            limits = recipe.limits_of.get(texture, Limits())
+            hint = "In place of those of all textures. Empty: those of all."
+            place: Place = ("limits_of", texture)
+            names = f"limits_of.{number}"
+            title = f"limits of {texture}"
+            found.append(self._section(place, title, hint, Limits, limits, names))
+        note = self._field(("note",), "note", recipe.note)
+        return [FormSection("note", "", (note,)), *found]
+
+    def textures(self) -> list[TextureField]:
+        """Return the textures, each with what it is."""
+        return [
+            TextureField(_use(number), texture, self._value(_use(number), number) != "fail")
+            for number, texture in enumerate(_textures(self._recipe))
+        ]
+
+    def other_messages(self) -> list[str]:
+        """Return what is wrong with no single field; call it after `sections`."""
+        return [
+            f"{dotted(place) or self._recipe.name}: {message}"
+            for place, message in self._messages.items()
+            if place not in self._shown
+        ]
+
+    def _section(
+        self,
+        place: Place,
+        title: str,
+        hint: str,
+        model: type[Section],
+        values: Section | None,
+        names: str = "",
+    ) -> FormSection:
+        fields = []
+        for key in model.model_fields:
+            value = None if values is None else getattr(values, key)
+            name = f"{names or dotted(place)}.{key}"
+            if key != "sdq":
+                fields.append(self._field((*place, key), name, value))
+                continue
+            for number, bound in enumerate(_BOUNDS):
+                each = None if value is None else value[number]
+                at = f"{name}.{number}"
+                fields.append(self._field((*place, key, number), at, each, f"Sdq, {bound}"))
+        together = [self._message((*place, "sdq")), self._message(place)]
+        return FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
+
+    def _field(self, place: Place, name: str, value: Any, label: str = "") -> FormField:
+        key = str(place[-1] if not isinstance(place[-1], int) else place[-2])
+        unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
+        said = label or key.replace("_", " ")
+        for end in _UNITS:
+            said = said.removesuffix(end.replace("_", " "))
+        kind: Literal["number", "yes", "text"] = "number"
+        if key in _TRUTHS:
+            kind = "yes"
+        elif key == "note":
+            kind = "text"
+        return FormField(
+            name=name,
+            label=f"{said}, {unit}" if unit else said,
+            hint=COMMENTS.get(key, ""),
+            kind=kind,
+            value=self._text(name, value, is_truth=kind == "yes"),
+            message=self._message(place),
+        )
+
+    def _text(self, name: str, value: Any, *, is_truth: bool) -> str:
+        if self._given is not None:
+            return str(self._given.get(name, ""))
+        if is_truth:
+            return "yes" if value else ""
+        return "" if value is None else str(value)
+
+    def _value(self, name: str, number: int) -> str:
+        if self._given is not None:
+            return str(self._given.get(name, ""))
+        return "pass" if number < len(self._recipe.passes) else "fail"
+
+    def _message(self, place: Place) -> str:
+        self._shown.add(place)
+        return self._messages.get(place, "")
+
+
+def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings that a form of `recipe` gives, not checked yet.
+
+    An empty field is left out: it is not set, or has its default.
+    """
+    names = _textures(recipe)
+    uses = [str(given.get(_use(number), "")) for number in range(len(names))]
+    passes = [name for name, use in zip(names, uses, strict=True) if use != "fail"]
+    settings: dict[str, Any] = {
+        "note": str(given.get("note", "")).strip() or None,
+        "pass": passes,
+        "fail": [name for name in names if name not in passes],
+        "limits_of": {},
+    }
+    for name, model in _MODELS.items():
+        settings[name] = dict(_given(model, name, given))
+    if not settings["region"]:
+        settings["region"] = None
+    for number, texture in enumerate(recipe.passes):
+        limits = dict(_given(Limits, f"limits_of.{number}", given))
+        if limits and texture in passes:
+            settings["limits_of"][texture] = limits
+    return settings
+
+
+def _textures(recipe: Recipe) -> tuple[str, ...]:
+    return (*recipe.passes, *recipe.fails)
+
+
+def _use(number: int) -> str:
+    return f"use.{number}"
+
+
+def _given(model: type[Section], names: str, given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key in model.model_fields:
+        name = f"{names}.{key}"
+        if key in _TRUTHS:
+            yield key, given.get(name) == "yes"
+        elif key == "sdq":
+            both = [_number(given.get(f"{name}.{number}", "")) for number in range(len(_BOUNDS))]
+            if any(each is not None for each in both):
+                yield key, both
+        elif (value := _number(given.get(name, ""))) is not None:
+            yield key, value
+
+
+def _number(value: Any) -> int | float | str | None:
+    """A number where the text is one, None for an empty text, else the text."""
+    text = str(value).strip()
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text or None

@@ -1,0 +1,37 @@
+"""What jobs do in their own process: teach parts, replay the challenge set."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from capture.console import ShowProgress
+from capture.station.challenge import run_challenge
+from capture.station.inspector import Inspector
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.teaching import teach
+from capture.station.teaching_page import write_teaching_page
+
+
+def teach_parts(
+    show: ShowProgress, files: RecipeFolder, paths: Sequence[Path], texture: str, is_good: bool
+) -> dict[str, Any]:
+    """Teach parts of a texture, and write the page of what was found."""
+    if is_good:
+        teaching = teach(files, paths, good_texture=texture or None, show=show)
+    else:
+        teaching = teach(files, paths, texture, show=show)
+    for each in show((teaching,), 1, "pictures"):
+        write_teaching_page(each)
+    return teaching.fields()
+
+
+def replay_parts(
+    show: ShowProgress, files: RecipeFolder, calibration: Path | None
+) -> dict[str, Any]:
+    """Judge every part of the challenge set."""
+    replay = run_challenge(files, Inspector.load(files, calibration), show)
+    return {
+        "parts": len(replay.parts),
+        "regressions": [str(each) for each in replay.regressions],
+        "recipe_sha256": replay.fingerprint.recipe_sha256,
+    }

@@ -1,0 +1,333 @@
+"""Pages of recipes: state, settings, parts to teach, challenge set, versions, and the job."""
+
+from collections.abc import Callable
+from typing import Any
+
+from starlette.responses import RedirectResponse, Response
+
+from capture.station.approval import approved_states
+from capture.station.challenge_set import challenge_sets
+from capture.station.recipe_file import SUFFIX, read_recipe
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe_settings import SettingsRefused
+from capture.station.recipe_state import RecipeState
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.history import Selection
+from capture.station.taught import read_taught
+from classify.errors import InputError, Ps4rigError
+from classify.regular_file import read_regular_file
+
+from .api import whole_number
+from .recipe_changes import EXPECTED, RecipeChanges
+from .recipe_form import RecipeForm, settings_of
+from .render import page
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+
+# Pictures are made for so many parts at once (`picture_maker.MOST_WAITING`).
+_SHOWN_PARTS = 20
+_MOST_REPORT_BYTES = 1 << 26
+# The report has its style and its pictures in itself, and no script.
+_REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+_CHOSEN = "part."
+
+
+def changes_of(call: Call) -> RecipeChanges:
+    """Return the recipe of the path, for changes by who asks; there may be none yet."""
+    files = call.panel.folder.recipe_files(call.path["name"])
+    return RecipeChanges(call.panel, call.someone, files)
+
+
+def known_changes_of(call: Call) -> RecipeChanges:
+    """Return the recipe of the path, for changes by who asks.
+
+    Raises
+    ------
+    Denied
+        If there is none.
+    """
+    changes = changes_of(call)
+    if not changes.files.file.is_file():
+        raise Denied(404, f"recipe {changes.files.name}: there is none")
+    return changes
+
+
+def recipe_names(call: Call) -> list[str]:
+    """Return the names of all recipes of the station."""
+    return sorted(path.stem for path in (call.panel.folder.path / "recipes").glob(f"*{SUFFIX}"))
+
+
+def _list(call: Call) -> Response:
+    new = call.query.get("new")
+    if new is not None:
+        name = call.panel.folder.recipe_files(new.strip()).name
+        return RedirectResponse(f"/recipes/{name}/parts", 303)
+    rows: list[tuple[str, RecipeState | None, str]] = []
+    for name in recipe_names(call):
+        changes = RecipeChanges(call.panel, call.someone, call.panel.folder.recipe_files(name))
+        try:
+            rows.append((name, changes.state, ""))
+        except InputError as error:
+            rows.append((name, None, str(error)))
+    return page(
+        call,
+        "recipes.html",
+        rows=rows,
+        configured=call.panel.folder.config.recipe,
+        is_engineer=_is_engineer(call),
+    )
+
+
+def _show(call: Call) -> Response:
+    return _recipe_page(call)
+
+
+def _recipe_page(call: Call, problem: str = "") -> Response:
+    changes = known_changes_of(call)
+    files, state = changes.files, changes.state
+    outcomes = {} if state.replay is None else {each.file: each for each in state.replay.parts}
+    challenge = challenge_sets(files.challenge)
+    answer = page(
+        call,
+        "recipe.html",
+        recipe=state.recipe,
+        state=state,
+        challenge=[(file, want, outcomes.get(file)) for file, want in challenge.items()],
+        states=approved_states(files),
+        reports=[n for n in files.taught_versions() if files.version(n).report.is_file()],
+        job=call.panel.jobs.last,
+        is_configured=files.name == call.panel.folder.config.recipe,
+        is_engineer=_is_engineer(call),
+        problem=problem,
+    )
+    answer.status_code = 400 if problem else 200
+    return answer
+
+
+def _parts(call: Call) -> Response:
+    return _parts_page(call)
+
+
+def _parts_page(call: Call, problem: str = "") -> Response:
+    changes = changes_of(call)
+    files = changes.files
+    below = whole_number(call, "below", 1, 2**53) if "below" in call.query else None
+    selection = Selection(below_number=below)
+    entries = list(call.panel.results.store.parts(selection, newest=_SHOWN_PARTS))[::-1]
+    taught, textures = _taught(files)
+    chosen = {name for name, value in call.fields.items() if value}
+    answer = page(
+        call,
+        "recipe_parts.html",
+        name=files.name,
+        entries=entries,
+        older=entries[-1].result.number if len(entries) == _SHOWN_PARTS else None,
+        taught=taught,
+        challenge=challenge_sets(files.challenge),
+        textures=textures,
+        expected=EXPECTED,
+        given=call.fields,
+        chosen=chosen,
+        problem=problem,
+        is_known=files.file.is_file(),
+    )
+    answer.status_code = 400 if problem else 200
+    return answer
+
+
+def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
+    """Textures of the taught sets, by the hash of their pixels, and the names of the textures."""
+    try:
+        recipe = read_recipe(files.file)
+        taught = read_taught(files.version(recipe.version).taught)
+    except InputError:
+        return {}, []
+    known = {
+        each.pixels_sha256: texture
+        for texture, about in taught.textures.items()
+        for each in about.sets
+    }
+    return known, list(taught.textures)
+
+
+def _use_parts(call: Call) -> Response:
+    changes, use = changes_of(call), call.text("use", "")
+    typed = call.text("ids", "").replace(",", " ").split()
+    ids = [name.removeprefix(_CHOSEN) for name in call.fields if name.startswith(_CHOSEN)]
+    part_ids = list(dict.fromkeys([*ids, *typed]))
+    try:
+        if use in ("good", "bad"):
+            if not part_ids:
+                raise InputError("choose a part")
+            changes.teach(part_ids, call.text("texture", "").strip(), is_good=use == "good")
+        elif use == "again":
+            changes.teach([], "", is_good=True)
+        elif use == "challenge":
+            changes.add_to_challenge(part_ids, call.text("expected", ""))
+            return RedirectResponse(f"/recipes/{changes.files.name}", 303)
+        else:
+            raise InputError(f"use = {use[:20]!r}: give good, bad, again or challenge")
+    except ResultsUnavailable:
+        raise
+    except Ps4rigError as error:
+        return _parts_page(call, str(error))
+    return RedirectResponse("/job", 303)
+
+
+def _settings(call: Call) -> Response:
+    recipe = read_recipe(known_changes_of(call).files.file)
+    return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256)
+
+
+def _settings_page(
+    call: Call, form: RecipeForm, name: str, sha256: str, problem: str = ""
+) -> Response:
+    sections = form.sections()
+    answer = page(
+        call,
+        "recipe_settings.html",
+        name=name,
+        sha256=sha256,
+        sections=sections,
+        textures=form.textures(),
+        problem="; ".join(filter(None, [problem, *form.other_messages()])),
+        is_wrong=form.is_wrong,
+    )
+    answer.status_code = 400 if problem or form.is_wrong else 200
+    return answer
+
+
+def _save_settings(call: Call) -> Response:
+    changes, seen = known_changes_of(call), call.text("sha256")
+    recipe = read_recipe(changes.files.file)
+    try:
+        # A form of another state may have other textures under the names of its fields.
+        changes.save_settings(seen, settings_of(recipe, call.fields))
+    except SettingsRefused as error:
+        form = RecipeForm(recipe, call.fields, error.messages)
+        return _settings_page(call, form, recipe.name, seen)
+    except ResultsUnavailable:
+        raise
+    except InputError as error:
+        return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256, str(error))
+    return RedirectResponse(f"/recipes/{recipe.name}", 303)
+
+
+def _changed(change: Callable[[Call, RecipeChanges], Any]) -> Callable[[Call], Response]:
+    """Return the handler of a form of the recipe's page, which says there what went wrong."""
+
+    def handler(call: Call) -> Response:
+        changes = known_changes_of(call)
+        try:
+            job = change(call, changes)
+        except ResultsUnavailable:
+            raise
+        except Ps4rigError as error:
+            return _recipe_page(call, str(error))
+        return RedirectResponse("/job" if job else f"/recipes/{changes.files.name}", 303)
+
+    return handler
+
+
+def _approve(call: Call, changes: RecipeChanges) -> None:
+    changes.approve(call.text("sha256"))
+
+
+def _roll_back(call: Call, changes: RecipeChanges) -> None:
+    changes.roll_back(call.text("sha256"))
+
+
+def _challenge(call: Call, changes: RecipeChanges) -> Any:
+    file = call.text("remove", "")
+    return changes.remove_from_challenge(file) if file else changes.replay()
+
+
+def _report(call: Call) -> Response:
+    changes, text = known_changes_of(call), call.path["version"]
+    numbers = {str(n): n for n in changes.files.taught_versions()}
+    if text not in numbers:
+        raise Denied(404, f"recipe {changes.files.name}: there is no version {text[:20]!r}")
+    path = changes.files.version(numbers[text]).report
+    if not path.is_file():
+        raise Denied(404, f"recipe {changes.files.name}, version {text}: there is no report")
+    content = read_regular_file(path, _MOST_REPORT_BYTES)
+    headers = {"Content-Security-Policy": _REPORT_POLICY}
+    return Response(content, media_type="text/html; charset=utf-8", headers=headers)
+
+
+def _job(call: Call) -> Response:
+    return page(call, "job.html", job=call.panel.jobs.last, is_engineer=_is_engineer(call))
+
+
+def _end_job(call: Call) -> Response:
+    call.panel.jobs.cancel(call.name)
+    return RedirectResponse("/job", 303)
+
+
+def _is_engineer(call: Call) -> bool:
+    return call.someone.role.includes(Role.ENGINEER)
+
+
+_HTML = "text/html"
+_NAME = "/recipes/{name}"
+_SHA256 = {"sha256": "hash of the recipe as it was seen"}
+ROUTES = (
+    PanelRoute(
+        "GET", "/recipes", Role.OPERATOR, _list, "All recipes, and which one runs.",
+        query={"new": "name of a new recipe, to choose its parts"}, answer=_HTML, menu="Recipes",
+    ),
+    PanelRoute(
+        "GET", _NAME, Role.OPERATOR, _show, "A recipe: state, challenge set, versions.",
+        answer=_HTML,
+    ),
+    PanelRoute(
+        "GET", f"{_NAME}/parts", Role.ENGINEER, _parts,
+        "Choose parts to teach, or for the challenge set.",
+        query={"below": "only parts with a lower number"}, answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/parts", Role.ENGINEER, _use_parts,
+        "Teach chosen parts, or add them to the challenge set.",
+        fields={
+            "use": "good, bad, again or challenge", "part.ID": "anything, for each chosen part",
+            "ids": "further parts", "texture": "their texture",
+            "expected": "the verdict that they must get",
+        },
+        answer=_HTML,
+    ),
+    PanelRoute(
+        "GET", f"{_NAME}/settings", Role.ENGINEER, _settings, "The form of the settings.",
+        answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/settings", Role.ENGINEER, _save_settings,
+        "Save the settings: a state that nobody approved.",
+        fields=_SHA256 | {"...": "the fields of the form"}, answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/approve", Role.ENGINEER, _changed(_approve), "Approve a recipe.",
+        fields=_SHA256, answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/rollback", Role.ENGINEER, _changed(_roll_back),
+        "Go back to a state that was approved.", fields={"sha256": "its hash"}, answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/challenge", Role.ENGINEER, _changed(_challenge),
+        "Replay the challenge set, or take a part out of it.",
+        fields={"remove": "file of the part"}, answer=_HTML,
+    ),
+    PanelRoute(
+        "GET", f"{_NAME}/versions/{{version}}/teaching", Role.OPERATOR, _report,
+        "What teaching found for a version.", answer=_HTML,
+    ),
+    PanelRoute(
+        "GET", "/job", Role.OPERATOR, _job, "The running or last job, with its progress.",
+        answer=_HTML,
+    ),
+    PanelRoute("POST", "/job/end", Role.ENGINEER, _end_job, "End the running job.", answer=_HTML),
+)  # fmt: skip

@@ -1,0 +1,198 @@
+"""Recipes by HTTP: state, settings, approval, roll back, teaching, challenge set, and the job."""
+
+from dataclasses import asdict
+from typing import Any
+
+from starlette.responses import Response
+
+from capture.station.approval import approved_states
+from capture.station.challenge_set import challenge_sets
+from capture.station.recipe import Recipe
+from capture.station.recipe_file import read_recipe
+from capture.station.recipe_settings import SettingsRefused, dotted
+from classify.errors import InputError
+
+from .api import V1
+from .background_jobs import Job
+from .recipe_changes import RecipeChanges
+from .recipe_pages import changes_of, known_changes_of, recipe_names
+from .render import Answer
+from .roles import Role
+from .routes import Call, PanelRoute
+from .security import Denied
+
+_ONE = f"{V1}/recipes/{{name}}"
+_SEEN = {"sha256": "hash of the recipe as it was seen"}
+
+
+def _recipes(call: Call) -> Response:
+    loaded = call.panel.live.snapshot().recipe
+    return Answer(
+        {
+            "recipes": recipe_names(call),
+            "configured": call.panel.folder.config.recipe,
+            "running": None if loaded is None else vars(loaded),
+        }
+    )
+
+
+def _recipe(call: Call) -> Response:
+    return Answer(_state(known_changes_of(call)))
+
+
+def _state(changes: RecipeChanges) -> dict[str, Any]:
+    state = changes.state
+    loaded = changes.panel.live.snapshot().recipe
+    return _fields(state.recipe) | {
+        "is_approved": state.recipe.is_approved,
+        "problem": state.problem,
+        "challenge": state.challenge,
+        "has_met_challenge": state.has_met_challenge,
+        "is_running": loaded is not None and loaded.sha256 == state.recipe.sha256,
+    }
+
+
+def _fields(recipe: Recipe) -> dict[str, Any]:
+    return recipe.model_dump(mode="json", by_alias=True) | {"sha256": recipe.sha256}
+
+
+def _versions(call: Call) -> Response:
+    files = known_changes_of(call).files
+    return Answer(
+        {
+            "present": read_recipe(files.file).sha256,
+            "approved": [_fields(each) for each in approved_states(files)],
+            "taught": files.taught_versions(),
+        }
+    )
+
+
+def _save(call: Call) -> Response:
+    changes, values = known_changes_of(call), call.fields.get("settings")
+    if not isinstance(values, dict):
+        raise InputError("settings: must be an object")
+    try:
+        changes.save_settings(call.text("sha256"), values)
+    except SettingsRefused as error:
+        wrong = {dotted(place): message for place, message in error.messages.items()}
+        return Answer({"error": str(error), "settings": wrong}, 400)
+    return Answer(_state(changes))
+
+
+def _approve(call: Call) -> Response:
+    changes = known_changes_of(call)
+    changes.approve(call.text("sha256"))
+    return Answer(_state(changes))
+
+
+def _roll_back(call: Call) -> Response:
+    changes = known_changes_of(call)
+    changes.roll_back(call.text("sha256"))
+    return Answer(_state(changes))
+
+
+def _teach(call: Call) -> Response:
+    use = call.text("use", "good")
+    if use not in ("good", "bad"):
+        raise InputError(f"use = {use[:20]!r}: give good or bad")
+    part_ids, texture = _part_ids(call), call.text("texture", "")
+    return _started(changes_of(call).teach(part_ids, texture, is_good=use == "good"))
+
+
+def _part_ids(call: Call) -> list[str]:
+    part_ids = call.fields.get("parts", [])
+    if not (isinstance(part_ids, list) and all(isinstance(each, str) for each in part_ids)):
+        raise InputError("parts: must be a list of part ids")
+    return part_ids
+
+
+def _started(job: Job) -> Response:
+    return Answer(asdict(job), 202, {"Location": f"{V1}/job"})
+
+
+def _challenge(call: Call) -> Response:
+    changes = known_changes_of(call)
+    state, files = changes.state, changes.files
+    return Answer(
+        {
+            "sets": challenge_sets(files.challenge),
+            "state": state.challenge,
+            "has_met_challenge": state.has_met_challenge,
+            "last_replay": None if state.replay is None else state.replay.model_dump(mode="json"),
+        }
+    )
+
+
+def _replay(call: Call) -> Response:
+    return _started(known_changes_of(call).replay())
+
+
+def _add(call: Call) -> Response:
+    changes = changes_of(call)
+    changes.add_to_challenge(_part_ids(call), call.text("expected"))
+    return Answer({"sets": challenge_sets(changes.files.challenge)}, 201)
+
+
+def _remove(call: Call) -> Response:
+    changes = changes_of(call)
+    changes.remove_from_challenge(call.path["file"])
+    return Answer({"sets": challenge_sets(changes.files.challenge)})
+
+
+def _job(call: Call) -> Response:
+    job = call.panel.jobs.last
+    if job is None:
+        raise Denied(404, "no job was started since the station runs")
+    return Answer(asdict(job))
+
+
+def _end(call: Call) -> Response:
+    call.panel.jobs.cancel(call.name)
+    return _job(call)
+
+
+_PARTS = {"parts": "a list of part ids"}
+ROUTES = (
+    PanelRoute(
+        "GET", f"{V1}/recipes", Role.OPERATOR, _recipes, "Names of the recipes, and which one runs."
+    ),
+    PanelRoute("GET", _ONE, Role.OPERATOR, _recipe, "One recipe, and what it lacks."),
+    PanelRoute(
+        "GET", f"{_ONE}/versions", Role.OPERATOR, _versions, "States of a recipe to go back to."
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/settings", Role.ENGINEER, _save,
+        "Change settings: a state that nobody approved. A wrong value is named in `settings`.",
+        fields=_SEEN | {"settings": "an object; each of its keys replaces the whole setting"},
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/approve", Role.ENGINEER, _approve, "Approve a recipe.", fields=_SEEN
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/rollback", Role.ENGINEER, _roll_back,
+        "Go back to a state that was approved.", fields={"sha256": "its hash"},
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/teach", Role.ENGINEER, _teach,
+        "Start to teach parts, without any the known ones again: 202, 409 while a job is running.",
+        fields=_PARTS | {"texture": "their texture", "use": "good or bad"},
+    ),
+    PanelRoute(
+        "GET", f"{_ONE}/challenge", Role.OPERATOR, _challenge,
+        "The challenge set, and its last replay.",
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/challenge", Role.ENGINEER, _replay,
+        "Start a replay of the challenge set: 202, 409 while a job is running.",
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/challenge/parts", Role.ENGINEER, _add, "Add parts to the challenge set.",
+        fields=_PARTS | {"expected": "PASS, FAIL or UNKNOWN"},
+    ),
+    PanelRoute(
+        "DELETE", f"{_ONE}/challenge/parts/{{file}}", Role.ENGINEER, _remove,
+        "Take a part out of the challenge set.",
+    ),
+    PanelRoute("GET", f"{V1}/job", Role.OPERATOR, _job, "The running or last job."),
+    PanelRoute("DELETE", f"{V1}/job", Role.ENGINEER, _end, "End the running job."),
+)  # fmt: skip
