@@ -60,7 +60,9 @@ class BenchResult:
     latencies_ms
         From the end of the last exposure to the announced result, of each part.
     steps_ms
-        Median duration of each step of the judge.
+        Durations of each step of the parts, in their order: the checks of the set, the solver, the
+        match and the defect map, which make up the inspection, the set file, which is written
+        beside it, and the record: the row and the announcement.
     duration_s
         Of all parts, with `_EXPOSURES_S` for the exposures of each.
     memory_mb
@@ -70,7 +72,7 @@ class BenchResult:
     """
 
     latencies_ms: tuple[float, ...]
-    steps_ms: dict[str, float]
+    steps_ms: dict[str, tuple[float, ...]]
     duration_s: float
     memory_mb: tuple[float, float] | None
     decisions: dict[str, int]
@@ -79,6 +81,10 @@ class BenchResult:
         """Return a percentile of the latencies."""
         return float(np.percentile(self.latencies_ms, percent))
 
+    def step_percentiles_ms(self, percent: float) -> dict[str, float]:
+        """Return a percentile of the durations of each step."""
+        return {name: float(np.percentile(ms, percent)) for name, ms in self.steps_ms.items()}
+
     @property
     def parts_per_minute(self) -> float:
         """Parts in a minute, of which the exposures take at least `_EXPOSURES_S` each."""
@@ -86,12 +92,15 @@ class BenchResult:
 
     def lines(self) -> list[str]:
         """Return the result, one finding a line."""
-        steps = ", ".join(f"{name} {took_ms:.0f}" for name, took_ms in self.steps_ms.items())
+        slow_steps_ms = self.step_percentiles_ms(99)
         median_ms, slow_ms = self.percentile_ms(50), self.percentile_ms(99)
         decisions = ", ".join(f"{count} {name}" for name, count in self.decisions.items())
         return [
             f"last exposure to announced result: p50 {median_ms:.0f} ms, p99 {slow_ms:.0f} ms",
-            f"median of the steps in ms: {steps}",
+            *(
+                f"  {name:8} p50 {step_ms:.0f} ms, p99 {slow_steps_ms[name]:.0f} ms"
+                for name, step_ms in self.step_percentiles_ms(50).items()
+            ),
             f"{self.parts_per_minute:.0f} parts a minute, exposed {1e3 * _EXPOSURES_S:.0f} ms each",
             f"verdicts on {len(self.latencies_ms)} parts: {decisions}",
             *(
@@ -200,11 +209,9 @@ def run_bench(
         duration_s = time.monotonic() - began_s
     late_mb, early_mb = _memory_mb(), watcher.early_mb
     results = [event.result for event in watcher.announced]
-    steps = {name: [each.timings_ms.get(name, np.nan) for each in results]
-             for name in ("solve", "match", "defects", "inspect", "save")}  # fmt: skip
     return BenchResult(
         latencies_ms=tuple(event.latency_ms for event in watcher.announced),
-        steps_ms={name: float(np.nanmedian(took_ms)) for name, took_ms in steps.items()},
+        steps_ms=_steps_ms(watcher.announced),
         duration_s=duration_s,
         memory_mb=None if late_mb is None or early_mb is None else (early_mb, late_mb),
         decisions={
@@ -213,6 +220,19 @@ def run_bench(
             if (count := sum(each.verdict.decision is decision for each in results))
         },
     )
+
+
+def _steps_ms(announced: Sequence[PartAnnounced]) -> dict[str, tuple[float, ...]]:
+    """Durations of the steps of all parts that have them."""
+    times = [event.result.timings_ms for event in announced]
+    names = ("checks", "solve", "match", "defects", "inspect", "save")
+    steps = {name: tuple(each[name] for each in times if name in each) for name in names}
+    steps["record"] = tuple(
+        event.latency_ms - each["checks"] - max(each["inspect"], each["save"])
+        for event, each in zip(announced, times, strict=True)
+        if {"checks", "inspect", "save"} <= each.keys()
+    )
+    return {name: ms for name, ms in steps.items() if ms}
 
 
 def _captured(side_px: int) -> tuple[list[CapturedSet], CapturedSet]:

@@ -269,7 +269,10 @@ class Station:
             error=error,
             exposed_s=exposed_s,
             exposed_utc=None if captured is None else self._clock.now(),
-            capture_ms=1e3 * (exposed_s - triggered_s),
+            timings_ms={
+                "capture": 1e3 * (exposed_s - triggered_s),
+                "checks": 1e3 * max(0.0, self._clock.monotonic_s() - exposed_s),
+            },
             notes=() if step is None else (step,),
         )
         with self._lock:

@@ -62,7 +62,10 @@ class PartBegun:
 
 @dataclass(frozen=True)
 class ExposureComplete:
-    """No further exposure of the part is needed: it may move."""
+    """No further exposure of the part is needed: it may move.
+
+    Published when the set has passed its checks: one that fails is captured again.
+    """
 
     part_id: str
     number: int

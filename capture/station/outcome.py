@@ -62,8 +62,9 @@ class ExposedPart:
     exposed_s, exposed_utc
         End of its last exposure, on the monotonic clock and as records have it; `exposed_utc` is
         None if there is no set.
-    capture_ms
-        From the trigger to the end of the last exposure.
+    timings_ms
+        ``capture``, from the trigger to the end of the last exposure, and ``checks``, from there
+        until the set had passed its checks.
     notes
         What else is to be known of the part.
     """
@@ -73,7 +74,7 @@ class ExposedPart:
     error: BaseException | None
     exposed_s: float
     exposed_utc: str | None
-    capture_ms: float
+    timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
 
 
@@ -132,7 +133,7 @@ class PartJudge:
             judged = tried(lambda: self._judged(captured))
             if saving is not None:
                 stored = tried(saving.result, Cause.STORAGE)
-        fields = _joined({"timings_ms": {"capture": part.capture_ms}}, judged, stored)
+        fields = _joined({"timings_ms": part.timings_ms}, judged, stored)
         result = None if failures else tried(lambda: self._result(part, fields))
         if result is not None:
             return result, None

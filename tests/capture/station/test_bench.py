@@ -15,4 +15,6 @@ def test_the_bench_judges_every_part_and_says_how_fast(ps4rig: Callable[..., Any
     assert sum(found["verdicts"].values()) == 12
     assert "ERROR" not in found["verdicts"]
     assert 0.0 < found["p50_ms"] <= found["p99_ms"]
-    assert set(found["steps_ms"]) == {"solve", "match", "defects", "inspect", "save"}
+    steps = {"checks", "solve", "match", "defects", "inspect", "save", "record"}
+    assert set(found["steps_ms"]) == set(found["steps_p99_ms"]) == steps
+    assert all(0.0 <= ms <= found["steps_p99_ms"][name] for name, ms in found["steps_ms"].items())
