@@ -54,17 +54,18 @@ class Chromium:
         text, _, self._rest = self._rest.partition(b"\0")
         return dict(json.loads(text))
 
-    def page(self, url: str, width: int = 1280, height: int = 800, *, dark: bool = False) -> "Page":
-        """Open a page, and wait until it is loaded."""
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+    def page(
+        self, url: str, width: int = 1280, height: int = 800, *, dark: bool = False,
+        alone: bool = False,
+    ) -> "Page":  # fmt: skip
+        """Open a page, and wait until it is loaded; `alone` is as in a browser of its own."""
+        context = self.call("Target.createBrowserContext") if alone else {}
+        target = self.call("Target.createTarget", url="about:blank", **context)["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
         page = Page(self, attached["sessionId"])
         for domain in ("Page", "Runtime", "Log"):
             page.call(f"{domain}.enable")
-        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        page.call("Emulation.setDeviceMetricsOverride", **size)
-        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        page.call("Emulation.setEmulatedMedia", features=[scheme])
+        page.show(width, height, dark=dark)
         page.go(url)
         return page
 
@@ -78,6 +79,13 @@ class Page:
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Call a method of the protocol for this page."""
         return self._browser.call(method, self._session, **parameters)
+
+    def show(self, width: int, height: int, *, dark: bool = False) -> None:
+        """Show the page on a screen of a size, in a dark or a light room."""
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
 
     def go(self, url: str) -> None:
         """Go to an address, and wait until the page is loaded."""
@@ -116,8 +124,9 @@ class Page:
         self.call("Input.insertText", text=text)
 
     def picture(self, path: Path) -> None:
-        """Keep a picture of the page as PNG."""
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+        """Keep a picture of the page, as JPEG or PNG by the name of the file."""
+        kept = {"format": "jpeg", "quality": 80} if path.suffix == ".jpg" else {"format": "png"}
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", **kept)["data"]))
 
     def errors(self) -> list[str]:
         """What the console has shown as errors."""

@@ -1,22 +1,27 @@
-"""A panel of a running station with a fake rig, and a small HTTP client."""
+"""Panels of running stations, with a fake rig or a simulated one, and a small HTTP client."""
 
 import http.client
 import json
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.events import Publisher
 from capture.station.face_config import PanelConfig
+from capture.station.folder import station_folder
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.roles import Role
 from capture.station.panel.server import serving_panel
+from capture.station.run import run_station
+from capture.station.triggers import TriggerSource
+from rig import RigConfig
 from tests.capture.station.stations import Bench, bench
 
 ANY_PORT = PanelConfig(port=0)
@@ -100,11 +105,10 @@ class Client:
 
 
 @dataclass
-class RunningPanel:
-    """A panel and its station."""
+class ServedPanel:
+    """A panel and its address."""
 
     panel: Panel
-    bench: Bench
     url: str
     tokens: dict[Role, str] = field(default_factory=dict)
 
@@ -139,29 +143,57 @@ class RunningPanel:
         return made
 
 
+@dataclass
+class RunningPanel(ServedPanel):
+    """A panel and its station with a fake rig."""
+
+    bench: Bench = field(kw_only=True)
+
+
 @contextmanager
 def running_panel(
     folder: Path, captured: CapturedSet, settings: PanelConfig = ANY_PORT
 ) -> Iterator[RunningPanel]:
-    """Run a station in `folder` whose triggers come by HTTP, with its panel."""
-    with ExitStack() as stack:
-        station = stack.enter_context(bench(folder, captured))
+    """Run a station with a fake rig in `folder` whose triggers come by HTTP, with its panel."""
+    with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
         station.listen = live.tell
         panel = Panel.of(station.folder, live, settings)
-        stopping = threading.Event()
+        with _running(panel, station.run) as url:
+            yield RunningPanel(panel, url, bench=station)
 
-        class UntilStopped:
-            def run(self, target: Any) -> None:
-                live.attach(target)
-                stopping.wait()
-                target.stop()
 
-        thread = threading.Thread(target=station.run, args=(UntilStopped(),))
-        thread.start()
-        try:
-            with serving_panel(panel) as url:
-                yield RunningPanel(panel, station, url)
-        finally:
-            stopping.set()
-            thread.join()
+@contextmanager
+def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
+    """Run the taught station in `folder` with a simulated rig; its triggers come by HTTP."""
+    with station_folder(folder) as opened:
+        live = LiveStation(opened.config.name, simulated=True)
+        panel = Panel.of(opened, live, ANY_PORT)
+        with (
+            Publisher(live.tell) as publisher,
+            _running(
+                panel, lambda source: run_station(opened, rig_config, source, publisher)
+            ) as url,
+        ):
+            yield ServedPanel(panel, url)
+
+
+@contextmanager
+def _running(panel: Panel, run: Callable[[TriggerSource], object]) -> Iterator[str]:
+    """Run a station in a thread until the block ends, and serve its panel; give the address."""
+    stopping = threading.Event()
+
+    class UntilStopped:
+        def run(self, target: Any) -> None:
+            panel.live.attach(target)
+            stopping.wait()
+            target.stop()
+
+    thread = threading.Thread(target=run, args=(UntilStopped(),))
+    thread.start()
+    try:
+        with serving_panel(panel) as url:
+            yield url
+    finally:
+        stopping.set()
+        thread.join()

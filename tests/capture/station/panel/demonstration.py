@@ -1,0 +1,71 @@
+"""A taught station on the simulated rig, with parts of every verdict: what its pages show."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from capture.station.config import CONFIG
+from capture.station.gauge import GaugeStudy, Presentation
+from capture.station.gauge_report import GaugeReport, write_gauge_report
+from capture.station.panel.roles import Role
+from capture.station.verdict import Decision
+from rig import RigConfig
+from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
+from tests.capture.station.production import SMALL_RIG, taught_station
+
+# Of the parts below the simulated camera: enough of each kind among a dozen.
+_SHARES = {"share_other": 0.2, "share_defective": 0.4}
+_MOST_PARTS = 40
+
+
+@contextmanager
+def demonstration(
+    folder: Path, least_parts: int = 6, rig_config: RigConfig = SMALL_RIG
+) -> Iterator[ServedPanel]:
+    """Serve a station with users, a part that passed, one that failed, and one overridden."""
+    taught_station(folder)
+    config = (folder / CONFIG).read_text(encoding="utf-8").splitlines()
+    lines = (
+        f"{name} = {_SHARES[name]}" if (name := line.split(" ")[0]) in _SHARES else line
+        for line in config
+    )
+    (folder / CONFIG).write_text("\n".join(lines), encoding="utf-8")
+    with real_panel(folder, rig_config) as served:
+        served.until_ready()
+        for role in Role:
+            served.panel.users.put(role, role, PASSWORD)
+        engineer = served.client(Role.ENGINEER)
+        made: list[str] = []
+        while len(made) < least_parts or len(verdicts(served)) < 2 or not failed(served):
+            assert len(made) < _MOST_PARTS, verdicts(served)
+            made += served.parts(1, engineer)
+        given = {"decision": "PASS", "reason": "a hair, blown away"}
+        assert engineer.post(f"/api/v1/parts/{failed(served)[0]}/override", given).status == 200
+        _study(served)
+        yield served
+
+
+def verdicts(served: ServedPanel) -> set[Decision]:
+    """The verdicts of the station that there are."""
+    return {each.result.verdict.decision for each in served.panel.results.store.parts()}
+
+
+def failed(served: ServedPanel) -> list[str]:
+    """Parts that the station did not pass, those with an outlined defect first."""
+    results = [each.result for each in served.panel.results.store.parts()]
+    rejected = [each for each in results if each.verdict.decision is not Decision.PASS]
+    return [each.part_id for each in sorted(rejected, key=lambda each: -len(each.defects))]
+
+
+def _study(served: ServedPanel) -> None:
+    """Keep the report of a gauge study, as `ps4rig station gauge` does."""
+    shown = [
+        Presentation(f"K{part:02d}", part % 2 == 0, decision, "a scratch")
+        for part in range(20)
+        for decision in [Decision.FAIL if part % 2 or part == 6 else Decision.PASS] * 3
+    ]
+    folder = served.panel.folder
+    report = GaugeReport.of(
+        GaugeStudy(tuple(shown)), folder.config.recipe, None, simulated=True
+    )  # fmt: skip
+    write_gauge_report(folder.recipe_files().gauge, report)

@@ -1,0 +1,128 @@
+"""Every page of the panel in Chromium: axe-core, console, keyboard, screens, first paint.
+
+The pages are those of the table of routes. ``-s`` prints how long each takes to its first paint.
+"""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from capture.station.panel.app import ROUTES
+from capture.station.panel.roles import Role
+from capture.station.panel.routes import PanelRoute
+from tests.accessibility import grave_findings, missed_by_tab
+from tests.capture.station.panel.demonstration import demonstration, failed
+from tests.capture.station.panel.panels import PASSWORD, ServedPanel
+from tests.chromium import Chromium, Page, chromium
+
+PAGES = [route for route in ROUTES if route.method == "GET" and route.answer == "text/html"]
+SCREENS = {"screen, light": (1280, 800, False), "tablet, dark": (1024, 768, True)}
+FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint')"
+pytestmark = [pytest.mark.browser]
+
+
+@pytest.fixture(scope="module")
+def station(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedPanel]:
+    with demonstration(tmp_path_factory.mktemp("pages") / "line-1") as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with chromium(tmp_path_factory.mktemp("profile")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def administrator(station: ServedPanel, browser: Chromium) -> Page:
+    """A page of an administrator, who may open all."""
+    page = browser.page(f"{station.url}login")
+    page.type(Role.ADMINISTRATOR)
+    page.press("Tab")
+    page.type(PASSWORD)
+    page.press("Enter")
+    page.until("location.pathname == '/'")
+    return page
+
+
+def address_of(route: PanelRoute, station: ServedPanel) -> str:
+    """The address of a page, with the worst part and the recipe of the station."""
+    places = {"part_id": failed(station)[-1], "name": station.panel.folder.config.recipe}
+    missing = set(re.findall(r"{(\w+)}", route.path)) - set(places)
+    assert not missing, f"{route.path}: say here what stands for {missing}"
+    return station.url.rstrip("/") + route.path.format(**places)
+
+
+def test_what_the_tools_look_for_is_found(administrator: Page, station: ServedPanel) -> None:
+    administrator.go(f"{station.url}history")
+    administrator.value(
+        "document.querySelector('main').innerHTML = '<h1>x</h1><img src=/static/icon.svg>"
+        "<a href=/>seen</a><button class=no-ring>pressed</button>'; "
+        "document.querySelector('.no-ring').addEventListener('focus', ({target}) => target.blur());"
+        "1"
+    )
+    (finding,) = grave_findings(administrator)
+    assert finding.startswith("image-alt")
+    assert "no-ring" in " ".join(missed_by_tab(administrator))
+
+
+@pytest.mark.parametrize("route", PAGES, ids=lambda route: route.path)
+def test_a_page_is_for_everybody_on_screens_and_tablets_in_a_light_and_a_dark_room(
+    station: ServedPanel, administrator: Page, route: PanelRoute
+) -> None:
+    page, address = administrator, address_of(route, station)
+    for width, height, dark in SCREENS.values():
+        page.show(width, height, dark=dark)
+        page.go(address)
+        assert page.value("document.documentElement.scrollWidth") <= width
+        back = page.value("getComputedStyle(document.body).backgroundColor")
+        assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
+        assert page.value("document.querySelectorAll('h1').length") == 1
+        assert grave_findings(page) == []
+    assert missed_by_tab(page) == []
+    assert page.errors() == []
+
+
+def test_the_first_paint_of_pages_takes_less_than_a_second(
+    station: ServedPanel, administrator: Page
+) -> None:
+    """Each page is loaded without a cache; a busy machine paints late, so the median counts."""
+    administrator.call("Network.enable")
+    administrator.call("Network.setCacheDisabled", cacheDisabled=True)
+    took_ms = {}
+    for route in PAGES:
+        administrator.go(address_of(route, station))
+        administrator.until(f"{FIRST_PAINT}.length")
+        took_ms[route.path] = administrator.value(f"{FIRST_PAINT}[0].startTime")
+    for path, paint_ms in took_ms.items():
+        print(f"first paint of {path}: {paint_ms:.0f} ms")
+    assert np.median(list(took_ms.values())) < 1000.0
+
+
+def test_an_engineer_finds_a_part_and_opens_it_by_the_keyboard_alone(
+    station: ServedPanel, administrator: Page
+) -> None:
+    part_id, page = failed(station)[-1], administrator
+
+    def tab_to(what: str) -> None:
+        for _ in range(100):
+            page.press("Tab")
+            if page.value(f"document.activeElement.matches({what!r})"):
+                return
+        raise AssertionError(f"Tab does not reach {what}")
+
+    page.go(station.url)
+    tab_to('nav a[href="/history"]')
+    page.press("Enter")
+    page.until("location.pathname == '/history'")
+    tab_to('input[name="part"]')
+    page.type(part_id)
+    page.press("Enter")
+    page.until("document.querySelectorAll('.parts tbody tr').length == 1")
+    tab_to(f'a[href="/parts/{part_id}"]')
+    page.press("Enter")
+    page.until(f"location.pathname == '/parts/{part_id}'")
+    assert part_id in page.value("document.querySelector('h1').textContent")
+    assert page.errors() == []
