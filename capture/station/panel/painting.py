@@ -54,7 +54,7 @@ def _painted(
     view: PartView, longest_px: int, *, is_large: bool
 ) -> Iterator[tuple[str, PaintedPicture]]:
     lights = pictures.light_images(view.captured, SHOWN_LIGHTS, longest_px)
-    for number, (title, picture) in enumerate(lights.items(), 1):
+    for number, (title, picture) in enumerate(lights.items()):
         yield f"light-{number}", _jpeg(title, "All light images have one scale of grey.", picture)
     albedo = pictures.grey(pictures.reduced(view.albedo, longest_px=longest_px))
     yield "albedo", _jpeg("albedo", "Share of the light that the surface reflects.", albedo)

@@ -108,7 +108,7 @@ ROUTES = (
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
-        "A picture of a part, made from its stored set: light-1 and so on, albedo, relief, shadow, "
+        "A picture of a part, made from its stored set: light-0 and so on, albedo, relief, shadow, "
         "normals, defects, defect-map; slopes at the large size.",
         query={"size": _SIZE}, answer="image/jpeg",
     ),

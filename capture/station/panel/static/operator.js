@@ -1,4 +1,6 @@
 // The operator's page: follows the events of the station, and never shows an old verdict as a new one.
+import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
+
 const SILENCE_MS = 20000; // the server says something each 15 s
 const REFRESH_MS = 5000; // for the rate, which falls without an event
 const REJECTED = 12;
@@ -10,6 +12,7 @@ let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
 let refused = 0;
 let rejected = []; // the newest first
 let state = "";
+let inspected = null; // the part that has no verdict yet
 let heardMs = Date.now();
 let isConnected = true;
 
@@ -28,11 +31,7 @@ function shape(decision) {
   return svg;
 }
 
-function age(utc) {
-  const seconds = Math.max(0, Math.round((Date.now() - Date.parse(utc)) / 1000));
-  if (seconds < 60) return `${seconds} s ago`;
-  return seconds < 3600 ? `${Math.floor(seconds / 60)} min ago` : new Date(utc).toLocaleString();
-}
+const partPage = (partId) => `/parts/${encodeURIComponent(partId)}`;
 
 function showVerdict(isOld) {
   const decision = last === null ? "NONE" : last.decision;
@@ -43,11 +42,14 @@ function showVerdict(isOld) {
   setText("word", last === null ? "NO PART YET" : decision);
   setText("reason", last === null ? "" : last.reason);
   setText("part", last === null ? "" : last.part_id);
+  if (last !== null) byId("part").href = partPage(last.part_id);
   showAge();
+  showPictures(last);
+  blankPictures(isOld || !isConnected);
 }
 
 function showAge() {
-  setText("age", last === null ? "" : `judged ${age(last.decided_utc)}`);
+  setText("age", last === null ? "" : `judged ${age(last.decided_utc)} ago`);
 }
 
 function showCounts() {
@@ -57,7 +59,7 @@ function showCounts() {
 
 function showState(name, reason) {
   state = name;
-  setText("now", `${name}: ${reason}`);
+  setText("now", inspected === null ? `${name}: ${reason}` : `inspecting ${inspected} (${name})`);
   byId("trigger").disabled = state !== "ready" || !isConnected;
 }
 
@@ -77,23 +79,23 @@ function showDevices(devices) {
 function showRejected() {
   byId("rejected").replaceChildren(...rejected.map((part) => {
     const item = document.createElement("li");
-    const name = document.createElement("b");
+    const link = document.createElement("a");
+    const about = document.createElement("p");
     item.dataset.decision = part.decision;
-    name.textContent = `${part.decision} ${part.part_id}`;
-    item.append(shape(part.decision), " ", name, ` ${new Date(part.decided_utc).toLocaleTimeString()}: ${part.reason}`);
-    if (part.acknowledged_by) {
-      const seen = document.createElement("span");
-      seen.className = "seen";
-      seen.textContent = ` (seen by ${part.acknowledged_by})`;
-      item.append(seen);
-    }
+    link.href = partPage(part.part_id);
+    link.append(shape(part.decision), ` ${part.decision} ${part.part_id}`);
+    about.textContent = `${new Date(part.decided_utc).toLocaleTimeString()}: ${part.reason}`;
+    if (part.acknowledged_by) about.textContent += ` (seen by ${part.acknowledged_by})`;
+    item.append(thumbnail(part), link, about);
     return item;
   }));
+  forgetThumbnails(rejected);
   byId("acknowledge").disabled = !isConnected || !rejected.some((part) => !part.acknowledged_by);
 }
 
 function showSnapshot(all) {
   last = all.last;
+  inspected = null;
   counts = all.announced;
   refused = all.refused;
   rejected = all.rejected;
@@ -110,11 +112,13 @@ const takes = {
   state: (event) => showState(event.state, event.reason),
   devices: (event) => showDevices(event.devices),
   begun: (event) => {
-    setText("now", `inspecting ${event.part_id}`);
+    inspected = event.part_id;
+    setText("now", `inspecting ${inspected}`);
     showVerdict(true);
   },
   part: (event) => {
     last = event;
+    if (inspected === event.part_id) inspected = null;
     counts[event.decision] += 1;
     if (event.decision !== "PASS") {
       rejected = [{ ...event, acknowledged_by: null }, ...rejected].slice(0, REJECTED);
@@ -163,7 +167,7 @@ function follow() {
       const wasLost = !isConnected;
       heard();
       take(JSON.parse(message.data));
-      if (wasLost && kind !== "snapshot") refresh();
+      if (wasLost && kind !== "snapshot") refresh(true);
     });
   }
   source.addEventListener("error", () => {
@@ -173,7 +177,7 @@ function follow() {
   });
 }
 
-async function refresh() {
+async function refresh(isWhole = false) {
   try {
     const answer = await fetch("/api/v1/state", { headers: { Accept: "application/json" } });
     if (answer.status === 401) window.location.reload();
@@ -181,7 +185,7 @@ async function refresh() {
     const all = await answer.json();
     const wasLost = !isConnected;
     heard();
-    if (wasLost) showSnapshot(all);
+    if (wasLost || isWhole) showSnapshot(all);
     else setText("rate", String(all.parts_per_minute));
   } catch {
     lost();
@@ -220,7 +224,8 @@ document.addEventListener("keydown", (event) => {
 });
 setInterval(() => {
   showAge();
+  showAges();
   if (Date.now() - heardMs > SILENCE_MS) lost();
 }, 1000);
-setInterval(refresh, REFRESH_MS);
+setInterval(() => refresh(), REFRESH_MS);
 follow();

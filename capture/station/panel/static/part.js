@@ -41,21 +41,18 @@ function drawSoon() {
   });
 }
 
-function view(name, title, caption, url) {
+function view(title, caption, tileUrl, url) {
   const button = document.createElement("button");
   const label = document.createElement("span");
   button.type = "button";
-  button.dataset.view = name;
+  button.dataset.view = title;
   button.setAttribute("aria-pressed", "false");
   label.textContent = title;
-  if (url !== null) {
-    const tile = new Image();
-    tile.alt = "";
-    tile.loading = "lazy";
-    tile.src = url;
-    button.append(tile);
-  }
-  button.append(label);
+  const tile = new Image();
+  tile.alt = "";
+  tile.loading = "lazy";
+  tile.src = tileUrl;
+  button.append(tile, label);
   button.addEventListener("click", () => {
     for (const each of byId("views").children) each.setAttribute("aria-pressed", String(each === button));
     canvas.hidden = url !== null;
@@ -136,9 +133,9 @@ async function show(partId) {
   relit = new Relit(canvas, slopes, albedo);
   byId("outlines").setAttribute("viewBox", `0 0 ${about.width_px} ${about.height_px}`);
   byId("stage").style.setProperty("--aspect", String(about.width_px / about.height_px));
-  const first = view("relit", "Relit", "Move the mouse over the picture, or press the arrow keys, to move the light. Press on a defect to outline it.", null);
+  const first = view("relit", "Move the mouse over the picture, or press the arrow keys, to move the light. Press on a defect to outline it.", url.relief, null);
   const others = about.pictures.filter((each) => each.name !== "slopes");
-  byId("views").replaceChildren(first, ...others.map((each) => view(each.name, each.title, each.caption, each.url)));
+  byId("views").replaceChildren(first, ...others.map((each) => view(each.title, each.caption, each.url, each.url)));
   byId("notes").replaceChildren(...about.notes.map((note) => {
     const item = document.createElement("li");
     item.textContent = note;

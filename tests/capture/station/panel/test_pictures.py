@@ -19,7 +19,7 @@ from rig.set_file import pixels_sha256
 from tests.capture.station.panel.panels import RunningPanel
 
 UTC = "2026-11-22T17:08:13.042Z"
-NAMES = {f"light-{number}" for number in range(1, 5)} | {
+NAMES = {f"light-{number}" for number in range(4)} | {
     "albedo", "relief", "shadow", "normals", "defects",
 }  # fmt: skip
 
@@ -78,7 +78,7 @@ def test_a_browser_that_has_the_picture_gets_no_second_one(panel: RunningPanel) 
 @pytest.mark.parametrize(
     ("path", "status", "said"),
     [
-        ("PART/pictures/x", 404, "there is no picture 'x'; give light-1"),
+        ("PART/pictures/x", 404, "there is no picture 'x'; give light-0"),
         ("PART/pictures/" + quote("../../station.toml", safe=""), 404, ""),
         ("PART/pictures/albedo%00", 404, "there is no picture"),
         ("PART/pictures/albedo?size=huge", 400, "give small or large"),
