@@ -19,7 +19,9 @@ _OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
     "--remote-debugging-pipe", "--no-first-run", "--disable-background-networking",
 )  # fmt: skip
-KEYS = {"F8": 119, "F9": 120, "Tab": 9, "Enter": 13}
+# A page of many links and fields.
+_MOST_TABS = 200
+KEYS = {"F8": 119, "F9": 120, "Tab": 9, "Enter": 13, "Space": 32}
 
 
 class Chromium:
@@ -116,8 +118,18 @@ class Page:
         about = {"key": key, "code": key, "windowsVirtualKeyCode": KEYS[key]}
         if key == "Enter":
             about["text"] = "\r"
+        elif key == "Space":
+            about |= {"key": " ", "text": " "}
         self.call("Input.dispatchKeyEvent", type="keyDown", **about)
         self.call("Input.dispatchKeyEvent", type="keyUp", **about)
+
+    def tab_to(self, selector: str) -> None:
+        """Press Tab until the element that a selector of CSS names has the focus."""
+        for _ in range(_MOST_TABS):
+            self.press("Tab")
+            if self.value(f"document.activeElement.matches({json.dumps(selector)})"):
+                return
+        raise AssertionError(f"Tab does not reach {selector}")
 
     def type(self, text: str) -> None:
         """Type a text into the element that has the focus."""
