@@ -28,7 +28,7 @@ from rig.doctor.check import Check
 
 from .config import StationConfig
 from .cycle import Station
-from .events import Event, PartAnnounced, Publisher
+from .events import Event, PartAnnounced, Publisher, Subscriber
 from .inspector import Inspector
 from .measured_surface import MeasuredSurface
 from .outcome import PartJudge
@@ -169,6 +169,7 @@ def run_bench(
     side_px: int,
     classes: int,
     prepared: Callable[[str], None] = lambda _: None,
+    subscribers: Sequence[Subscriber] = (),
 ) -> BenchResult:
     """Judge `parts` parts of 16 bit, with a library of so many classes and with a defect map.
 
@@ -180,6 +181,8 @@ def run_bench(
         Side of the frames.
     prepared
         Is told what is prepared next.
+    subscribers
+        Are told the events of the station, such as a panel.
     """
     prepared("capturing parts")
     good, other = _captured(side_px)
@@ -200,7 +203,7 @@ def run_bench(
     prepared("judging parts")
     with (
         open_store(config.results_in(folder), config.name, create=True) as store,
-        Publisher(watcher) as publisher,
+        Publisher(watcher, *subscribers) as publisher,
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
         given = Parts(_StoredSets(good[LEAST_PARTS:]), judge, store, list, clock, publisher)
