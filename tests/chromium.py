@@ -21,7 +21,10 @@ _OPTIONS = (
 )  # fmt: skip
 # A page of many links and fields.
 _MOST_TABS = 200
-KEYS = {"F8": 119, "F9": 120, "Tab": 9, "Enter": 13, "Space": 32}
+KEYS = {
+    "F8": 119, "F9": 120, "Tab": 9, "Enter": 13, "Space": 32,
+    "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40,
+}  # fmt: skip
 
 
 class Chromium:
