@@ -11,7 +11,7 @@ from rig.config.defect import DefectKind
 from rig.config.section import Degrees, Section
 from rig.config.toml_file import read_toml_as
 
-from .face_config import PanelConfig
+from .face_config import ModbusConfig, MqttConfig, PanelConfig
 
 CONFIG = "station.toml"
 SIM = "sim"
@@ -116,8 +116,8 @@ class StationConfig(Section):
         compared with its calibration. A simulated rig lays it down by itself.
     reconnect_s
         Time between two attempts to open a rig that was lost.
-    retention, simulated_parts, panel
-        The sections of these names.
+    retention, simulated_parts, panel, modbus, mqtt
+        The sections of these names; without the last two there is no PLC and no broker.
     """
 
     name: Name
@@ -127,7 +127,7 @@ class StationConfig(Section):
         "results.sqlite"
     )
     operator: Text | None = None
-    trigger: Literal["timer", "enter", "sensor", "http"] = "enter"
+    trigger: Literal["timer", "enter", "sensor", "http", "modbus"] = "enter"
     timer_s: float = Field(default=2.0, ge=0.0, le=86_400.0)
     sensor_delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
     buffers: int = Field(default=2, ge=1, le=64)
@@ -137,6 +137,8 @@ class StationConfig(Section):
     retention: Retention = Retention()
     simulated_parts: SimulatedParts = SimulatedParts()
     panel: PanelConfig = PanelConfig()
+    modbus: ModbusConfig | None = None
+    mqtt: MqttConfig | None = None
 
     def rig_in(self, folder: Path) -> str:
         """Return the rig to open for a station in `folder`: ``sim`` or a path."""
@@ -167,7 +169,7 @@ rig = "sim"                  # the simulated rig, or a rig.toml relative to this
 recipe = "example"           # recipes/example.toml: which textures pass
 results = "results.sqlite"   # or postgresql://USER:PASSWORD@HOST/DATABASE
 # operator = "Your name"
-trigger = "enter"            # the Enter key, "timer", "sensor" at the light controller, or "http"
+trigger = "enter"            # the Enter key, "timer", "sensor", "http" or "modbus"
 timer_s = 2.0                # period of the timer; 0 is as fast as possible
 sensor_delay_ms = 0          # from the sensor's edge to the first light
 buffers = 2                  # parts that may wait for their verdict
@@ -188,6 +190,17 @@ port = 8100
 # tls_cert = "panel.crt"     # PEM, relative to this folder
 # tls_key = "panel.key"
 # names = ["line-3.example"] # host names by which browsers reach it
+
+# The registers for a PLC. Without this section there are none.
+# [modbus]
+# host = "127.0.0.1"         # or the address of this machine in the network of the PLC
+# port = 1502
+# recipes = ["example"]      # the PLC knows them as 1, 2, ...
+
+# Results for an MQTT broker.
+# [mqtt]
+# url = "mqtt://broker.example:1883"
+# topic = "plant/line-3"
 
 # Parts below the camera of a simulated rig; a real rig ignores them.
 [simulated_parts]

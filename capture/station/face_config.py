@@ -1,12 +1,14 @@
-"""Sections of ``station.toml`` for the station's faces: `PanelConfig`."""
+"""Sections of ``station.toml`` for the station's faces: panel, Modbus, MQTT."""
 
 import ipaddress
 import re
 from pathlib import Path
 from typing import Annotated, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, model_validator
 
+from capture.session.plan import Name
 from rig.config.section import Section
 
 _HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
@@ -92,3 +94,45 @@ class PanelConfig(Section):
         if self.tls_cert is None or self.tls_key is None:
             return None
         return folder / self.tls_cert, folder / self.tls_key
+
+
+class ModbusConfig(Section):
+    """The registers for a PLC.
+
+    Attributes
+    ----------
+    host, port
+        Where it listens. Modbus has no passwords: whoever reaches the port can trigger.
+    recipes
+        Names of recipes; the PLC knows them by their positions, from 1.
+    """
+
+    host: Address = "127.0.0.1"
+    port: int = Field(default=1502, ge=0, le=65535)
+    recipes: tuple[Name, ...] = Field(default=(), max_length=1000, strict=False)
+
+
+def _broker(text: str) -> str:
+    try:
+        url = urlsplit(text)
+        is_usable = url.scheme in ("mqtt", "mqtts") and bool(url.hostname) and url.port != 0
+    except ValueError:  # a port that is none
+        is_usable = False
+    if not is_usable or url.path.strip("/") or url.query or url.fragment:
+        raise ValueError("give mqtt://HOST:PORT or mqtts://USER:PASSWORD@HOST:PORT")
+    return text
+
+
+class MqttConfig(Section):
+    """Where results are published.
+
+    Attributes
+    ----------
+    url
+        The broker: ``mqtt://HOST:1883``, or ``mqtts://USER:PASSWORD@HOST:8883`` with TLS.
+    topic
+        Beginning of all topics.
+    """
+
+    url: Annotated[str, Field(max_length=4096), AfterValidator(_broker)]
+    topic: Annotated[str, Field(pattern=r"^[^\s/#+$][^\s#+]{0,200}$")]

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from capture.console import complain
+from classify.errors import InputError
 
 if TYPE_CHECKING:
-    from capture.station.face_config import PanelConfig
+    from capture.station.config import StationConfig
+    from capture.station.face_config import ModbusConfig, PanelConfig
     from capture.station.folder import StationFolder
     from capture.station.live.live_station import LiveStation
+    from capture.station.plc.line import PlcLine
 
 
 @contextmanager
@@ -59,3 +63,40 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
     given = {key: value for key, value in (("host", host), ("port", port)) if value is not None}
     return validated(configured.model_dump() | given, PanelConfig, "--host, --port")
+
+
+def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
+    """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
+    from capture.station.plc.handshake import SOURCE, Handshake
+    from capture.station.plc.line import PlcLine
+
+    if config.modbus is None and trigger != SOURCE:
+        return None
+    handshake = Handshake(
+        session=secrets.randbelow(0xFFFF) + 1,
+        is_trigger=trigger == SOURCE,
+        is_simulated=live.snapshot().simulated,
+        recipes=() if config.modbus is None else config.modbus.recipes,
+    )
+    return PlcLine(live, handshake)
+
+
+@contextmanager
+def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
+    """Serve the registers of a line while the block runs, and print their address.
+
+    Raises
+    ------
+    InputError
+        If pymodbus is not installed, or the port is taken.
+    """
+    from capture.station.face_config import ModbusConfig
+
+    try:
+        from capture.station.plc.modbus import serving_modbus
+    except ImportError as error:
+        raise InputError(f"[modbus] needs {error.name}: pip install 'ps4rig[modbus]'") from error
+
+    with serving_modbus(line, configured or ModbusConfig()) as where:
+        complain(f"modbus: {where}")
+        yield

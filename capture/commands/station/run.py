@@ -25,7 +25,7 @@ def run(
         typer.Option(min=1, help="End after so many parts.", show_default="no end", metavar="N"),
     ] = None,
     trigger: Annotated[
-        Literal["timer", "enter", "sensor", "http"] | None,
+        Literal["timer", "enter", "sensor", "http", "modbus"] | None,
         typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
     ] = None,
     panel: Annotated[
@@ -78,7 +78,7 @@ def run(
     from classify.errors import InputError
     from rig.config.rig import config_of
 
-    from .faces import panel_of, panel_settings
+    from .faces import modbus_of, panel_of, panel_settings, plc_line
     from .terminal import print_event, print_event_as_json, read_key_line
 
     with station_folder(folder) as opened:
@@ -90,6 +90,7 @@ def run(
             "timer": TimerTrigger(config.timer_s),
             "sensor": SensorTrigger(),
             "http": None,
+            "modbus": None,
         }
         source = sources[given]
         live = LiveStation(
@@ -109,7 +110,13 @@ def run(
                 settings = panel_settings(config.panel, host, port)
                 is_asked = bool(panel or host or port or given == "http")
                 faces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
-            publisher = faces.enter_context(Publisher(shown, log, chart, live.tell, notifier.tell))
+            line = plc_line(config, live, given)
+            told = () if line is None else (line.tell,)
+            publisher = faces.enter_context(
+                Publisher(shown, log, chart, live.tell, notifier.tell, *told)
+            )
+            if line is not None:
+                faces.enter_context(modbus_of(line, config.modbus))
             stopped = run_station(
                 opened,
                 rig_config,

@@ -1,0 +1,1 @@
+"""The station on the line: handshake with a PLC over Modbus TCP, results by MQTT."""

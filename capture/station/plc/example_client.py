@@ -1,0 +1,70 @@
+"""A program that plays the PLC: `python -m capture.station.plc.example_client HOST PORT`.
+
+It needs ``pip install 'ps4rig[modbus]'``.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+
+from .ladder import Judged, Ladder
+from .modbus import PlcConnection
+
+_SCAN_S = 0.01
+_RECONNECT_S = 0.2
+
+
+def run_ladder(
+    host: str, port: int, next_part: Callable[[], str | None], judged: Callable[[Judged], None]
+) -> None:
+    """Trigger part after part, and tell their verdicts, until no part comes any more.
+
+    A lost connection is opened again, for ever. The station may be started anew meanwhile.
+
+    Parameters
+    ----------
+    next_part
+        Called when the place below the camera is free; returns the id of the next part.
+    judged
+        Called once for each part.
+    """
+    ladder = Ladder()
+    ladder.part_id = next_part()
+    missing = 0 if ladder.part_id is None else 1
+    while missing > 0:
+        try:
+            with PlcConnection(host, port) as plc:
+                while missing > 0:
+                    plc.write(ladder.scan(plc.read(), time.monotonic()))
+                    for each in ladder.judged:
+                        judged(each)
+                        missing -= 1
+                    ladder.judged.clear()
+                    if ladder.part_id is None:
+                        ladder.part_id = next_part()
+                        missing += ladder.part_id is not None
+                    time.sleep(_SCAN_S)
+        except ConnectionError:
+            time.sleep(_RECONNECT_S)
+
+
+def main() -> None:
+    """Trigger parts and print a line of JSON for each."""
+    parser = argparse.ArgumentParser(description="Play the PLC of a station.")
+    parser.add_argument("host")
+    parser.add_argument("port", type=int)
+    parser.add_argument("--parts", type=int, default=10)
+    parser.add_argument("--name", default="belt", help="beginning of the parts' ids")
+    given = parser.parse_args()
+    ids = (f"{given.name}-{number}" for number in range(1, given.parts + 1))
+    run_ladder(
+        given.host,
+        given.port,
+        lambda: next(ids, None),
+        lambda part: print(json.dumps(vars(part)), flush=True),
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,319 @@
+"""`Handshake`: the station's side of the handshake with a PLC, without I/O.
+
+A trigger is known by the id that the PLC gives it, a result by the number of its part. Neither is
+used twice in a session, so that an answer or a result of an earlier one is recognised.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from capture.station.events import (
+    Event,
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    PartRecovered,
+    RecipeLoaded,
+    StateChanged,
+)
+from capture.station.results.part_id import require_given_part_id
+from capture.station.results.part_result import PartResult
+from capture.station.states import State
+from capture.station.triggers import Accepted, Answer, Refusal, Refused
+from classify.errors import InputError
+
+from .registers import (
+    CAUSES,
+    NO_ORIENTATION,
+    PAGE_VERSION,
+    PLC,
+    PLC_ADDRESS,
+    PLC_WORDS,
+    STATES,
+    STATION,
+    VERDICTS,
+    Command,
+    ErrorCode,
+    Status,
+    decoded,
+    encoded,
+)
+
+SOURCE = "modbus"
+# A PLC that acknowledges nothing for so long has no program that runs.
+MOST_WAITING = 16
+_CODES = {
+    Refusal.NOT_READY: ErrorCode.NOT_READY,
+    Refusal.BUSY: ErrorCode.BUSY,
+    Refusal.STOPPING: ErrorCode.STOPPING,
+    Refusal.DISK: ErrorCode.DISK,
+    Refusal.DATABASE: ErrorCode.DATABASE,
+    Refusal.PART_ID: ErrorCode.PART_ID,
+    Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
+}
+_ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK
+_NUMBERS = 1 << 32  # a register holds the number of a part modulo this
+
+
+@dataclass(frozen=True)
+class TriggerRequest:
+    """A trigger of the PLC.
+
+    Attributes
+    ----------
+    trigger_id, part_id
+        As the PLC gave them; None lets the station make the id of the part.
+    refusal
+        Why the handshake refused it: it has to be recorded. None if the station has to answer.
+    """
+
+    trigger_id: int
+    part_id: str | None
+    refusal: str | None = None
+
+
+class Handshake:
+    """What the station shows to a PLC, and what it does with what the PLC writes.
+
+    Not thread-safe.
+
+    Parameters
+    ----------
+    session
+        Number of this run, from 1 to 65535, random.
+    is_trigger
+        Whether the PLC triggers: it then gets the results of its own parts. Otherwise it gets the
+        results of all parts, and its triggers are refused.
+    is_simulated
+        Whether the rig is simulated.
+    recipes
+        Names of recipes, in the order of their positions.
+    """
+
+    def __init__(
+        self, session: int, *, is_trigger: bool, is_simulated: bool, recipes: Sequence[str] = ()
+    ) -> None:
+        self._session, self._is_trigger = session, is_trigger
+        self._is_simulated, self._recipes = is_simulated, recipes
+        self._written = [0] * PLC_WORDS
+        self._state = State.PREOPERATIONAL
+        self._recipe: RecipeLoaded | None = None
+        # The last rise of Trigger, and the one that the station has not answered.
+        self._trigger_id = 0
+        self._current: TriggerRequest | None = None
+        self._unanswered: TriggerRequest | None = None
+        self._is_accepted = False
+        self._error = ErrorCode.NONE
+        # Numbers of parts; parts are exposed and announced in their order.
+        self._begun = self._exposed = self._announced = 0
+        self._shown: PartResult | None = None
+        self._waiting: deque[PartResult] = deque()
+        self._overruns = 0
+        self._is_wrong_ack = False
+        self.heartbeat = 0
+
+    # The PLC.
+
+    @property
+    def commands(self) -> dict[str, Any]:
+        """What the PLC has written, by name."""
+        return decoded(PLC, self._written)
+
+    def plc_words(self) -> list[int]:
+        """Return the registers that the PLC writes."""
+        return list(self._written)
+
+    def write(self, address: int, words: Sequence[int]) -> TriggerRequest | None:
+        """Take what the PLC writes in one request; return the trigger that it contains.
+
+        Raises
+        ------
+        ValueError
+            If it sets bits without a meaning, or registers that it must not; nothing is changed.
+        """
+        first = address - PLC_ADDRESS
+        if first < 0 or first + len(words) > PLC_WORDS:
+            raise ValueError(f"registers {address} to {address + len(words) - 1}")
+        written = list(self._written)
+        written[first : first + len(words)] = words
+        before, given = self.commands, decoded(PLC, written)
+        if given["commands"] & ~int(_ALL_COMMANDS):
+            raise ValueError(f"commands = {given['commands']:#x}")
+        self._written = written
+        old, new = Command(before["commands"]), Command(given["commands"])
+        if Command.RESULTS_ACK in new & ~old:
+            self._acknowledge(given["ack_number"])
+        if Command.RESULTS_ACK not in new:
+            self._is_wrong_ack = False
+        self._show_next()
+        if Command.TRIGGER not in new:
+            self._withdraw()
+        elif Command.TRIGGER not in old:
+            return self._trigger(given)
+        return None
+
+    def answered(self, request: TriggerRequest, answer: Answer) -> None:
+        """Take the station's answer to the request that `write` returned last."""
+        if self._unanswered is request:
+            self._unanswered = None
+        if isinstance(answer, Accepted):
+            self._begun = max(self._begun, answer.number)
+            self._show_next()
+        if self._current is request:  # not withdrawn
+            self._is_accepted = isinstance(answer, Accepted)
+            if isinstance(answer, Refused):
+                self._error = _CODES[answer.kind]
+
+    # The station.
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        match event:
+            case StateChanged(state, _):
+                self._state = state
+            case RecipeLoaded():
+                self._recipe = event
+            case PartBegun(_, number) if not self._is_trigger:
+                self._begun = number
+            case ExposureComplete(_, number):
+                self._exposed = number
+            case PartAnnounced(result, _):
+                self._announced = result.number
+                self._add(result)
+            case PartRecovered(result):
+                # Its trigger was answered, if at all, by the run that began it.
+                if result.trigger == SOURCE:
+                    self._begun = self._exposed = max(self._begun, result.number)
+                self._add(result)
+            case _:
+                pass
+
+    # What the PLC reads.
+
+    def station_words(self) -> list[int]:
+        """Return the registers that the station shows."""
+        recipe, shown = self._recipe, self._shown
+        verdict = None if shown is None else shown.verdict
+        return encoded(
+            STATION,
+            {
+                "page": PAGE_VERSION,
+                "session": self._session,
+                "heartbeat": self.heartbeat,
+                "status": self._status(),
+                "state": STATES[self._state],
+                "error": self._error,
+                "trigger_id": self._trigger_id,
+                "number": self._begun,
+                "recipe": self._position(),
+                "recipe_version": 0 if recipe is None else recipe.version,
+                "recipe_hash": _hash(None if recipe is None else recipe.sha256),
+                "result_number": 0 if shown is None else shown.number,
+                "verdict": 0 if verdict is None else VERDICTS[verdict.decision],
+                "cause": CAUSES[verdict.causes[0]] if verdict and verdict.causes else 0,
+                "orientation": _tenths(None if shown is None else shown.orientation_deg),
+                "result_hash": _hash(None if shown is None else shown.recipe_sha256),
+                "overruns": self._overruns,
+                "result_part_id": "" if shown is None else shown.part_id,
+            },
+        )
+
+    def _status(self) -> Status:
+        is_exposed = self._unanswered is None and self._exposed >= self._begun
+        bits = {
+            Status.READY: self._state is State.READY and is_exposed and self._refusal() is None,
+            Status.ACK: self._is_accepted,
+            Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
+            Status.BUSY: self._unanswered is not None or self._begun > self._announced,
+            Status.RESULTS_VALID: self._shown is not None,
+            Status.REFUSED: self._error is not ErrorCode.NONE,
+            Status.WRONG_ACK: self._is_wrong_ack,
+            Status.SIMULATED: self._is_simulated,
+        }
+        status = Status(0)
+        for bit, is_set in bits.items():
+            status |= bit if is_set else Status(0)
+        return status
+
+    # Triggers.
+
+    def _trigger(self, given: dict[str, Any]) -> TriggerRequest:
+        trigger_id, part_id = given["trigger_id"], given["part_id"] or None
+        is_new = trigger_id not in (0, self._trigger_id)
+        self._withdraw()
+        self._trigger_id = trigger_id
+        reason = self._refusal()
+        if not is_new:
+            reason = ErrorCode.TRIGGER_ID, f"trigger id {trigger_id}: give another one, not 0"
+        if reason is None and part_id is not None:
+            try:
+                require_given_part_id(part_id)
+            except InputError as error:
+                reason = ErrorCode.PART_ID, str(error)
+        if reason is not None:
+            self._error, text = reason
+            return TriggerRequest(trigger_id, part_id, text)
+        self._current = self._unanswered = TriggerRequest(trigger_id, part_id)
+        return self._current
+
+    def _withdraw(self) -> None:
+        """End the handshake of a trigger; a part that it began stays begun."""
+        self._current, self._is_accepted, self._error = None, False, ErrorCode.NONE
+
+    def _refusal(self) -> tuple[ErrorCode, str] | None:
+        """Why the handshake would refuse any trigger now."""
+        if not self._is_trigger:
+            return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
+        if self._unanswered is not None:
+            return ErrorCode.UNANSWERED, "busy: another trigger is not answered yet"
+        required = self.commands["recipe"]
+        if required not in (0, self._position()):
+            return ErrorCode.RECIPE, f"recipe {required} is not the loaded one"
+        if len(self._waiting) + (self._shown is not None) >= MOST_WAITING:
+            reason = f"{MOST_WAITING} results wait for an acknowledgement"
+            return ErrorCode.RESULTS_WAITING, reason
+        return None
+
+    def _position(self) -> int:
+        """Return the position of the loaded recipe, from 1, or 0."""
+        if self._recipe is None or self._recipe.name not in self._recipes:
+            return 0
+        return self._recipes.index(self._recipe.name) + 1
+
+    # Results.
+
+    def _add(self, result: PartResult) -> None:
+        if self._is_trigger and result.trigger != SOURCE:
+            return
+        self._waiting.append(result)
+        if not self._is_trigger and len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self._overruns += 1
+        self._show_next()
+
+    def _acknowledge(self, number: int) -> None:
+        if self._shown is not None and self._shown.number % _NUMBERS == number:
+            self._shown = None
+        else:
+            self._is_wrong_ack = True
+
+    def _show_next(self) -> None:
+        """Show the next result, unless the PLC has not seen the last one leave."""
+        if self._shown is None and self._waiting and not self._is_acknowledging():
+            # A result can be known before the answer to its trigger.
+            if self._is_trigger and self._waiting[0].number > self._begun:
+                return
+            self._shown = self._waiting.popleft()
+
+    def _is_acknowledging(self) -> bool:
+        return bool(self.commands["commands"] & Command.RESULTS_ACK)
+
+
+def _hash(sha256: str | None) -> int:
+    return 0 if sha256 is None else int(sha256[:8], 16)
+
+
+def _tenths(orientation_deg: float | None) -> int:
+    return NO_ORIENTATION if orientation_deg is None else round(10 * orientation_deg) % 3600

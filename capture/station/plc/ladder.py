@@ -1,0 +1,148 @@
+"""`Ladder`: an example of the PLC's side of the handshake, scan after scan, without I/O."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
+
+from capture.station.verdict import Cause, Decision
+
+from .registers import CAUSES, VERDICTS, Command, Status
+
+# Longer than a database that restarts, and than a set that is captured three times.
+ANSWER_S = 30.0
+RESULT_S = 60.0
+_ERROR = VERDICTS[Decision.ERROR]
+_IDS = 0xFFFF
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the PLC does with a part: only PASS, which is 1, goes on.
+
+    Attributes
+    ----------
+    part_id
+        The part.
+    verdict, cause
+        Codes, as in the registers.
+    number
+        Number that the station gave the part; None if the PLC did not learn it.
+    """
+
+    part_id: str
+    verdict: int
+    cause: int
+    number: int | None
+
+
+class _Step(Enum):
+    CLEAR = auto()  # wait until the station has taken Ack and Refused away
+    READY = auto()  # wait for a part, and for Ready
+    ANSWER = auto()  # Trigger is set
+    EXPOSURE = auto()  # the part must not move
+
+
+class Ladder:
+    """The program of a PLC that triggers parts and sorts them by their verdicts.
+
+    Put the id of the part below the camera into `part_id`, which becomes None as soon as the part
+    may move, and take the parts from `judged`. A part is triggered once: if that fails it is an
+    ERROR.
+    """
+
+    def __init__(self) -> None:
+        self.part_id: str | None = None
+        self.judged: list[Judged] = []
+        self._session = 0
+        self._heartbeat = 0
+        self._step = _Step.CLEAR
+        self._is_acknowledging = False
+        self._trigger_id = 0
+        self._ack_number = 0
+        self._deadline_s = 0.0
+        self._number = 0
+        # Parts without a result: id and deadline of each number.
+        self._expected: dict[int, tuple[str, float]] = {}
+
+    def scan(self, inputs: Mapping[str, Any], now_s: float) -> dict[str, Any]:
+        """Return what the PLC writes, by name, for what it has read from the station.
+
+        Both must be the whole page, read and written in one request each.
+        """
+        if inputs["session"] != self._session:
+            self._begin_session(inputs)
+        status = Status(inputs["status"])
+        self._trigger(inputs, status, now_s)
+        self._take_result(inputs, status, now_s)
+        self._heartbeat = self._heartbeat % _IDS + 1
+        commands = Command.TRIGGER if self._step is _Step.ANSWER else Command(0)
+        if self._is_acknowledging:
+            commands |= Command.RESULTS_ACK
+        return {
+            "heartbeat": self._heartbeat,
+            "commands": commands,
+            "trigger_id": self._trigger_id,
+            "ack_number": self._ack_number,
+            "recipe": 0,
+            "part_id": self.part_id or "",
+        }
+
+    def _begin_session(self, inputs: Mapping[str, Any]) -> None:
+        """The station was started anew, or this program: nothing that is open will be answered."""
+        for number, (part_id, _) in self._expected.items():
+            self._judge(part_id, _ERROR, CAUSES[Cause.INTERRUPTED], number)
+        self._expected.clear()
+        if self._step is _Step.ANSWER:
+            self._reject()
+        if self._step is _Step.EXPOSURE:
+            self.part_id = None  # it is among the expected ones
+        self._session = inputs["session"]
+        self._trigger_id = inputs["trigger_id"]
+        self._step, self._is_acknowledging = _Step.CLEAR, False
+
+    def _trigger(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
+        if self._step is _Step.CLEAR and not status & (Status.ACK | Status.REFUSED):
+            self._step = _Step.READY
+        if self._step is _Step.READY and self.part_id is not None and Status.READY in status:
+            self._trigger_id = self._trigger_id % _IDS + 1
+            self._deadline_s = now_s + ANSWER_S
+            self._step = _Step.ANSWER
+        elif self._step is _Step.ANSWER:
+            is_mine = inputs["trigger_id"] == self._trigger_id
+            if is_mine and Status.ACK in status and self.part_id is not None:
+                self._number = inputs["number"]
+                self._expected[self._number] = self.part_id, now_s + RESULT_S
+                self._deadline_s = now_s + ANSWER_S
+                self._step = _Step.EXPOSURE
+            elif (is_mine and Status.REFUSED in status) or now_s > self._deadline_s:
+                self._reject()
+        elif self._step is _Step.EXPOSURE:
+            if inputs["number"] == self._number and Status.EXPOSURE_COMPLETE in status:
+                self.part_id, self._step = None, _Step.CLEAR
+            elif now_s > self._deadline_s:
+                # It moves now, and may still be exposed: its result must not count.
+                self._expected.pop(self._number, None)
+                self._reject()
+
+    def _take_result(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
+        if self._is_acknowledging:
+            self._is_acknowledging = Status.RESULTS_VALID in status
+        elif Status.RESULTS_VALID in status:
+            self._ack_number, self._is_acknowledging = inputs["result_number"], True
+            # A part that this program does not expect is in the reject bin already.
+            if self._ack_number in self._expected:
+                part_id, _ = self._expected.pop(self._ack_number)
+                self._judge(part_id, inputs["verdict"], inputs["cause"], self._ack_number)
+        late = [number for number, (_, until_s) in self._expected.items() if now_s > until_s]
+        for number in late:
+            self._judge(self._expected.pop(number)[0], _ERROR, 0, number)
+
+    def _reject(self) -> None:
+        """Make the part below the camera an ERROR."""
+        if self.part_id is not None:
+            self._judge(self.part_id, _ERROR, 0, None)
+        self.part_id, self._step = None, _Step.CLEAR
+
+    def _judge(self, part_id: str, verdict: int, cause: int, number: int | None) -> None:
+        self.judged.append(Judged(part_id, verdict, cause, number))

@@ -1,0 +1,166 @@
+"""`PlcLine`: connects a `Handshake` with a running station, whatever the bus."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Self
+
+from capture.station.events import Event
+from capture.station.live.devices import Device, Status
+from capture.station.live.live_station import LiveStation
+from capture.station.triggers import Refused, Trigger
+
+from .handshake import SOURCE, Handshake, TriggerRequest
+
+# Half the period that the README gives a PLC, because it may just have missed a tick.
+TICK_S = 0.5
+# Four times the period that the README asks of a PLC.
+_SILENCE_S = 8.0
+# A refused trigger takes a transaction of some 4 ms; a PLC that sends 250 a second is out of order.
+_MOST_UNRECORDED = 100
+
+
+class PlcLine:
+    """A handshake that a bus reads and writes, and the thread that passes its triggers on.
+
+    Its methods may be called from any thread and never wait for the station. `tell` subscribes to
+    the station's events; triggers are served within a ``with`` block.
+
+    Parameters
+    ----------
+    live
+        The running station.
+    handshake
+        Not to be used by anybody else.
+    now_s
+        The monotonic clock.
+    """
+
+    def __init__(
+        self,
+        live: LiveStation,
+        handshake: Handshake,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._live, self._handshake, self._now_s = live, handshake, now_s
+        self._changed = threading.Condition()
+        self._request: TriggerRequest | None = None
+        self._unrecorded: deque[tuple[Trigger, str]] = deque()
+        self._dropped = 0
+        self._is_closed = False
+        self._heard_s = now_s()
+        self._thread = threading.Thread(target=self._run, name="triggers of the PLC")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    # The bus.
+
+    def tell(self, event: Event) -> None:
+        """Take an event of the station."""
+        with self._changed:
+            self._handshake.tell(event)
+
+    def station_words(self) -> list[int]:
+        """Return the registers that the station shows, of one moment."""
+        with self._changed:
+            return self._handshake.station_words()
+
+    def plc_words(self) -> list[int]:
+        """Return the registers that the PLC writes."""
+        with self._changed:
+            return self._handshake.plc_words()
+
+    def write(self, address: int, words: Sequence[int]) -> None:
+        """Take what the PLC writes.
+
+        Raises
+        ------
+        ValueError
+            As `Handshake.write`.
+        """
+        with self._changed:
+            before = self._handshake.commands["heartbeat"]
+            request = self._handshake.write(address, words)
+            if self._handshake.commands["heartbeat"] != before:
+                self._heard_s = self._now_s()
+            if request is None:
+                return
+            if request.refusal is None:
+                self._request = request
+            else:
+                self._record(request, request.refusal)
+            self._changed.notify_all()
+
+    def tick(self, connections: int, where: str) -> None:
+        """Count the heartbeat, and show the state of the PLC; to be called each `TICK_S`."""
+        with self._changed:
+            self._handshake.heartbeat += 1
+            heartbeat = self._handshake.commands["heartbeat"]
+            is_silent = heartbeat != 0 and self._now_s() - self._heard_s > _SILENCE_S
+        status, text = _state(connections, heartbeat, where, is_silent=is_silent)
+        self._live.set_device(Device("plc", status, text))
+
+    # The thread.
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                # The station tells nobody when it is attached.
+                self._changed.wait_for(self._has_work, TICK_S)
+                if self._is_closed:
+                    return
+                request, self._request = self._request, None
+            if request is not None:
+                self._pass_on(request)
+            self._record_refusals()
+
+    def _has_work(self) -> bool:
+        is_recorder = self._live.is_attached
+        return (
+            self._is_closed or self._request is not None or bool(self._unrecorded and is_recorder)
+        )
+
+    def _pass_on(self, request: TriggerRequest) -> None:
+        is_recorder = self._live.is_attached
+        answer = self._live.submit(Trigger(SOURCE, request.part_id))
+        with self._changed:
+            self._handshake.answered(request, answer)
+            if isinstance(answer, Refused) and not is_recorder:
+                self._record(request, answer.reason)
+
+    def _record(self, request: TriggerRequest, reason: str) -> None:
+        """Keep a refusal until it can be recorded."""
+        if len(self._unrecorded) < _MOST_UNRECORDED:
+            self._unrecorded.append((Trigger(SOURCE, request.part_id), reason))
+        else:
+            self._dropped += 1
+
+    def _record_refusals(self) -> None:
+        if not self._live.is_attached:
+            return
+        with self._changed:
+            refused, dropped = list(self._unrecorded), self._dropped
+            self._unrecorded.clear()
+            self._dropped = 0
+        if dropped:
+            reason = f"{dropped} triggers of the PLC more than could be recorded one by one"
+            refused.append((Trigger(SOURCE), reason))
+        for trigger, reason in refused:
+            self._live.refuse(trigger, reason)
+
+
+def _state(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> tuple[Status, str]:
+    if connections == 0:
+        return "warning", f"no PLC is connected to {where}"
+    if is_silent:
+        return "fault", f"the heartbeat of the PLC stays at {heartbeat}"
+    return "ok", "connected" if heartbeat else "connected, without a heartbeat"

@@ -1,0 +1,175 @@
+"""Modbus TCP by pymodbus: the station as a server, and a client for programs that play the PLC."""
+
+import asyncio
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Self
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import ModbusException
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from capture.station.face_config import ModbusConfig
+from classify.errors import InputError
+
+from .line import TICK_S, PlcLine
+from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded
+
+_READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
+# A PLC, its spare, a panel of the line and a few programs of engineers.
+MAX_CONNECTIONS = 16
+# A hundred answers: a client that has not read so many does not read.
+_MOST_UNREAD_BYTES = 16 * 1024
+_START_S = 10.0
+# Errors in what a client sends are its own: they would fill the terminal.
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+
+class _Server(ModbusTcpServer):
+    """The registers of a line, for up to `MAX_CONNECTIONS` clients that read the answers."""
+
+    def __init__(self, line: PlcLine, host: str, port: int) -> None:
+        self._line = line
+        page = [
+            SimData(0, count=STATION_WORDS, datatype=DataType.REGISTERS, readonly=True),
+            SimData(PLC_ADDRESS, count=PLC_WORDS, datatype=DataType.REGISTERS),
+        ]
+        super().__init__(SimDevice(0, page, action=self._serve), address=(host, port))
+
+    async def _serve(
+        self,
+        function: int,
+        start: int,
+        address: int,
+        _count: int,
+        registers: list[int],
+        values: Any,
+    ) -> ExcCodes | None:
+        """Fill in the registers before they are read; take what is written."""
+        if function not in (*_READS, *_WRITES):
+            return ExcCodes.ILLEGAL_FUNCTION
+        if values is not None:
+            try:
+                self._line.write(address, values)
+            except ValueError:
+                return ExcCodes.ILLEGAL_VALUE
+        registers[-start : STATION_WORDS - start] = self._line.station_words()
+        first = PLC_ADDRESS - start
+        registers[first : first + PLC_WORDS] = self._line.plc_words()
+        return None
+
+    async def keep(self, where: str) -> None:
+        """Count heartbeats, and close connections that are too many or do not read."""
+        listener: Any = self.transport
+        for each in listener.sockets:  # connections inherit it
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MOST_UNREAD_BYTES)
+        while True:
+            transports = [each.transport for each in self.active_connections.values()]
+            for number, each in enumerate(transports):
+                if isinstance(each, asyncio.WriteTransport) and (
+                    number >= MAX_CONNECTIONS or each.get_write_buffer_size() > _MOST_UNREAD_BYTES
+                ):
+                    each.abort()
+            self._line.tick(len(transports), where)
+            await asyncio.sleep(TICK_S)
+
+
+@contextmanager
+def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
+    """Serve the registers of a line while the block runs; yield ``HOST:PORT``.
+
+    Raises
+    ------
+    InputError
+        If it cannot listen there.
+    """
+    port = _free_port(settings)
+    where = f"{settings.host}:{port}"
+    loop = asyncio.new_event_loop()
+    started: threading.Event = threading.Event()
+    stopping = asyncio.Event()
+    failures: list[BaseException] = []
+
+    async def serve() -> None:
+        server = _Server(line, settings.host, port)
+        await server.serve_forever(background=True)
+        started.set()
+        keeper = asyncio.create_task(server.keep(where))
+        await stopping.wait()
+        keeper.cancel()
+        await server.shutdown()
+
+    def run() -> None:
+        try:
+            loop.run_until_complete(serve())
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            started.set()
+            loop.close()
+
+    thread = threading.Thread(target=run, name="modbus", daemon=True)
+    thread.start()
+    if not started.wait(_START_S) or failures:
+        raise InputError(f"[modbus] {where}: the server did not start: {failures}")
+    try:
+        with line:
+            yield where
+    finally:
+        loop.call_soon_threadsafe(stopping.set)
+        thread.join()
+
+
+def _free_port(settings: ModbusConfig) -> int:
+    """Return the port to listen on; pymodbus itself does not say why it cannot."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    try:
+        with socket.create_server((settings.host, settings.port), family=family) as listener:
+            return int(listener.getsockname()[1])
+    except OSError as error:
+        raise InputError(
+            f"[modbus] {settings.host}:{settings.port}: {error.strerror}; give another host or "
+            "port in station.toml"
+        ) from error
+
+
+class PlcConnection:
+    """The connection of a program that plays the PLC; it reads and writes whole pages.
+
+    Its methods raise `ConnectionError` if the station cannot be reached or does not answer.
+    """
+
+    def __init__(self, host: str, port: int, timeout_s: float = 3.0) -> None:
+        self._where = f"{host}:{port}"
+        self._client = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=0)
+
+    def __enter__(self) -> Self:
+        if not self._client.connect():
+            raise ConnectionError(f"{self._where}: cannot be reached")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.close()
+
+    def read(self) -> dict[str, Any]:
+        """Return what the station shows, by name, of one moment."""
+        answer = self._asked(self._client.read_input_registers, 0, count=STATION_WORDS)
+        return decoded(STATION, answer.registers)
+
+    def write(self, values: dict[str, Any]) -> None:
+        """Write all that a PLC writes."""
+        self._asked(self._client.write_registers, PLC_ADDRESS, encoded(PLC, values))
+
+    def _asked(self, call: Any, *args: Any, **options: Any) -> Any:
+        try:
+            answer = call(*args, **options)
+        except ModbusException as error:
+            raise ConnectionError(f"{self._where}: {error}") from error
+        if answer.isError():
+            raise ConnectionError(f"{self._where}: {answer}")
+        return answer

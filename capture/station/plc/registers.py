@@ -1,0 +1,189 @@
+"""The one table of Modbus registers, from which codecs and the README's page are made."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any, Literal
+
+from capture.station.states import State
+from capture.station.verdict import Cause, Decision
+
+PAGE_VERSION = 1
+NO_ORIENTATION = 0xFFFF
+# Ids of the station have 13 characters, those that come with a trigger up to 100.
+_ID_WORDS = 50
+# A read takes up to 125 registers, a write up to 123.
+PLC_ADDRESS = 100
+
+Type = Literal["u16", "u32", "bits", "text"]
+Values = Mapping[str, Any]
+
+
+class Status(IntFlag):
+    """Bits of ``status``, which the station sets."""
+
+    READY = 1
+    ACK = 2
+    EXPOSURE_COMPLETE = 4
+    BUSY = 8
+    RESULTS_VALID = 16
+    REFUSED = 32
+    WRONG_ACK = 64
+    SIMULATED = 128
+
+
+class Command(IntFlag):
+    """Bits of ``commands``, which the PLC sets."""
+
+    TRIGGER = 1
+    RESULTS_ACK = 2
+
+
+class ErrorCode(IntEnum):
+    """Why a trigger was refused."""
+
+    NONE = 0
+    BUSY = 1
+    NOT_READY = 2
+    STOPPING = 3
+    DISK = 4
+    DATABASE = 5
+    PART_ID = 6
+    UNFORESEEN = 7
+    TRIGGER_ID = 10
+    UNANSWERED = 11
+    RESULTS_WAITING = 12
+    RECIPE = 13
+    OTHER_TRIGGER = 14
+
+
+VERDICTS = {
+    Decision.PASS: 1,
+    Decision.FAIL: 2,
+    Decision.UNKNOWN: 3,
+    Decision.ERROR: 4,
+}
+STATES = {
+    State.PREOPERATIONAL: 0,
+    State.INITIALIZED: 1,
+    State.READY: 2,
+    State.EXECUTING: 3,
+    State.ERROR: 4,
+}
+# Codes are never reused: programs of PLCs know them.
+CAUSES = {
+    Cause.CAPTURE: 1,
+    Cause.RIG: 2,
+    Cause.CALIBRATION: 3,
+    Cause.INTERRUPTED: 4,
+    Cause.STORAGE: 5,
+    Cause.UNFORESEEN: 6,
+    Cause.NO_TEXTURE: 20,
+    Cause.UNDECIDED: 21,
+    Cause.BLUR: 22,
+    Cause.BAD_TEXTURE: 40,
+    Cause.WRONG_TEXTURE: 41,
+    Cause.ORIENTATION: 42,
+    Cause.ROUGHNESS: 43,
+    Cause.SHADOW: 44,
+    Cause.DEFECT: 45,
+}
+
+
+@dataclass(frozen=True)
+class Register:
+    """One value of the page.
+
+    Attributes
+    ----------
+    address
+        Its first register, from 0.
+    name, type
+        ``u32`` has the high word first; ``text`` is ASCII, two characters in a register, the first
+        one in the high byte, filled up with zeros.
+    words
+        Number of registers.
+    meaning
+        For the README.
+    """
+
+    address: int
+    name: str
+    type: Type
+    words: int
+    meaning: str
+
+
+def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
+    registers = []
+    words_of: dict[Type, int] = {"u16": 1, "u32": 2, "bits": 1, "text": _ID_WORDS}
+    for name, kind, meaning in rows:
+        registers.append(Register(first, name, kind, words_of[kind], meaning))
+        first += words_of[kind]
+    return tuple(registers)
+
+
+STATION = _page(
+    0,
+    ("page", "u16", f"version of this page: {PAGE_VERSION}"),
+    ("session", "u16", "another number after each start of the station, never 0"),
+    ("heartbeat", "u16", "counts up twice a second"),
+    ("status", "bits", "see below"),
+    ("state", "u16", "see below"),
+    ("error", "u16", "why the trigger was refused, see below; 0 unless Refused is set"),
+    ("trigger_id", "u16", "id of the last trigger; Ack and Refused are the answer to this one"),
+    ("number", "u32", "number of the part that was accepted last"),
+    ("recipe", "u16", "position of the loaded recipe in `recipes`, from 1; 0 if it is not there"),
+    ("recipe_version", "u16", "its version"),
+    ("recipe_hash", "u32", "first 8 hexadecimal digits of its SHA-256"),
+    ("result_number", "u32", "number of the part whose result is shown; 0 without ResultsValid"),
+    ("verdict", "u16", "see below; 0 without ResultsValid"),
+    ("cause", "u16", "gravest cause, see below; 0 for PASS"),
+    ("orientation", "u16", f"tenths of a degree, 0 to 3599; {NO_ORIENTATION}: not measured"),
+    ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
+    ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
+    ("result_part_id", "text", "id of the part"),
+)
+PLC = _page(
+    PLC_ADDRESS,
+    ("heartbeat", "u16", "any number, another one at least each 2 s; 0: no heartbeat"),
+    ("commands", "bits", "see below"),
+    ("trigger_id", "u16", "another number than that of the last trigger, and not 0"),
+    ("ack_number", "u32", "result_number of the result that is acknowledged"),
+    ("recipe", "u16", "required recipe: its position in `recipes`; 0: whichever is loaded"),
+    ("part_id", "text", "id of the part; empty: the station makes one"),
+)
+STATION_WORDS = STATION[-1].address + STATION[-1].words
+PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
+
+
+def encoded(registers: Sequence[Register], values: Values) -> list[int]:
+    """Return the words of a page.
+
+    Numbers are taken modulo their width, and text that does not fit is cut.
+    """
+    words: list[int] = []
+    for each in registers:
+        value = values[each.name]
+        if each.type == "text":
+            data = value.encode("ascii", "replace")[: 2 * each.words].ljust(2 * each.words, b"\0")
+            words += [data[i] << 8 | data[i + 1] for i in range(0, len(data), 2)]
+        elif each.type == "u32":
+            words += [value >> 16 & 0xFFFF, value & 0xFFFF]
+        else:
+            words.append(value & 0xFFFF)
+    return words
+
+
+def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, Any]:
+    """Return the values of a page, by name."""
+    values: dict[str, Any] = {}
+    first = registers[0].address
+    for each in registers:
+        own = words[each.address - first :][: each.words]
+        if each.type == "text":
+            data = b"".join(word.to_bytes(2, "big") for word in own)
+            values[each.name] = data.decode("ascii", "replace").rstrip("\0 ")
+        else:
+            values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
+    return values
