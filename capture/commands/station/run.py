@@ -79,7 +79,7 @@ def run(
     from rig.config.rig import config_of
 
     from .faces import modbus_of, panel_of, panel_settings, plc_line
-    from .terminal import print_event, print_event_as_json, read_key_line
+    from .terminal import read_key_line, shown_by
 
     with station_folder(folder) as opened:
         config = opened.config
@@ -99,7 +99,7 @@ def run(
             trigger=given,
             database=shown_url(database_url(config.results_in(folder))),
         )
-        shown, log = print_event_as_json if json else print_event, partial(log_to, opened)
+        shown, log = shown_by(config.name, as_json=json), partial(log_to, opened)
         names = [f"LED {tilt_deg:g}" for tilt_deg in rig_config.lights.tilts_deg]
         notifier = Notifier.from_environment(os.environ)
         chart = ControlChart(names, shown, log, live.tell)

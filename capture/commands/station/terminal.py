@@ -1,11 +1,32 @@
 """A station on the terminal: a line for each part, or a line of JSON for each event."""
 
 import json
+import os
 import sys
 
 from capture.console import complain, out
 from capture.station.event_lines import json_fields, text_lines
-from capture.station.events import Event, Warned
+from capture.station.events import Event, Subscriber, Warned
+from capture.station.service.journal import Journal, is_connected_to_journal
+
+_STDOUT = 1
+
+
+def shown_by(station: str, *, as_json: bool) -> Subscriber:
+    """Return what shows the events of a station: on stdout, or in the journal if that leads there.
+
+    Parameters
+    ----------
+    station
+        Its name.
+    as_json
+        Whether to print JSON wherever stdout leads.
+    """
+    if as_json:
+        return print_event_as_json
+    if is_connected_to_journal(os.environ, _STDOUT):
+        return Journal(station).tell
+    return print_event
 
 
 def print_event(event: Event) -> None:

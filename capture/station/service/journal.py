@@ -1,0 +1,96 @@
+"""Events of a station in the system's journal, with fields by which parts are found.
+
+The protocol is https://systemd.io/JOURNAL_NATIVE_PROTOCOL: a datagram of fields for each entry.
+"""
+
+import os
+import socket
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from capture.station.event_lines import json_fields, text_lines
+from capture.station.events import (
+    Event,
+    PartAnnounced,
+    PartRecovered,
+    SelfTestFinished,
+    StateChanged,
+    TriggerRefused,
+    Warned,
+)
+from capture.station.states import State
+from capture.station.verdict import Decision
+
+SOCKET = Path("/run/systemd/journal/socket")
+# A journal that does not take an entry in this time does without it; station.log has it, too.
+_PATIENCE_S = 1.0
+# Priorities of syslog(3).
+_ERROR, _WARNING, _NOTICE, _INFO = 3, 4, 5, 6
+_OF_DECISION = {Decision.PASS: _INFO, Decision.ERROR: _WARNING}
+
+
+def is_connected_to_journal(environment: Mapping[str, str], descriptor: int) -> bool:
+    """Whether a descriptor leads to the journal: JOURNAL_STREAM of systemd.exec(5) names it."""
+    about = os.fstat(descriptor)
+    return environment.get("JOURNAL_STREAM") == f"{about.st_dev}:{about.st_ino}"
+
+
+class Journal:
+    """Subscriber to a station's events that writes them into the journal. Never raises.
+
+    Parameters
+    ----------
+    station
+        Its name.
+    path
+        The socket of the journal.
+    """
+
+    def __init__(self, station: str, path: Path = SOCKET) -> None:
+        self._station, self._path = station, path
+
+    def tell(self, event: Event) -> None:
+        """Write an event: an entry for each line of text."""
+        fields = [
+            ("PRIORITY", str(_priority(event))),
+            ("SYSLOG_IDENTIFIER", "ps4rig"),
+            ("PS4RIG_STATION", self._station),
+            *_fields(event),
+        ]
+        for line in text_lines(event):
+            entry = b"".join(_encoded(*each) for each in (("MESSAGE", line), *fields))
+            with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
+                journal.settimeout(_PATIENCE_S)
+                journal.sendto(entry, str(self._path))
+
+
+def _priority(event: Event) -> int:
+    match event:
+        case StateChanged(State.ERROR):
+            return _ERROR
+        case SelfTestFinished(checks):
+            statuses = {each.status for each in checks}
+            return _ERROR if "fault" in statuses else _INFO if statuses <= {"ok"} else _WARNING
+        case Warned() | TriggerRefused():
+            return _WARNING
+        case PartAnnounced(result, _) | PartRecovered(result):
+            return _OF_DECISION.get(result.verdict.decision, _NOTICE)
+        case _:
+            return _INFO
+
+
+def _fields(event: Event) -> Iterator[tuple[str, str]]:
+    """``PS4RIG_PART_ID`` and the like: texts, numbers, and each of a list of texts."""
+    for key, value in json_fields(event).items():
+        for each in value if isinstance(value, list) else [value]:
+            if isinstance(each, str | int | float):
+                yield f"PS4RIG_{key.upper()}", str(each)
+
+
+def _encoded(name: str, value: str) -> bytes:
+    data = value.encode(errors="backslashreplace")
+    if b"\n" not in data:
+        return f"{name}=".encode() + data + b"\n"
+    return f"{name}\n".encode() + struct.pack("<Q", len(data)) + data + b"\n"
