@@ -5,7 +5,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-_HISTORY_EVENTS = 65536  # at two switches a second more than nine hours
+# Switches before the oldest frame that a camera's buffers may still hold: those of 4,000 sets of
+# which no frame is read. They take 1.3 MB an LED.
+_HISTORY_EVENTS = 8192
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 
 

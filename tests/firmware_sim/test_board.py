@@ -1,6 +1,7 @@
 """The simulated board: light over time, numeric against exact integrals, buffers, options."""
 
 import math
+import tracemalloc
 from itertools import pairwise
 
 import pytest
@@ -90,6 +91,22 @@ def test_an_led_without_rise_time_switches_at_once():
     assert led.output(0.999) == 0.0
     assert led.output(1.0) == 0.4
     assert led.output_integral_s(0.0, 5.0) == pytest.approx(0.4)
+
+
+def test_an_led_that_is_switched_for_months_takes_no_more_memory():
+    led = Led(0.5, 0.3)
+
+    def switch(first: int) -> int:
+        for number in range(first, first + 20_000):
+            led.drive(100 * (number % 2), number / 10.0)
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before_bytes = switch(1)
+        assert switch(20_001) - before_bytes < 10_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_the_future_and_the_time_before_the_history_are_refused():

@@ -22,11 +22,19 @@ LONG = {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("command", [["--kills", "6"]], ids=["SQLite"])
-def test_a_killed_production_loses_and_doubles_nothing(command: list[str]) -> None:
+@pytest.mark.parametrize(
+    "options",
+    [
+        pytest.param(["--kills", "6"], id="SQLite", marks=pytest.mark.slow),
+        # The server is killed with the tenth kill.
+        pytest.param(
+            ["--kills", "10", "--postgresql"], id="PostgreSQL", marks=pytest.mark.postgresql
+        ),
+    ],
+)
+def test_a_killed_production_loses_and_doubles_nothing(options: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "tests.capture.station.kills", *command],
+        [sys.executable, "-m", "tests.capture.station.kills", *options],
         cwd=ROOT, capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     print(done.stdout)
