@@ -102,7 +102,8 @@ def test_sets_of_one_sheet_have_one_full_scale(
     for average in (1, 2):
         output = tmp_path / f"{average}.ome.tif"
         arguments = ("--surface", "plate", "--average", average)
-        assert ps4rig("capture", "--rig", toml, *arguments, output).exit_code == 0
+        done = ps4rig("capture", "--rig", toml, *arguments, output)
+        assert done.exit_code == 0, done.stderr
     given = [part for each in (1, 2) for part in ("--from", tmp_path / f"{each}.ome.tif")]
     message = refused("calibrate", "plate", *given, tmp_path / "rig.ps4cal")
     assert "set 2 of the sheet has a full scale of" in message
