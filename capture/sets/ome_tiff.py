@@ -52,13 +52,14 @@ def write(
         raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SUFFIX}")
     if pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
-    planes = np.stack(pages(images, ambient, mask))
+    planes = pages(images, ambient, mask)
     channels = _channels(metadata)
     # ImageJ without Bio-Formats does not read the OME-XML, but its own tags and the resolution.
     labels = tifffile.imagej_metadata_tag({"Labels": list(page_names(metadata))}, "<")
     with durable_file(path, home) as temporary:
         tifffile.imwrite(
-            temporary, planes, byteorder="<", photometric="minisblack", planarconfig=None,
+            temporary, iter(planes), shape=(len(planes), *planes[0].shape), dtype="<u2",
+            byteorder="<", photometric="minisblack", planarconfig=None,
             description=_ome_xml(images.shape[1:], channels, metadata), metadata=None,
             software=f"ps4rig {metadata.software_version}", extratags=labels,
             **resolution(metadata.mm_per_px),

@@ -3,6 +3,7 @@
 The sets are captured before, because the simulated camera would take the time of the judge.
 """
 
+import gc
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -201,6 +202,7 @@ def run_bench(
             written.pop(0).unlink()
 
     prepared("judging parts")
+    gc.freeze()
     with (
         open_store(config.results_in(folder), config.name, create=True) as store,
         Publisher(watcher, *subscribers) as publisher,

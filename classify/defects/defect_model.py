@@ -1,6 +1,6 @@
 """`DefectModel`: what good parts of one texture look like, and where another part differs."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from pathlib import Path
@@ -12,6 +12,7 @@ from scipy.stats import beta
 
 from classify.errors import DefectModelError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
+from classify.threads import map_in_threads
 
 from . import ps4def
 from .defect_map import DefectMap
@@ -119,12 +120,19 @@ class DefectModel:
 
     def _scores(self, fields: PartFields, orientation_deg: float) -> list[FloatMap]:
         observation = Observation.of(fields, self.gains, orientation_deg)
-        scores = [
-            _highest(observation.relief_responses(), self.relief_limits),
-            _highest(observation.albedo_responses(), self.albedo_limits),
+
+        def texture() -> FloatMap:
+            offset = (observation.statistics() - self.statistics_mean) @ self.statistics_whitening
+            distance: FloatMap = np.sqrt(np.einsum("hwd,hwd->hw", offset, offset))
+            return distance
+
+        kinds: list[Callable[[], FloatMap]] = [
+            lambda: _highest(observation.relief_responses(), self.relief_limits),
+            lambda: _highest(observation.albedo_responses(), self.albedo_limits),
+            texture,
         ]
-        offset = (observation.statistics() - self.statistics_mean) @ self.statistics_whitening
-        scores.append(np.sqrt(np.einsum("hwd,hwd->hw", offset, offset)))
+        # Most arrays are too small to be shared out among threads themselves.
+        scores = map_in_threads(lambda kind: kind(), kinds)
         return [np.where(fields.valid, score, np.float32(np.nan)) for score in scores]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from classify.surface.estimate import FloatMap
+from classify.threads import map_in_threads
 
 from .fields import PartFields
 from .local_statistics import local_statistics
@@ -28,9 +29,8 @@ class Observation:
     @classmethod
     def of(cls, fields: PartFields, gains: FloatMap, orientation_deg: float) -> Self:
         """Whiten a part."""
-        relief, albedo = whitened(fields, gains, orientation_deg)
-        pyramids = (pyramid(relief), pyramid(albedo))
-        return cls(fields, orientation_deg, pyramids)
+        relief, albedo = map_in_threads(pyramid, whitened(fields, gains, orientation_deg))
+        return cls(fields, orientation_deg, (relief, albedo))
 
     def relief_responses(self) -> Iterator[FloatMap]:
         """(h, w) responses to spots and lines of the relief, `RELIEF_RESPONSES` in all."""

@@ -18,7 +18,7 @@ import scipy.fft
 from classify.compiling import Array, kernel
 from classify.errors import InputError
 from classify.surface.estimate import FloatMap
-from classify.threads import run_on_rows
+from classify.threads import map_in_threads, run_on_rows
 
 from .fields import PartFields
 
@@ -105,14 +105,13 @@ def whitened(
     `gains` are in the frame of the texture; the part is rotated by `orientation_deg` from it.
     """
     shape = fields.p.shape
-    p, q, a = (scipy.fft.rfft2(plane) for plane in (fields.p, fields.q, fields.albedo))
+    p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])
     angle = np.radians(orientation_deg)
     turn = np.array([np.cos(angle), np.sin(angle)], np.float32)
     run_on_rows(
         partial(_apply_gains, p, q, a, gains, _low_pass(shape, gains.shape[1] - 1), turn), p.shape
     )
-    relief: FloatMap = scipy.fft.irfft2(p, s=shape)
-    albedo: FloatMap = scipy.fft.irfft2(a, s=shape)
+    relief, albedo = map_in_threads(partial(scipy.fft.irfft2, s=shape), [p, a])
     return relief, albedo
 
 

@@ -61,6 +61,7 @@ def run(
     With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed. Teach its
     parts in the panel, or by station teach.
     """
+    import gc
     import os
     from contextlib import ExitStack
     from functools import partial
@@ -117,6 +118,8 @@ def run(
             )
             if line is not None:
                 faces.enter_context(modbus_of(line, config.modbus))
+            # Modules live as long as the station: to look through them for garbage takes 0.1 s.
+            gc.freeze()
             stopped = run_station(
                 opened,
                 rig_config,
