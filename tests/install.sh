@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [postgresql]
+# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [mqtt] [postgresql]
 #
 # Without arguments, all of it. What is there already is left alone. For Debian on amd64: packages are
 # installed with apt-get, by sudo where the caller is not root. Bio-Formats, MicroPython, the kernel and
@@ -109,6 +109,13 @@ kernel() {
     cd - >/dev/null
 }
 
+# A broker that a test starts in a folder of its own. Debian's package starts one for the machine.
+mqtt() {
+    [ ! -e /usr/sbin/mosquitto ] || return 0
+    install mosquitto
+    ! has systemctl || as_root systemctl disable --now mosquitto 2>/dev/null || true
+}
+
 # A server that a test starts in a folder of its own. Debian's package would start one for the machine.
 postgresql() {
     compgen -G '/usr/lib/postgresql/*/bin/initdb' >/dev/null && return
@@ -118,10 +125,10 @@ postgresql() {
     install postgresql
 }
 
-[ $# -gt 0 ] || set -- venv browser imagej micropython kernel postgresql
+[ $# -gt 0 ] || set -- venv browser imagej micropython kernel mqtt postgresql
 for suite in "$@"; do
     case $suite in
-        venv | browser | imagej | micropython | kernel | postgresql) "$suite" ;;
-        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel or postgresql" >&2; exit 2 ;;
+        venv | browser | imagej | micropython | kernel | mqtt | postgresql) "$suite" ;;
+        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel, mqtt or postgresql" >&2; exit 2 ;;
     esac
 done

@@ -6,6 +6,8 @@ from pathlib import Path
 
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ps4rig"
 KERNEL = Path(os.environ.get("PS4RIG_HIL_KERNEL") or _CACHE / "hil-kernel")
+# Debian keeps it out of the search path of users.
+MOSQUITTO = Path("/usr/sbin/mosquitto")
 _POSTGRESQL = Path("/usr/lib/postgresql")
 MICROPYTHON = Path(os.environ.get("PS4RIG_MICROPYTHON") or _CACHE / "micropython")
 # The jar of Debian's package, and that of Bio-Formats, which is in Fiji.
@@ -25,6 +27,7 @@ NEEDS: dict[str, tuple[str | Path, ...]] = {
     "imagej": ("java", IMAGEJ, BIOFORMATS),
     "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
     "micropython": ("node", MICROPYTHON),
+    "mqtt": (MOSQUITTO,),
     "postgresql": (postgresql_program("initdb"), postgresql_program("psql")),
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from capture.console import complain
@@ -12,10 +12,11 @@ from classify.errors import InputError
 
 if TYPE_CHECKING:
     from capture.station.config import StationConfig
-    from capture.station.face_config import ModbusConfig, PanelConfig
+    from capture.station.face_config import ModbusConfig, MqttConfig, PanelConfig
     from capture.station.folder import StationFolder
     from capture.station.live.live_station import LiveStation
     from capture.station.plc.line import PlcLine
+    from capture.station.plc.mqtt import MqttPublisher
 
 
 @contextmanager
@@ -100,3 +101,23 @@ def modbus_of(line: PlcLine, configured: ModbusConfig | None) -> Iterator[None]:
     with serving_modbus(line, configured or ModbusConfig()) as where:
         complain(f"modbus: {where}")
         yield
+
+
+def mqtt_of(settings: MqttConfig, folder: StationFolder) -> MqttPublisher:
+    """Return what publishes results; its lines go to the log of the station.
+
+    Raises
+    ------
+    InputError
+        If paho is not installed.
+    """
+    try:
+        from capture.station.plc.mqtt import MqttPublisher
+    except ImportError as error:
+        raise InputError(f"[mqtt] needs {error.name}: pip install 'ps4rig[mqtt]'") from error
+
+    def log(line: str) -> None:
+        with suppress(InputError):  # a full disk
+            folder.log(line)
+
+    return MqttPublisher(settings, log)

@@ -79,7 +79,7 @@ def run(
     from classify.errors import InputError
     from rig.config.rig import config_of
 
-    from .faces import modbus_of, panel_of, panel_settings, plc_line
+    from .faces import modbus_of, mqtt_of, panel_of, panel_settings, plc_line
     from .terminal import read_key_line, shown_by
 
     with station_folder(folder) as opened:
@@ -112,7 +112,9 @@ def run(
                 is_asked = bool(panel or host or port or given == "http")
                 faces.enter_context(panel_of(opened, live, settings, is_asked=is_asked))
             line = plc_line(config, live, given)
-            told = () if line is None else (line.tell,)
+            told = [] if line is None else [line.tell]
+            if config.mqtt is not None:
+                told.append(faces.enter_context(mqtt_of(config.mqtt, opened)).tell)
             publisher = faces.enter_context(
                 Publisher(shown, log, chart, live.tell, notifier.tell, *told)
             )
