@@ -1,0 +1,123 @@
+"""Figures over many parts, against the same counted one by one.
+
+``PARTS`` is the number of parts of which the time is taken.
+"""
+
+import os
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from capture.station.control_history import chart_histories
+from capture.station.results.history import Selection
+from capture.station.results.statistics import (
+    MOST_PERIODS,
+    Choices,
+    choices,
+    counted_causes,
+    counted_periods,
+    newest_measured,
+)
+from capture.station.results.store import ResultStore, open_store
+from capture.station.verdict import Cause, Decision, Verdict
+
+from .many import fill, many
+from .parts import inspect
+
+PARTS = int(os.environ.get("PARTS", "2000"))
+PRODUCTION = Selection(simulated=False)
+
+
+def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
+    fill(store, many("line-1", 900, simulated=30))
+    for each in [each for each in store.parts() if each.result.verdict.decision == "FAIL"][:3]:
+        store.override(
+            each.result.part_id, decision=Decision.PASS, by="Kim", reason="a hair",
+            utc=each.result.decided_utc,
+        )  # fmt: skip
+    selected = Selection(simulated=False, since_utc="2026-11-22T18:00:00.000Z", label="rock")
+    entries = list(store.parts(selected))
+    assert 500 < len(entries) < 720
+    hours = Counter((each.result.triggered_utc[:13], each.decision) for each in entries)
+    assert {
+        (period.begin, decision): parts
+        for period in counted_periods(store, selected)
+        for decision, parts in period.verdicts.items()
+    } == hours
+    entries = list(store.parts(PRODUCTION))
+    causes = [each.result.verdict.causes for each in entries if each.result.verdict.causes]
+    found = counted_causes(store, PRODUCTION)
+    assert {each.cause: each.parts for each in found} == {
+        cause: sum(each[0] == cause for each in causes) for cause in {c for e in causes for c in e}
+    }
+    assert {each.cause: each.also for each in found if each.also} == {
+        Cause.DEFECT: sum(Cause.DEFECT in each[1:] for each in causes)
+    }
+    assert [each.parts for each in found] == sorted((each.parts for each in found), reverse=True)
+
+
+def test_the_charts_are_of_the_last_parts_that_matched_a_texture(store: ResultStore) -> None:
+    fill(store, many("line-1", 300, simulated=30))
+    matched = [each.result for each in store.parts(PRODUCTION) if each.result.label is not None]
+    found = newest_measured(store, PRODUCTION, most=100)
+    assert [each.number for each in found] == [each.number for each in matched[-100:]]
+    assert found[-1].distance == matched[-1].distance
+    assert tuple(found[-1].led_levels) == matched[-1].led_levels
+
+
+def test_periods_are_hours_days_or_months_by_their_span(store: ResultStore) -> None:
+    def at(utc: str) -> list[str]:
+        inspect(store, triggered_utc=f"{utc}:00.000Z")
+        return [period.begin for period in counted_periods(store, PRODUCTION)]
+
+    assert counted_periods(store, PRODUCTION) == []
+    assert at("2026-11-22T17:08") == ["2026-11-22T17"]
+    assert at("2026-11-23T17:08") == ["2026-11-22T17", "2026-11-23T17"]
+    assert at("2026-12-01T00:00") == ["2026-11-22", "2026-11-23", "2026-12-01"]
+    assert at("2027-05-01T00:00") == ["2026-11", "2026-12", "2027-05"]
+
+
+def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> None:
+    parts = many("line-1", 500)
+    for number, part in enumerate(parts):
+        utc = f"{1500 + number:04d}-01-01T00:00:00.000Z"
+        object.__setattr__(part, "triggered_utc", utc)
+    fill(store, parts)
+    found = counted_periods(store, PRODUCTION)
+    assert len(found) == MOST_PERIODS
+    assert found[-1].begin == "1999-01"
+
+
+def test_names_for_a_form_are_those_of_the_parts(store: ResultStore) -> None:
+    assert choices(store) == Choices((), ())
+    inspect(store, label="sand", recipe="b")
+    inspect(store, label="rock", recipe="b")
+    verdict = Verdict(Decision.ERROR, "LED 2 at 31 %", (Cause.CAPTURE,))
+    inspect(store, Decision.ERROR, verdict=verdict)
+    assert choices(store) == Choices(("rock", "sand"), ("b",))
+
+
+@pytest.mark.slow
+def test_the_statistics_of_many_parts_are_counted_in_a_moment(tmp_path: Path) -> None:
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        fill(store, many("line-1", PARTS))
+        took_ms = {}
+        for name, work in (
+            ("counters", lambda: store.counters(PRODUCTION)),
+            ("periods", lambda: counted_periods(store, PRODUCTION)),
+            ("causes", lambda: counted_causes(store, PRODUCTION)),
+            ("charts", lambda: chart_histories(newest_measured(store, PRODUCTION))),
+            ("names", lambda: choices(store)),
+            ("a page of the history", lambda: list(store.parts(PRODUCTION, newest=51))),
+        ):
+            took_s = []
+            for _ in range(3):
+                began_s = time.process_time()
+                work()
+                took_s.append(time.process_time() - began_s)
+            took_ms[name] = 1e3 * min(took_s)
+    figures = ", ".join(f"{name} {ms:.0f} ms" for name, ms in took_ms.items())
+    print(f"\n{PARTS} parts, CPU time: {figures}; together {sum(took_ms.values()):.0f} ms")
+    assert sum(took_ms.values()) < 1000.0
