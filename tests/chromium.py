@@ -138,10 +138,13 @@ class Page:
         """Type a text into the element that has the focus."""
         self.call("Input.insertText", text=text)
 
-    def picture(self, path: Path) -> None:
+    def picture(self, path: Path, *, scale: float = 1.0) -> None:
         """Keep a picture of the page, as JPEG or PNG by the name of the file."""
         kept = {"format": "jpeg", "quality": 80} if path.suffix == ".jpg" else {"format": "png"}
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", **kept)["data"]))
+        size = self.value("({width: innerWidth, height: innerHeight})")
+        clip = {"x": 0, "y": 0, "scale": scale, **size}
+        shot = self.call("Page.captureScreenshot", clip=clip, **kept)
+        path.write_bytes(base64.b64decode(shot["data"]))
 
     def errors(self) -> list[str]:
         """What the console has shown as errors."""

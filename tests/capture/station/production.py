@@ -30,6 +30,7 @@ from capture.station.inspector import Inspector
 from capture.station.results.store import open_store
 from capture.station.run import RunOptions, run_station
 from capture.station.teaching import teach
+from capture.station.teaching_page import write_teaching_page
 from capture.station.triggers import TimerTrigger
 from capture.station.verification import verify_station
 from rig import RigConfig
@@ -42,7 +43,7 @@ _MOST_PARTS, _LATEST_S = 3, 0.4
 _SILENCE_S = 120.0
 
 
-def taught_station(folder: Path, **config: object) -> Path:
+def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Path:
     """Make a station that knows rock as good and sand as bad; `config` replaces its keys."""
     make_station(folder)
     keys = {"timer_s": 0.0, "disk_floor_mb": 50, "reconnect_s": 0.05, **config}
@@ -51,10 +52,10 @@ def taught_station(folder: Path, **config: object) -> Path:
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
     (folder / CONFIG).write_text("\n".join([*lines, *kept]), encoding="utf-8")
     files = StationFolder(folder).recipe_files()
-    rock = saved(folder / "shown", "rock", range(7))
-    sand = saved(folder / "shown", "sand", range(3))
+    rock = saved(folder / "shown", "rock", range(7), side_px)
+    sand = saved(folder / "shown", "sand", range(3), side_px)
     teach(files, rock[:6])
-    teach(files, sand[:2], "loose sand")
+    write_teaching_page(teach(files, sand[:2], "loose sand"))
     add_to_challenge(files.challenge, rock[6:], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")
     approve(files, "Ada")

@@ -11,7 +11,7 @@ from rig import RigConfig, open_rig
 SIDE_PX = 256
 
 
-def patch(surface: str, number: int, **placement: object) -> CapturedSet:
+def patch(surface: str, number: int, side_px: int = SIDE_PX, **placement: object) -> CapturedSet:
     """Capture one patch of a surface, at its own place, orientation and noise."""
     draw = np.random.default_rng([number, *surface.encode()])
     placed = {
@@ -21,17 +21,19 @@ def patch(surface: str, number: int, **placement: object) -> CapturedSet:
         "shift_px": tuple(draw.uniform(0.0, 400.0, 2).tolist()),
     }
     config = RigConfig().with_changes(
-        camera={"width_px": SIDE_PX, "height_px": SIDE_PX},
+        camera={"width_px": side_px, "height_px": side_px},
         simulation={"placement": placed | placement},
     )
     with open_rig(config) as rig:
         return capture_set(rig, label=surface)
 
 
-def saved(folder: Path, surface: str, numbers: range, **placement: object) -> list[Path]:
+def saved(
+    folder: Path, surface: str, numbers: range, side_px: int = SIDE_PX, **placement: object
+) -> list[Path]:
     """Capture patches into files."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{surface}-{number}.ome.tif" for number in numbers]
     for path, number in zip(paths, numbers, strict=True):
-        patch(surface, number, **placement).save(path)
+        patch(surface, number, side_px, **placement).save(path)
     return paths

@@ -11,25 +11,28 @@ from capture.station.panel.roles import Role
 from capture.station.verdict import Decision
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
-from tests.capture.station.production import SMALL_RIG, taught_station
+from tests.capture.station.production import taught_station
+from tests.capture.station.teaching_sets import SIDE_PX
 
 # Of the parts below the simulated camera: enough of each kind among a dozen.
 _SHARES = {"share_other": 0.2, "share_defective": 0.4}
+# More than these without a part that failed say that something is wrong.
 _MOST_PARTS = 40
 
 
 @contextmanager
 def demonstration(
-    folder: Path, least_parts: int = 6, rig_config: RigConfig = SMALL_RIG
+    folder: Path, least_parts: int = 6, side_px: int = SIDE_PX
 ) -> Iterator[ServedPanel]:
     """Serve a station with users, a part that passed, one that failed, and one overridden."""
-    taught_station(folder)
+    taught_station(folder, side_px)
     config = (folder / CONFIG).read_text(encoding="utf-8").splitlines()
     lines = (
         f"{name} = {_SHARES[name]}" if (name := line.split(" ")[0]) in _SHARES else line
         for line in config
     )
     (folder / CONFIG).write_text("\n".join(lines), encoding="utf-8")
+    rig_config = RigConfig().with_changes(camera={"width_px": side_px, "height_px": side_px})
     with real_panel(folder, rig_config) as served:
         served.until_ready()
         for role in Role:
@@ -37,10 +40,10 @@ def demonstration(
         engineer = served.client(Role.ENGINEER)
         made: list[str] = []
         while len(made) < least_parts or len(verdicts(served)) < 2 or not failed(served):
-            assert len(made) < _MOST_PARTS, verdicts(served)
+            assert len(made) < least_parts + _MOST_PARTS, verdicts(served)
             made += served.parts(1, engineer)
         given = {"decision": "PASS", "reason": "a hair, blown away"}
-        assert engineer.post(f"/api/v1/parts/{failed(served)[0]}/override", given).status == 200
+        assert engineer.post(f"/api/v1/parts/{failed(served)[-1]}/override", given).status == 200
         _study(served)
         yield served
 

@@ -3,27 +3,18 @@
 The pages are those of the table of routes. ``-s`` prints how long each takes to its first paint.
 """
 
-import re
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from capture.station.panel.app import ROUTES
-from capture.station.panel.roles import Role
 from capture.station.panel.routes import PanelRoute
 from tests.accessibility import grave_findings, missed_by_tab
 from tests.capture.station.panel.demonstration import demonstration, failed
-from tests.capture.station.panel.panels import PASSWORD, ServedPanel
+from tests.capture.station.panel.pages import PAGES, REPORTS, address_of, logged_in
+from tests.capture.station.panel.panels import ServedPanel
 from tests.chromium import Chromium, Page, chromium
 
-# The report of teaching is for paper too: it is white in a dark room, and has no menu.
-REPORTS = {"/recipes/{name}/versions/{version}/teaching"}
-PAGES = [
-    route
-    for route in ROUTES
-    if route.method == "GET" and route.answer == "text/html" and route.path not in REPORTS
-]
 SCREENS = {"screen, light": (1280, 800, False), "tablet, dark": (1024, 768, True)}
 FIRST_PAINT = "performance.getEntriesByName('first-contentful-paint')"
 pytestmark = [pytest.mark.browser]
@@ -44,21 +35,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
 @pytest.fixture(scope="module")
 def administrator(station: ServedPanel, browser: Chromium) -> Page:
     """A page of an administrator, who may open all."""
-    page = browser.page(f"{station.url}login")
-    page.type(Role.ADMINISTRATOR)
-    page.press("Tab")
-    page.type(PASSWORD)
-    page.press("Enter")
-    page.until("location.pathname == '/'")
-    return page
-
-
-def address_of(route: PanelRoute, station: ServedPanel) -> str:
-    """The address of a page, with the worst part and the recipe of the station."""
-    places = {"part_id": failed(station)[-1], "name": station.panel.folder.config.recipe}
-    missing = set(re.findall(r"{(\w+)}", route.path)) - set(places)
-    assert not missing, f"{route.path}: say here what stands for {missing}"
-    return station.url.rstrip("/") + route.path.format(**places)
+    return logged_in(browser, station)
 
 
 def test_what_the_tools_look_for_is_found(administrator: Page, station: ServedPanel) -> None:
@@ -89,6 +66,16 @@ def test_a_page_is_for_everybody_on_screens_and_tablets_in_a_light_and_a_dark_ro
         assert grave_findings(page) == []
     assert missed_by_tab(page) == []
     assert page.errors() == []
+
+
+@pytest.mark.parametrize("route", REPORTS, ids=lambda route: route.path)
+def test_a_report_is_for_everybody(
+    station: ServedPanel, administrator: Page, route: PanelRoute
+) -> None:
+    administrator.go(address_of(route, station))
+    assert grave_findings(administrator) == []
+    assert missed_by_tab(administrator) == []
+    assert administrator.errors() == []
 
 
 def test_the_first_paint_of_pages_takes_less_than_a_second(

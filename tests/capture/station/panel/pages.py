@@ -1,0 +1,37 @@
+"""All pages of the panel, from the table of routes, and how a test opens them."""
+
+import re
+
+from capture.station.panel.app import ROUTES
+from capture.station.panel.roles import Role
+from capture.station.panel.routes import PanelRoute
+from capture.station.recipe_file import read_recipe
+from tests.capture.station.panel.demonstration import failed
+from tests.capture.station.panel.panels import PASSWORD, ServedPanel
+from tests.chromium import Chromium, Page
+
+_SHOWN = [route for route in ROUTES if route.method == "GET" and route.answer == "text/html"]
+# The report of teaching is for paper too: it is white in a dark room, and has no menu.
+_REPORTS = {"/recipes/{name}/versions/{version}/teaching"}
+PAGES = [route for route in _SHOWN if route.path not in _REPORTS]
+REPORTS = [route for route in _SHOWN if route.path in _REPORTS]
+
+
+def address_of(route: PanelRoute, station: ServedPanel) -> str:
+    """The address of a page, with the worst part and the recipe of the station."""
+    recipe = read_recipe(station.panel.folder.recipe_files().file)
+    places = {"part_id": failed(station)[0], "name": recipe.name, "version": recipe.version}
+    missing = set(re.findall(r"{(\w+)}", route.path)) - set(places)
+    assert not missing, f"{route.path}: say here what stands for {missing}"
+    return station.url.rstrip("/") + route.path.format(**places)
+
+
+def logged_in(browser: Chromium, station: ServedPanel) -> Page:
+    """A page of an administrator, who logged in with the keyboard."""
+    page = browser.page(f"{station.url}login")
+    page.type(Role.ADMINISTRATOR)
+    page.press("Tab")
+    page.type(PASSWORD)
+    page.press("Enter")
+    page.until("location.pathname == '/'")
+    return page
