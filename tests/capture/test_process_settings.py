@@ -57,6 +57,24 @@ def test_variables_of_the_user_take_precedence(outcome: Callable[..., Any]) -> N
         assert faults > 1000
 
 
+THREADS = f"""
+{SETTLE}
+import os, sys
+print(sys.getswitchinterval() < 0.001, os.environ["OPENBLAS_NUM_THREADS"])
+"""
+
+
+@pytest.mark.parametrize(("given", "used"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
+def test_threads_do_not_wait_long_for_one_another(
+    run_python: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
+    given: dict[str, str],
+    used: str,
+) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    assert run_python(THREADS, **given).split() == ["True", used]
+
+
 @pytest.mark.parametrize("count", ["0", "-1", "many"])
 def test_a_wrong_number_of_threads_is_one_line(
     spawn: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, count: str
