@@ -16,6 +16,7 @@ from capture.errors import CalibrationError, SetRejected
 from rig.doctor.check import Check
 
 from .config import StationConfig
+from .errors import said
 from .events import (
     ExposureComplete,
     PartAnnounced,
@@ -25,7 +26,7 @@ from .events import (
     StationStopped,
     TriggerRefused,
 )
-from .outcome import ExposedPart, said
+from .outcome import ExposedPart
 from .part_sensor import PartSensor
 from .parts import Parts
 from .results.database import ResultsUnavailable

@@ -8,9 +8,9 @@ from typing import Any, Protocol, TypeVar
 
 from capture.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
-from classify.errors import Ps4rigError
 from rig import HardwareError
 
+from .errors import said
 from .folder import set_file_of
 from .results.part_result import PartResult
 from .results.rows import row_of
@@ -27,8 +27,6 @@ _CAUSES = (
     (HardwareError, Cause.RIG),
 )
 _OTHERWISE = Cause.UNFORESEEN
-# Of the text of an exception, which may carry a whole document.
-_MOST_SAID = 500
 
 
 class Inspected(Protocol):
@@ -202,20 +200,6 @@ def error_verdict(error: BaseException, cause: Cause | None = None) -> Verdict:
     if cause is None:
         cause = next((known for kind, known in _CAUSES if isinstance(error, kind)), _OTHERWISE)
     return Verdict(Decision.ERROR, said(error), (cause,))
-
-
-def said(error: BaseException) -> str:
-    """Return what an error says, in one line."""
-    if isinstance(error, MemoryError):
-        return "not enough memory"
-    if isinstance(error, KeyboardInterrupt):
-        return "interrupted"
-    try:
-        text = " ".join(str(error).split())[:_MOST_SAID]
-    except Exception:  # of an error whose text cannot be made
-        text = ""
-    is_known = isinstance(error, Ps4rigError | OSError)
-    return text if text and is_known else f"{type(error).__name__}: {text}".rstrip(": ")
 
 
 def _joined(*several: dict[str, Any] | None) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from capture.batch.local_pool import begin_worker, terminal_signals_blocked
 from capture.batch.one_thread import call_in_one_thread
 from capture.console import ShowProgress
 from capture.process.utc_time import utc_text
-from capture.station.outcome import said
+from capture.station.errors import said
 from classify.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)

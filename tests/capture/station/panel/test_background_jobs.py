@@ -1,0 +1,88 @@
+"""Long jobs of the panel: one at a time, in another process, with an end that is said."""
+
+import os
+import queue
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused, Work
+from tests.capture.station.panel import quick_jobs
+from tests.capture.station.panel.panels import WAIT_S
+
+ABOUT = {"kind": "teach", "recipe": "example", "title": "Teach", "by": "kim"}
+
+
+class Run:
+    """Runs jobs, and waits for their ends."""
+
+    def __init__(self, jobs: BackgroundJobs) -> None:
+        self.jobs = jobs
+        self._ended: queue.Queue[Job] = queue.Queue()
+
+    def start(self, work: Work, *arguments: Any) -> Job:
+        return self.jobs.start(Job(**ABOUT), work, arguments, self._ended.put)
+
+    def end(self) -> Job:
+        return self._ended.get(timeout=WAIT_S)
+
+
+@pytest.fixture
+def run() -> Iterator[Run]:
+    jobs = BackgroundJobs()
+    yield Run(jobs)
+    jobs.close()
+
+
+def test_a_job_ends_with_its_result_at_the_lowest_priority(run: Run) -> None:
+    run.start(quick_jobs.count, 3)
+    job = run.end()
+    assert (job.status, job.step, job.taken, job.total) == ("done", "count", 3, 3)
+    assert job.result == {"counted": [0, 1, 2], "priority": 19}
+    assert run.jobs.last == job
+    assert os.nice(0) < 19  # the station's own is as before
+
+
+def test_a_second_job_is_refused_and_a_running_one_can_be_ended(run: Run) -> None:
+    job = run.start(quick_jobs.wait)
+    with pytest.raises(JobRefused, match="Teach: is running; wait for its end"):
+        run.start(quick_jobs.count, 1)
+    assert run.jobs.last is not None
+    assert run.jobs.last.id == job.id
+    run.jobs.cancel("ada")
+    assert run.end().error == "ended by ada"
+    run.jobs.require_free()
+    run.jobs.cancel("ada")  # of nothing
+    run.jobs.close()
+    with pytest.raises(JobRefused, match="the station ends"):
+        run.jobs.require_free()
+
+
+@pytest.mark.parametrize(
+    ("work", "arguments", "error"),
+    [
+        (quick_jobs.fail, (True,), "there is no such part"),
+        (quick_jobs.fail, (False,), "ValueError: a defect"),
+        (quick_jobs.die, (), "its process ended (status 9)"),
+    ],
+    ids=["refused", "a defect", "killed"],
+)
+def test_a_job_that_fails_says_why(
+    run: Run, work: Work, arguments: tuple[Any, ...], error: str
+) -> None:
+    run.start(work, *arguments)
+    job = run.end()
+    assert (job.status, job.error) == ("failed", error)
+
+
+def test_a_job_that_takes_too_long_is_ended() -> None:
+    run = Run(BackgroundJobs(most_s=0.5))
+    run.start(quick_jobs.wait)
+    assert run.end().error == "took longer than 0.5 s; choose fewer parts"
+
+
+def test_the_end_of_the_station_ends_its_job(run: Run) -> None:
+    run.start(quick_jobs.wait)
+    run.jobs.close()
+    assert run.end().error == "the station ended"

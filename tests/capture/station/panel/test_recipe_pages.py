@@ -1,0 +1,189 @@
+"""Recipes in the panel and by HTTP: settings, approval, roll back, challenge set, parts."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.events import RecipeLoaded
+from capture.station.panel.roles import Role
+from capture.station.recipe import Recipe
+from capture.station.recipe_file import read_recipe
+from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+
+PAGE, API = "/recipes/example", "/api/v1/recipes/example"
+
+
+@pytest.fixture
+def line(station: Path, captured: CapturedSet) -> Iterator[RunningPanel]:
+    """A taught station with an engineer called kim and two parts."""
+    with running_panel(station, captured) as running:
+        running.parts(2)
+        running.panel.users.put("kim", Role.ENGINEER, PASSWORD)
+        yield running
+
+
+@pytest.fixture
+def kim(line: RunningPanel) -> Client:
+    browser = line.local
+    browser.log_in("kim")
+    return browser
+
+
+def recipe_of(line: RunningPanel) -> Recipe:
+    return read_recipe(line.panel.folder.recipe_files().file)
+
+
+def fields_of(text: str) -> dict[str, str]:
+    """The values that a browser would send of the form of the settings."""
+    form = text.partition('class="settings"')[2]
+    found = dict(
+        re.findall(r'<input (?:id="[^"]*" |type="hidden" )name="([^"]+)" value="([^"]*)"', form)
+    )
+    for name, options in re.findall(r'<select name="([^"]+)">(.*?)</select>', form):
+        found[name] = re.search(r'value="(\w+)" selected', options)[1]  # type: ignore[index]
+    return found
+
+
+def changes(line: RunningPanel) -> list[tuple[str, str, str | None, str | None]]:
+    """What the log says of recipes, the oldest first."""
+    rows = line.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
+    found = [(row["by"], row["what"], row["before"], row["after"]) for row in rows]
+    return [row for row in found[::-1] if row[1].startswith("recipe")]
+
+
+def test_changed_settings_are_a_state_that_nobody_approved(line: RunningPanel, kim: Client) -> None:
+    before = recipe_of(line)
+    assert kim.form(f"{PAGE}/approve", sha256=before.sha256).status == 303
+    form = fields_of(kim.get(f"{PAGE}/settings").text)
+    given = form | {"limits.margin": "0.3", "orientation.tolerance_deg": "5", "note": "sheet 7"}
+    assert kim.form(f"{PAGE}/settings", **given).status == 303
+    after = recipe_of(line)
+    assert (after.limits.margin, after.orientation.tolerance_deg) == (0.3, 5.0)
+    assert (
+        after.model_copy(
+            update={each: getattr(before, each) for each in ("limits", "orientation", "note")}
+        )
+        == before
+    )
+    assert not after.is_approved
+    assert "not approved" in kim.get(PAGE).text
+    assert changes(line) == [
+        ("kim", "recipe example", f"version 2, {before.sha256[:8]}, not approved",
+         f"version 2, {before.sha256[:8]}, approved by kim"),
+        ("kim", "recipe example: note", None, "sheet 7"),
+        ("kim", "recipe example: orientation.tolerance_deg", None, "5.0"),
+        ("kim", "recipe example: limits.margin", None, "0.3"),
+    ]  # fmt: skip
+
+
+def test_a_wrong_value_is_named_beside_its_field_and_nothing_is_saved(
+    line: RunningPanel, kim: Client
+) -> None:
+    before = recipe_of(line)
+    form = fields_of(kim.get(f"{PAGE}/settings").text)
+    wrong = {
+        "limits.margin": "2",
+        "limits.defect": "<b>",
+        "region.x": "7",
+        "limits_of.0.sdq.0": "9",
+    }
+    answer = kim.form(f"{PAGE}/settings", **form | wrong)
+    assert answer.status == 400
+    for name, message in (
+        ("limits.margin", "must be less than or equal to 1"),
+        ("limits.defect", "must be a number"),
+        ("region.height", "is missing; give it"),
+    ):
+        field = re.search(f'<input id="{name}".*?</div>', answer.text, re.DOTALL)
+        assert field is not None
+        assert 'aria-invalid="true"' in field[0]
+        assert f'<b class="wrong">{message}</b>' in field[0]
+    assert "sdq = [9" in answer.text
+    assert 'value="2"' in answer.text
+    assert "<b>&#34;" not in answer.text
+    assert recipe_of(line) == before
+    assert changes(line) == []
+    answer = kim.form(f"{PAGE}/settings", **form | {"sha256": "0" * 64})
+    assert "was changed by somebody else" in answer.text
+    wrong_by_api = {"sha256": before.sha256, "settings": {"limits": {"margin": 2}, "name": "x"}}
+    by_api = line.client(Role.ENGINEER).post(f"{API}/settings", wrong_by_api)
+    assert (by_api.status, list(by_api.json["settings"])) == (400, ["name"])
+
+
+def test_programs_change_approve_and_roll_back_recipes(line: RunningPanel) -> None:
+    client = line.client(Role.ENGINEER)
+    first = client.get(API).json
+    assert (first["is_approved"], first["problem"], first["is_running"]) == (False, None, False)
+    line.live.tell(RecipeLoaded("example", 2, first["sha256"]))
+    assert client.get(API).json["is_running"]
+    assert "version 2</b>, " + first["sha256"][:8] in client.get(PAGE).text
+    seen = {"sha256": first["sha256"]}
+    assert client.post(f"{API}/approve", seen).json["approval"]["by"] == "client-engineer"
+    changed = client.post(f"{API}/settings", seen | {"settings": {"limits": {"blur_px": 0.5}}}).json
+    assert (changed["limits"]["blur_px"], changed["is_approved"]) == (0.5, False)
+    assert client.post(f"{API}/approve", seen).status == 400  # of another state
+    client.post(f"{API}/approve", {"sha256": changed["sha256"]})
+    approved = client.get(f"{API}/versions").json["approved"]
+    assert {each["sha256"] for each in approved} == {first["sha256"], changed["sha256"]}
+    back = client.post(f"{API}/rollback", seen).json
+    assert (back["sha256"], back["is_approved"]) == (first["sha256"], True)
+    assert client.post(f"{API}/rollback", {"sha256": "0" * 64}).status == 400
+    assert changes(line)[-2][3] == (
+        f"roll back to version 2, {first['sha256'][:8]}, approved by client-engineer"
+    )
+    assert client.get("/api/v1/recipes").json["running"]["version"] == 2
+
+
+def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
+    line: RunningPanel, kim: Client
+) -> None:
+    page = kim.get(f"{PAGE}/parts").text
+    assert 'name="part.part-000002"' in page
+    chosen = {"part.part-000002": "on", "use": "challenge", "expected": "FAIL"}
+    assert kim.form(f"{PAGE}/parts", **chosen).status == 303
+    assert "part-000002.ome.tif" in kim.get(PAGE).text
+    assert "in the challenge set: FAIL" in kim.get(f"{PAGE}/parts").text
+    for wrong, said in (
+        ({"use": "challenge", "expected": "ERROR", "ids": "part-000001"}, "give PASS, FAIL"),
+        ({"use": "challenge", "expected": "PASS", "ids": "part-9"}, "there is no result of it"),
+        ({"use": "good", "texture": "rock"}, "choose a part"),
+        ({"use": "good", "texture": "unknown", "ids": "part-000001"}, "matches no class"),
+        ({"use": "eat"}, "give good, bad, again or challenge"),
+    ):
+        answer = kim.form(f"{PAGE}/parts", **wrong)
+        assert (answer.status, said in answer.text) == (400, True), said
+    assert kim.form(f"{PAGE}/challenge", remove="part-000002.ome.tif").status == 303
+    assert "part-000002.ome.tif" not in kim.get(PAGE).text
+    assert kim.form(f"{PAGE}/challenge", remove="../taught.json").status == 400
+    assert [row[1:] for row in changes(line)] == [
+        ("recipe example: challenge part part-000002.ome.tif", None, "FAIL"),
+        ("recipe example: challenge part part-000002.ome.tif", "FAIL", None),
+    ]
+
+
+def test_an_operator_sees_all_and_may_change_nothing(line: RunningPanel) -> None:
+    operator = line.client(Role.OPERATOR)
+    page = operator.get(PAGE).text
+    assert "Changes need the role engineer." in page
+    assert "<form" not in page.partition("<main")[2]
+    assert operator.get(f"{PAGE}/settings").status == 403
+    assert operator.post(f"{API}/approve", {"sha256": recipe_of(line).sha256}).status == 403
+    assert not recipe_of(line).is_approved
+
+
+def test_the_report_of_teaching_is_served_without_scripts(line: RunningPanel) -> None:
+    report = line.panel.folder.recipe_files().version(2).report
+    report.write_text("<p>found</p><script>alert(1)</script>")
+    operator = line.client(Role.OPERATOR)
+    answer = operator.get(f"{PAGE}/versions/2/teaching")
+    assert answer.text.startswith("<p>found</p>")
+    policy = answer.headers["content-security-policy"]
+    assert "sandbox" in policy
+    assert "script-src" not in policy  # default-src is none
+    for place in ("3", "2x", "..%2f..", "%C2%B2"):
+        assert operator.get(f"{PAGE}/versions/{place}/teaching").status == 404
+    for name in ("..%2fstation", "%2e%2e", "nobody"):
+        assert operator.get(f"/recipes/{name}").status in (400, 404)
