@@ -43,8 +43,7 @@ _POLL_S = 0.2
 _PAUSE_S = 0.02
 # Between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
-# After a stop, how long a result waits for a database that does not answer. Parts that get no
-# result become errors at the next start.
+# A result waits so long for the database after a stop; without it the next start makes an ERROR.
 _LAST_WAIT_S = 5.0
 # The rig is as it was: the set alone failed.
 _OF_THE_SET = (SetRejected, CalibrationError)

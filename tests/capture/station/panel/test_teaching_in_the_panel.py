@@ -1,0 +1,148 @@
+"""Teaching and challenge from the panel, in Chromium by the keyboard and by HTTP.
+
+``pytest -s -m slow -k teaching_in`` prints what a job costs the parts of a running station;
+``PARTS`` is their number, 60 by default.
+"""
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture.station.inspector import Inspector
+from capture.station.panel.roles import Role
+from capture.station.recipe_file import read_recipe
+from capture.station.verdict import Decision
+from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+from tests.capture.station.panel.panels import WAIT_S as SOON_S
+from tests.capture.station.teaching_sets import patch
+from tests.chromium import Chromium, Page, chromium
+
+# The first parts of a line: enough of each texture to be taught and for the challenge set.
+SURFACES = ["rock", "sand"] * 4 + ["malv"]
+JOB_S = 10 * SOON_S  # on a machine that does much else
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[RunningPanel]:
+    """A new station without a recipe, with an engineer called kim and a part of each of `SURFACES`."""
+    sets = [patch(surface, number) for number, surface in enumerate(SURFACES)]
+    with running_panel(tmp_path / "line-1", sets[0]) as running:
+        for captured in sets:
+            running.bench.camera.captured = captured
+            running.parts(1)
+        running.panel.users.put("kim", Role.ENGINEER, PASSWORD)
+        yield running
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chromium]:
+    with chromium(tmp_path / "profile") as running:
+        yield running
+
+
+def ids(surface: str) -> list[str]:
+    return [f"part-{n:06d}" for n, each in enumerate(SURFACES, 1) if each == surface]
+
+
+def until_the_job_ends(page: Page) -> str:
+    """Wait for the end of the job that the page shows; return what the page says."""
+    ends_s = time.monotonic() + JOB_S
+    running = "!!document.getElementById('progress')"
+    page.until("location.pathname == '/job' && document.readyState == 'complete'")
+    while page.value(running):
+        assert time.monotonic() < ends_s
+        time.sleep(0.5)
+    return str(page.value("document.querySelector('main').innerText"))
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
+    line: RunningPanel, browser: Chromium
+) -> None:
+    page = browser.page(f"{line.url}recipes")  # leads to the login
+    page.type("kim")
+    page.press("Tab")
+    page.type(PASSWORD)
+    page.press("Enter")
+
+    def use(parts: list[str], texture: str, button: str) -> None:
+        page.until("!!document.querySelector('[name=ids]')")
+        for part in sorted(parts, reverse=True):  # the newest is the first on the page
+            page.tab_to(f"[name='part.{part}']")
+            page.press("Space")
+        if texture:
+            page.tab_to("[name=texture]")
+            page.type(texture)
+        page.tab_to(f"button[value={button}]")
+        page.press("Enter")
+
+    page.until("location.pathname == '/recipes'")
+    page.tab_to("main button")
+    page.press("Enter")  # the name of the configured recipe is there
+    use(ids("rock")[:3], "rock", "good")
+    assert "Version 1 was taught." in until_the_job_ends(page)
+    page.tab_to("a[href='/recipes/example/parts']")
+    page.press("Enter")
+    use(ids("sand")[:3], "sand", "good")
+    said = until_the_job_ends(page)
+    assert "Version 2 was taught." in said
+    assert "sand: 0 of 3 good parts were rejected" in said
+    page.go(f"{line.url}recipes/example/parts")
+    use([ids("rock")[3], ids("sand")[3]], "", "challenge")
+    page.until("location.pathname == '/recipes/example'")
+    page.go(f"{line.url}recipes/example/parts")
+    page.tab_to("[name=expected]")
+    page.type("U")
+    page.press("U")
+    use(ids("malv"), "", "challenge")
+    page.until("document.body.innerText.includes('part-000009.ome.tif')")
+    page.tab_to("form[action='/recipes/example/challenge'] p button")
+    page.press("Enter")
+    assert "3 of 3 parts got the verdict" in until_the_job_ends(page)
+    page.go(f"{line.url}recipes/example")
+    page.tab_to("form[action='/recipes/example/approve'] button")
+    page.press("Enter")
+    page.until("document.body.innerText.includes('approved by kim')")
+    assert page.errors() == []
+    recipe = read_recipe(line.panel.folder.recipe_files().file)
+    assert (recipe.version, recipe.passes, recipe.is_approved) == (2, ("rock", "sand"), True)
+
+
+@pytest.mark.slow
+def test_a_job_of_teaching_leaves_the_parts_of_the_station_as_fast_as_they_were(
+    station: Path,
+) -> None:
+    """What is asserted is generous, because other programs share the processors of a test."""
+    count = int(os.environ.get("PARTS", "60"))
+    with running_panel(station, patch("rock", 3)) as line:
+        inspector = Inspector.load(line.panel.folder.recipe_files())
+        line.bench.inspector.inspect = inspector.inspect
+        client = line.client(Role.ENGINEER)
+        line.parts(5, client)  # kernels are loaded
+        alone_ms = [latency_ms(line, client) for _ in range(count)]
+        answer = client.post("/api/v1/recipes/example/teach", {})
+        assert answer.status == 202, answer.text
+        beside_ms = []
+        ends_s = time.monotonic() + JOB_S
+        while (job := client.get("/api/v1/job").json)["status"] == "running":
+            assert time.monotonic() < ends_s
+            beside_ms.append(latency_ms(line, client))
+        assert job["result"]["version"] == 3, job
+        assert all(each is Decision.PASS for _, each in line.bench.announced())
+    for name, each in (("alone", alone_ms), ("beside a job", beside_ms)):
+        p50_ms, p99_ms = np.percentile(each, [50, 99])
+        print(f"{name}: {len(each)} parts, p50 {p50_ms:.1f} ms, p99 {p99_ms:.1f} ms")
+    assert np.median(beside_ms) < 3.0 * np.median(alone_ms)
+
+
+def latency_ms(line: RunningPanel, client: Client) -> float:
+    """The time from the last exposure of another part to its announcement."""
+    line.parts(1, client)
+    latency = line.live.snapshot().latency_ms
+    assert latency is not None
+    return latency
