@@ -130,7 +130,7 @@ class Page:
         """Press Tab until the element that a selector of CSS names has the focus."""
         for _ in range(_MOST_TABS):
             self.press("Tab")
-            if self.value(f"document.activeElement.matches({json.dumps(selector)})"):
+            if self.value(f"document.activeElement?.matches({json.dumps(selector)})"):
                 return
         raise AssertionError(f"Tab does not reach {selector}")
 

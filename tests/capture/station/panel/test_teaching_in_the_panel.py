@@ -23,12 +23,13 @@ from tests.chromium import Chromium, Page, chromium
 
 # The first parts of a line: enough of each texture to be taught and for the challenge set.
 SURFACES = ["rock", "sand"] * 4 + ["malv"]
+LOADED = "document.readyState == 'complete'"
 JOB_S = 10 * SOON_S  # on a machine that does much else
 
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[RunningPanel]:
-    """A new station without a recipe, with an engineer called kim and a part of each of `SURFACES`."""
+    """A station without a recipe, with an engineer called kim and parts of all `SURFACES`."""
     sets = [patch(surface, number) for number, surface in enumerate(SURFACES)]
     with running_panel(tmp_path / "line-1", sets[0]) as running:
         for captured in sets:
@@ -51,9 +52,8 @@ def ids(surface: str) -> list[str]:
 def until_the_job_ends(page: Page) -> str:
     """Wait for the end of the job that the page shows; return what the page says."""
     ends_s = time.monotonic() + JOB_S
-    running = "!!document.getElementById('progress')"
-    page.until("location.pathname == '/job' && document.readyState == 'complete'")
-    while page.value(running):
+    is_over = f"{LOADED} && location.pathname == '/job' && !document.getElementById('progress')"
+    while not page.value(is_over):
         assert time.monotonic() < ends_s
         time.sleep(0.5)
     return str(page.value("document.querySelector('main').innerText"))
@@ -70,44 +70,46 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     page.type(PASSWORD)
     page.press("Enter")
 
-    def use(parts: list[str], texture: str, button: str) -> None:
-        page.until("!!document.querySelector('[name=ids]')")
+    def use(parts: list[str], button: str, texture: str = "", downs: int = 0) -> None:
+        """Choose parts, name their texture, choose a verdict by the arrow, press a button."""
+        page.until(f"{LOADED} && !!document.querySelector('[name=ids]')")
         for part in sorted(parts, reverse=True):  # the newest is the first on the page
             page.tab_to(f"[name='part.{part}']")
             page.press("Space")
         if texture:
             page.tab_to("[name=texture]")
             page.type(texture)
+        if downs:
+            page.tab_to("[name=expected]")
+        for _ in range(downs):
+            page.press("ArrowDown")
         page.tab_to(f"button[value={button}]")
         page.press("Enter")
 
-    page.until("location.pathname == '/recipes'")
+    page.until(f"{LOADED} && location.pathname == '/recipes'")
     page.tab_to("main button")
     page.press("Enter")  # the name of the configured recipe is there
-    use(ids("rock")[:3], "rock", "good")
+    use(ids("rock")[:3], "good", "rock")
     assert "Version 1 was taught." in until_the_job_ends(page)
     page.tab_to("a[href='/recipes/example/parts']")
     page.press("Enter")
-    use(ids("sand")[:3], "sand", "good")
+    use(ids("sand")[:3], "good", "sand")
     said = until_the_job_ends(page)
     assert "Version 2 was taught." in said
     assert "sand: 0 of 3 good parts were rejected" in said
     page.go(f"{line.url}recipes/example/parts")
-    use([ids("rock")[3], ids("sand")[3]], "", "challenge")
+    use([ids("rock")[3], ids("sand")[3]], "challenge")
     page.until("location.pathname == '/recipes/example'")
     page.go(f"{line.url}recipes/example/parts")
-    page.tab_to("[name=expected]")
-    page.type("U")
-    page.press("U")
-    use(ids("malv"), "", "challenge")
-    page.until("document.body.innerText.includes('part-000009.ome.tif')")
+    use(ids("malv"), "challenge", downs=2)
+    page.until(f"{LOADED} && document.body.innerText.includes('part-000009.ome.tif')")
     page.tab_to("form[action='/recipes/example/challenge'] p button")
     page.press("Enter")
     assert "3 of 3 parts got the verdict" in until_the_job_ends(page)
     page.go(f"{line.url}recipes/example")
     page.tab_to("form[action='/recipes/example/approve'] button")
     page.press("Enter")
-    page.until("document.body.innerText.includes('approved by kim')")
+    page.until(f"{LOADED} && document.body.innerText.includes('approved by kim')")
     assert page.errors() == []
     recipe = read_recipe(line.panel.folder.recipe_files().file)
     assert (recipe.version, recipe.passes, recipe.is_approved) == (2, ("rock", "sand"), True)
