@@ -3,6 +3,7 @@
     python -m tests.capture.station.endurance --parts 20000
     python -m tests.capture.station.endurance --parts 20000 --frame-px 256
 
+Ctrl-C ends the production, and what there is by then is checked.
 Frames of another size than the taught 256 px end as ERROR: they show the loop without the judge.
 """
 
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -82,7 +84,8 @@ def produce(folder: Path, parts: int, frame_px: int, announced: Path) -> list[Re
                 print("{:6} {:14.1f} {:12} {:18.1f}".format(*readings[-1]), flush=True)
                 before_s = now_s
 
-        run_parts(folder, parts, listen, rig)
+        with suppress(KeyboardInterrupt):
+            run_parts(folder, parts, listen, rig)
     return readings
 
 
