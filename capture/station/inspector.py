@@ -198,7 +198,7 @@ class Inspector:
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
         """Outline the defects above a limit; their scores are in units of it."""
         unit = 1.0 if limit is None else limit
-        scaled = {kind: getattr(defect_map, kind) / unit for kind in KINDS}
+        scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
         left, top = (
             (0, 0) if self.recipe.region is None else (self.recipe.region.x, self.recipe.region.y)
         )

@@ -26,9 +26,12 @@ class DefectMap:
     Attributes
     ----------
     relief, albedo
-        Score of single spots and lines in the relief and in the logarithm of the albedo.
+        Share of single spots and lines in the relief and in the logarithm of the albedo.
     texture
-        Score of the local statistics of both: another texture, or none.
+        Share of the local statistics of both, the mean of two of a kind: another texture, or none.
+    score
+        The sum of all shares, which may exceed the limit although none does. Models of version 1
+        have the largest of the kinds instead.
     shape
         Rows and columns of the frame, px.
     """
@@ -36,14 +39,9 @@ class DefectMap:
     relief: FloatMap
     albedo: FloatMap
     texture: FloatMap
+    score: FloatMap
     shape: tuple[int, int]
     cell_px: int = CELL_PX
-
-    @property
-    def score(self) -> FloatMap:
-        """The largest of the scores of the three kinds."""
-        score: FloatMap = np.maximum(np.maximum(self.relief, self.albedo), self.texture)
-        return score
 
     @property
     def worst(self) -> float:
@@ -63,7 +61,8 @@ class DefectRegion:
     Attributes
     ----------
     kind
-        The kind of the highest score in the region.
+        The kind of the largest share where the score is highest. A spot or line that exceeds 1.0
+        alone is of the relief or albedo: it changes the local statistics, too.
     box
         x, y, width, height in pixels of the frame: column and row of the upper left corner.
     area_px
@@ -94,7 +93,7 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
         place = np.s_[top : top + height, left : left + width]
         inside = labels[place] == label
         peak = int(np.argmax(np.where(inside, score[place], -np.inf)))
-        at_peak = [getattr(defect_map, kind)[place].flat[peak] for kind in KINDS]
+        shares = {kind: float(getattr(defect_map, kind)[place].flat[peak]) for kind in KINDS}
         # Cells as blocks of pixels: the outline follows their borders.
         block = np.kron(inside.astype(np.uint8), np.ones((cell, cell), np.uint8))
         outlines, _ = cv2.findContours(block, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
@@ -104,9 +103,12 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
             left * cell, top * cell,
             min(width * cell, columns - left * cell), min(height * cell, rows - top * cell),
         )  # fmt: skip
-        regions.append(
-            DefectRegion(
-                KINDS[int(np.argmax(at_peak))], box, cells * cell**2, float(max(at_peak)), outline
-            )
-        )
+        highest = float(score[place].flat[peak])
+        regions.append(DefectRegion(_kind_of(shares), box, cells * cell**2, highest, outline))
     return tuple(sorted(regions, key=lambda region: -region.score))
+
+
+def _kind_of(shares: dict[Kind, float]) -> Kind:
+    largest = max(shares, key=lambda kind: shares[kind])
+    alone: Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
+    return alone if shares[alone] > 1.0 else largest

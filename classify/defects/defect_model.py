@@ -1,8 +1,7 @@
 """`DefectModel`: what good parts of one texture look like, and where another part differs."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -11,52 +10,66 @@ import numpy.typing as npt
 from scipy.stats import beta
 
 from classify.errors import DefectModelError
-from classify.surface.estimate import FloatMap, SurfaceEstimate
-from classify.threads import map_in_threads
+from classify.surface.estimate import SurfaceEstimate
 
 from . import ps4def
 from .defect_map import DefectMap
-from .fields import PartFields, part_fields
-from .local_statistics import STATISTICS
-from .observation import Observation
+from .departures import Departures
+from .evidence import QUANTILES, Evidence
+from .fields import part_fields
+from .gaussian import Gaussian
+from .octave_statistics import OCTAVE_STATISTICS
 from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
+from .window_statistics import WINDOW_STATISTICS
 
 _CONFIDENCE = 0.95
-# Shapes of the arrays of a model; None is any length.
-_SHAPES = {
+# Shapes of the arrays of a model by the version of its file; None is any length.
+_SHARED_SHAPES: dict[str, tuple[int | None, ...]] = {
     "gains": (2, None, None),
     "relief_limits": (RELIEF_RESPONSES,),
     "albedo_limits": (ALBEDO_RESPONSES,),
-    "statistics_mean": (STATISTICS,),
-    "statistics_whitening": (STATISTICS, STATISTICS),
     "good_scores": (None,),
+}
+_SHAPES = {
+    1: {
+        **_SHARED_SHAPES,
+        "statistics_mean": (3 * OCTAVE_STATISTICS,),
+        "statistics_whitening": (3 * OCTAVE_STATISTICS,) * 2,
+    },
+    2: {
+        **_SHARED_SHAPES,
+        "octaves_mean": (OCTAVE_STATISTICS,),
+        "octaves_whitening": (OCTAVE_STATISTICS,) * 2,
+        "windows_mean": (WINDOW_STATISTICS,),
+        "windows_whitening": (WINDOW_STATISTICS,) * 2,
+        "quantiles": (4, QUANTILES),
+        "excess": (4,),
+        "limit": (1,),
+    },
 }
 
 
 @dataclass(frozen=True, eq=False)
 class DefectModel:
-    """Spectra, local statistics and limits of the good parts of one texture.
+    """What good parts of one texture look like.
 
     Attributes
     ----------
-    gains
-        (2, n, n) float32 whitening gains of relief and albedo in the frame of the texture.
-    relief_limits, albedo_limits
-        (RELIEF_RESPONSES,) and (ALBEDO_RESPONSES,) float32 limits of spots and lines.
-    statistics_mean, statistics_whitening
-        (d,) and (d, d) float32: the Mahalanobis distance of the statistics s of a cell, in units of
-        its limit, is the length of (s - mean) @ whitening.
+    departures
+        How far a cell is from good parts.
+    evidence
+        How improbable that is on good parts, in negative logarithms; None in models of version 1.
+    limit
+        The limit of the sum of the evidence of a cell.
     false_alarm_rate
         Share of good parts that may exceed 1.0 anywhere, as asked.
     good_scores
-        (N,) float64 highest score of each good part, when it was left out of the model.
+        (N,) float64 highest score of each good part by a model of other good parts.
     """
 
-    gains: FloatMap
-    relief_limits: FloatMap
-    albedo_limits: FloatMap
-    statistics_mean: FloatMap
-    statistics_whitening: FloatMap
+    departures: Departures
+    evidence: Evidence | None
+    limit: float
     false_alarm_rate: float
     good_scores: npt.NDArray[np.float64]
 
@@ -77,8 +90,15 @@ class DefectModel:
             If no pixel is valid.
         """
         fields = part_fields(surface)
-        relief, albedo, texture = self._scores(fields, orientation_deg or 0.0)
-        return DefectMap(relief, albedo, texture, surface.shape)
+        departures = self.departures.of(fields, orientation_deg or 0.0)
+        departures[:, ~fields.valid] = np.nan
+        if self.evidence is None:
+            relief, albedo, texture = departures
+            return DefectMap(relief, albedo, texture, departures.max(axis=0), surface.shape)
+        evidence = self.evidence.of_departures(departures) / np.float32(self.limit)
+        relief, albedo, octaves, windows = evidence
+        texture = (octaves + windows) / np.float32(2.0)
+        return DefectMap(relief, albedo, texture, evidence.sum(axis=0), surface.shape)
 
     @property
     def parts(self) -> int:
@@ -100,43 +120,49 @@ class DefectModel:
     @cached_property
     def sha256(self) -> str:
         """Hash of this model, as in its file."""
-        return ps4def.digest(self.false_alarm_rate, self._arrays)
+        return ps4def.digest(self._version, self.false_alarm_rate, self._arrays)
 
     def save(self, path: str | Path) -> None:
         """Write a ``.ps4def`` file, whole or not at all; raises as `ps4def.write`."""
-        ps4def.write(Path(path), self.false_alarm_rate, self._arrays)
+        ps4def.write(Path(path), self._version, self.false_alarm_rate, self._arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a ``.ps4def`` file; DefectModelError, which names it, if it cannot be used."""
         false_alarm_rate, arrays = ps4def.read(Path(path), _SHAPES)
-        if len(set(arrays["gains"].shape[1:])) > 1:
+        gains = arrays["gains"]
+        if len(set(gains.shape[1:])) > 1:
             raise DefectModelError(f"{path}: its gains are not square; teach it again")
-        return cls(**arrays, false_alarm_rate=false_alarm_rate)
+        octaves, windows, evidence, limit = "statistics", None, None, 1.0
+        if "limit" in arrays:
+            octaves, limit = "octaves", float(arrays["limit"][0])
+            windows = Gaussian(arrays["windows_mean"], arrays["windows_whitening"])
+            evidence = Evidence(arrays["quantiles"], arrays["excess"])
+        departures = Departures(
+            gains, arrays["relief_limits"], arrays["albedo_limits"],
+            Gaussian(arrays[f"{octaves}_mean"], arrays[f"{octaves}_whitening"]), windows,
+        )  # fmt: skip
+        return cls(departures, evidence, limit, false_alarm_rate, arrays["good_scores"])
+
+    @property
+    def _version(self) -> int:
+        return 1 if self.evidence is None else 2
 
     @property
     def _arrays(self) -> dict[str, npt.NDArray[Any]]:
-        return {name: getattr(self, name) for name in _SHAPES}
-
-    def _scores(self, fields: PartFields, orientation_deg: float) -> list[FloatMap]:
-        observation = Observation.of(fields, self.gains, orientation_deg)
-
-        def texture() -> FloatMap:
-            offset = (observation.statistics() - self.statistics_mean) @ self.statistics_whitening
-            distance: FloatMap = np.sqrt(np.einsum("hwd,hwd->hw", offset, offset))
-            return distance
-
-        kinds: list[Callable[[], FloatMap]] = [
-            lambda: _highest(observation.relief_responses(), self.relief_limits),
-            lambda: _highest(observation.albedo_responses(), self.albedo_limits),
-            texture,
-        ]
-        # Most arrays are too small to be shared out among threads themselves.
-        scores = map_in_threads(lambda kind: kind(), kinds)
-        return [np.where(fields.valid, score, np.float32(np.nan)) for score in scores]
-
-
-def _highest(responses: Iterator[FloatMap], limits: FloatMap) -> FloatMap:
-    """The highest response of every cell in units of its limit."""
-    scores = (response / limit for response, limit in zip(responses, limits, strict=True))
-    return reduce(np.maximum, scores)
+        """The arrays of its file."""
+        part = self.departures
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "gains": part.gains,
+            "relief_limits": part.relief_limits,
+            "albedo_limits": part.albedo_limits,
+            "good_scores": self.good_scores,
+        }
+        gaussians = {"statistics": part.octaves}
+        if part.windows is not None and self.evidence is not None:
+            gaussians = {"octaves": part.octaves, "windows": part.windows}
+            arrays |= {"quantiles": self.evidence.quantiles, "excess": self.evidence.excess}
+            arrays["limit"] = np.array([self.limit])
+        for name, gaussian in gaussians.items():
+            arrays |= {f"{name}_mean": gaussian.mean, f"{name}_whitening": gaussian.whitening}
+        return arrays

@@ -41,6 +41,9 @@ class PartFields:
     ----------
     weight
         0 to 1, how far a pixel has faded.
+    moments
+        (h, w, 8): the share of valid pixels in every cell, and its products with the means of p, q,
+        a, p^2, q^2, p q and a^2 in the cell, where a is the log albedo. These have not faded.
     valid
         (h, w) bool, cells of which at least half of the pixels are valid.
     shape
@@ -51,6 +54,7 @@ class PartFields:
     q: FloatMap
     albedo: FloatMap
     weight: FloatMap
+    moments: FloatMap
     valid: npt.NDArray[np.bool_]
     shape: tuple[int, int]
 
@@ -79,16 +83,19 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     weight = np.asarray(faded, np.float32)
     total = max(float(weight.sum()), 1.0)
     np.log(np.maximum(planes[2], _TINY), out=planes[2])
+    h, w = (-(-side // CELL_PX) for side in surface.shape)
     for plane in planes:
         plane -= np.float32(np.vdot(plane, weight) / total)
+    moments = _cell_moments(share, *planes)[:h, :w]
+    for plane in planes:
         plane *= weight
-    h, w = (-(-side // CELL_PX) for side in surface.shape)
     covered = _halved(np.ones(surface.shape, np.float32), rows, columns)
     cells, whole = (
         resized(each, rows // HALF_CELL, columns // HALF_CELL)[:h, :w] for each in (share, covered)
     )
     p, q, albedo = planes
-    return PartFields(p, q, albedo, weight, cells >= _LEAST_VALID * whole, surface.shape)
+    valid = cells >= _LEAST_VALID * whole
+    return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 
 def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
@@ -101,6 +108,15 @@ def resized(plane: Plane, rows: int, columns: int) -> FloatMap:
 def gaussian_mean(plane: FloatMap, sigma: float) -> FloatMap:
     """Gaussian mean around every pixel."""
     return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32)
+
+
+def _cell_moments(share: FloatMap, p: FloatMap, q: FloatMap, albedo: FloatMap) -> FloatMap:
+    """Sums over the valid pixels of every cell, as of `PartFields.moments`."""
+    rows, columns = (side // HALF_CELL for side in share.shape)
+    shared = [share * plane for plane in (p, q, albedo)]
+    squares = ((0, p), (1, q), (0, q), (2, albedo))
+    planes = [share, *shared, *(shared[index] * plane for index, plane in squares)]
+    return np.stack([resized(plane, rows, columns) for plane in planes], axis=-1)
 
 
 def _padded(side: int) -> int:

@@ -1,7 +1,8 @@
-"""Learn a `DefectModel` from good parts, each scored by a model of the others."""
+"""Learn a `DefectModel` from good parts, each scored by a model of the other half."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import TypeVar
 
@@ -12,20 +13,19 @@ from classify.errors import InputError
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 
 from .defect_model import DefectModel
-from .fields import part_fields
+from .departures import Departures
+from .evidence import Evidence
+from .fields import PartFields, part_fields
+from .gaussian import Gaussian, PowerSums, power_sums
+from .halves import unlike_halves
 from .limits import common_limit, limits_of, tile_maxima
 from .observation import Observation
-from .responses import ALBEDO_RESPONSES, RELIEF_RESPONSES
+from .responses import RELIEF_RESPONSES
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
+from .window_statistics import window_statistics
 
 LEAST_PARTS = 3
 MOST_PARTS = 100
-
-# Share of the variance of each statistic that is added to it: keeps directions in which few parts
-# happen to agree from deciding.
-_RIDGE = 0.01
-# A statistic that does not vary, as of an albedo without noise, must not decide.
-_LEAST_VARIANCE = 1e-6
 
 Item = TypeVar("Item")
 
@@ -37,9 +37,10 @@ def learn_defects(
 ) -> DefectModel:
     """Learn what good parts of one texture look like.
 
-    Each part is scored by a model of all others. The limits follow from these scores, so that a
-    share `false_alarm_rate` of good parts exceeds 1.0 anywhere. Fewer parts than 1 / rate cannot
-    show that: the tail of their scores is extrapolated, no limit is below the highest score of a
+    The parts are split into halves that differ as much as possible, and each part is scored by a
+    model of the other half. The limit follows from these scores, so that a share
+    `false_alarm_rate` of good parts exceeds 1.0 anywhere. Fewer parts than 1 / rate cannot show
+    that: the tail of their scores is extrapolated, the limit is not below the highest score of a
     good part, and `DefectModel.false_alarm_bound` states what the parts show.
 
     Parameters
@@ -68,38 +69,20 @@ def learn_defects(
         raise InputError(f"{len(angles)} orientations of {len(parts)} parts; give a number of each")
     if len({part.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
-    spectra = [Spectrum.of(part, angle) for part, angle in zip(parts, angles, strict=True)]
-    maxima, statistics = [], []
-    for index, (part, angle) in enumerate(zip(parts, angles, strict=True)):
-        others = mean_spectrum(_without(spectra, index))
-        observation = Observation.of(part, others.gains(), angle)
-        responses = chain(observation.relief_responses(), observation.albedo_responses())
-        maxima.append([tile_maxima(response, part.valid) for response in responses])
-        statistics.append(observation.statistics())
-    sums = [_power_sums(each[part.valid]) for each, part in zip(statistics, parts, strict=True)]
-    for index, (part, each) in enumerate(zip(parts, statistics, strict=True)):
-        mean, whitening = _whitening(_without(sums, index))
-        length = np.linalg.norm((each - mean) @ whitening, axis=-1)
-        maxima[index].append(tile_maxima(length, part.valid))
-    scores = []
-    for index, response_maxima in enumerate(maxima):
-        limits = limits_of(np.array(_without(maxima, index)), false_alarm_rate)
-        scores.append((np.array(response_maxima) / limits[:, None]).max(axis=0))
-    factor = common_limit(np.array(scores), false_alarm_rate)
-    final = np.asarray(limits_of(np.array(maxima), false_alarm_rate) * factor, np.float32)
-    relief_limits, albedo_limits, length_limit = np.split(
-        final, [RELIEF_RESPONSES, RELIEF_RESPONSES + ALBEDO_RESPONSES]
-    )
-    mean, whitening = _whitening(sums)
-    return DefectModel(
-        gains=mean_spectrum(spectra).gains(),
-        relief_limits=relief_limits,
-        albedo_limits=albedo_limits,
-        statistics_mean=np.asarray(mean, np.float32),
-        statistics_whitening=np.asarray(whitening / length_limit, np.float32),
-        false_alarm_rate=false_alarm_rate,
-        good_scores=np.max(scores, axis=1) / factor,
-    )
+    observed = _observed(parts, angles)
+    departures: dict[int, FloatMap] = {}
+    for half in unlike_halves([each.windows for each in observed]):
+        others = _departures(_without(observed, half), false_alarm_rate)
+        departures |= {index: others.of(parts[index], angles[index]) for index in half}
+    inside = np.concatenate([each[:, parts[n].valid] for n, each in departures.items()], axis=1)
+    evidence = Evidence.of(inside)
+    maxima = np.array([
+        tile_maxima(evidence.of_departures(departures[index]).sum(axis=0), part.valid)
+        for index, part in enumerate(parts)
+    ])  # fmt: skip
+    limit = common_limit(maxima, false_alarm_rate)
+    model = _departures(observed, false_alarm_rate)
+    return DefectModel(model, evidence, limit, false_alarm_rate, maxima.max(axis=1) / limit)
 
 
 def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
@@ -111,24 +94,52 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
     return surface
 
 
-def _without(items: Sequence[Item], index: int) -> list[Item]:
-    return [item for number, item in enumerate(items) if number != index]
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """What one part tells: highest responses of its tiles, and sums of its statistics.
+
+    Responses and octaves are whitened by the spectra of the other half of the parts.
+    """
+
+    spectrum: Spectrum
+    maxima: npt.NDArray[np.float64]
+    octaves: PowerSums
+    windows: PowerSums
 
 
-def _power_sums(samples: FloatMap) -> npt.NDArray[np.float64]:
-    """(d + 1, d + 1) sums of the products of (1, sample), of (n, d) samples."""
-    extended = np.pad(samples.astype(np.float64), ((0, 0), (1, 0)), constant_values=1.0)
-    return extended.T @ extended
+def _observed(parts: Sequence[PartFields], angles: Sequence[float]) -> list[_Observed]:
+    spectra = [Spectrum.of(part, angle) for part, angle in zip(parts, angles, strict=True)]
+    windows = [
+        power_sums(window_statistics(part.moments, angle)[part.valid])
+        for part, angle in zip(parts, angles, strict=True)
+    ]
+    observed = {}
+    for half in unlike_halves(windows):
+        gains = mean_spectrum(_without(spectra, half)).gains()
+        for index in half:
+            valid = parts[index].valid
+            observation = Observation.of(parts[index], gains, angles[index])
+            responses = chain(observation.relief_responses(), observation.albedo_responses())
+            observed[index] = _Observed(
+                spectra[index],
+                np.array([tile_maxima(response, valid) for response in responses]),
+                power_sums(observation.octave_statistics()[valid]),
+                windows[index],
+            )
+    return [observed[index] for index in range(len(parts))]
 
 
-def _whitening(
-    sums: Sequence[npt.NDArray[np.float64]],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Mean and whitening matrix of statistics, from the power sums of several parts."""
-    moments = np.sum(sums, axis=0)
-    moments = moments / moments[0, 0]
-    mean = moments[0, 1:]
-    covariance = moments[1:, 1:] - np.outer(mean, mean)
-    covariance += _RIDGE * np.diag(np.diag(covariance)) + _LEAST_VARIANCE * np.eye(len(mean))
-    values, vectors = np.linalg.eigh(covariance)
-    return mean, vectors / np.sqrt(values)
+def _departures(observed: Sequence[_Observed], false_alarm_rate: float) -> Departures:
+    limits = limits_of(np.array([each.maxima for each in observed]), false_alarm_rate)
+    relief_limits, albedo_limits = np.split(limits.astype(np.float32), [RELIEF_RESPONSES])
+    return Departures(
+        mean_spectrum([each.spectrum for each in observed]).gains(),
+        relief_limits,
+        albedo_limits,
+        Gaussian.of([each.octaves for each in observed]),
+        Gaussian.of([each.windows for each in observed]),
+    )
+
+
+def _without(items: Sequence[Item], left_out: Collection[int]) -> list[Item]:
+    return [item for number, item in enumerate(items) if number not in left_out]

@@ -1,5 +1,7 @@
 """Limits from few good parts: the tail of the maxima of tiles, extrapolated."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,12 @@ _TAIL_SHARE, _LEAST_TAIL = 0.2, 10
 _LONGEST_TAIL = 0.4
 # Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
 _LEAST_LIMIT = 1e-3
+
+# Quantile of the normal distribution at 95 %.
+_CONFIDENCE_BOUND = 1.645
+# Spread of the log part maxima before any part is seen: the median of 26 textures, with the weight
+# of so many parts.
+_PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
 Maxima = npt.NDArray[np.float64]
 
@@ -62,8 +70,16 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
 def common_limit(maxima: Maxima, false_alarm_rate: float) -> float:
     """The limit of one score, from the (parts, tiles) maxima of left-out good parts.
 
-    No limit of fewer parts than 1 / rate is below the highest score of a good part.
+    Tiles of one part are alike: N parts tell the level of the limit no better than to a standard
+    error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts' highest
+    scores. The limit is the upper 95 % confidence bound of the extrapolated one. No limit of fewer
+    parts than 1 / rate is below the highest score of a good part.
     """
     limit = float(limits_of(maxima[:, None], false_alarm_rate)[0])
-    few = len(maxima) * false_alarm_rate < 1.0
-    return max(limit, float(maxima.max())) if few else limit
+    highest = maxima.max(axis=1)
+    if len(maxima) * false_alarm_rate < 1.0:
+        limit = max(limit, float(highest.max()))
+    freedom = len(maxima) - 1
+    measured = float(np.log(np.maximum(highest, _LEAST_LIMIT)).var(ddof=1))
+    variance = (_PRIOR_FREEDOM * _PRIOR_SPREAD**2 + freedom * measured) / (_PRIOR_FREEDOM + freedom)
+    return limit * math.exp(_CONFIDENCE_BOUND * math.sqrt(variance / len(maxima)))

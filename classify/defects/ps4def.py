@@ -14,11 +14,11 @@ from classify.durable_file import require_folder
 from classify.errors import DefectModelError
 
 SUFFIX = ".ps4def"
-VERSION: Final = 1
+VERSIONS: Final = (1, 2)
 _KIND = ArchiveKind(
     noun="defect model",
     header="defects.json",
-    versions=(VERSION,),
+    versions=VERSIONS,
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=DefectModelError,
@@ -34,12 +34,12 @@ Array = npt.NDArray[Any]
 class _Header(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     format: Literal["ps4def"] = "ps4def"
-    version: Literal[1] = VERSION
+    version: Literal[1, 2]
     false_alarm_rate: float = Field(gt=0.0, lt=0.5)
     sha256: str
 
 
-def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
+def write(path: Path, version: int, false_alarm_rate: float, arrays: Mapping[str, Array]) -> None:
     """Write a model to `path`, whole or not at all.
 
     Raises
@@ -52,16 +52,17 @@ def write(path: Path, false_alarm_rate: float, arrays: Mapping[str, Array]) -> N
     if path.suffix != SUFFIX:
         raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
     require_folder(path)
-    header = _Header(false_alarm_rate=false_alarm_rate, sha256=digest(false_alarm_rate, arrays))
+    sha256 = digest(version, false_alarm_rate, arrays)
+    header = _Header(version=version, false_alarm_rate=false_alarm_rate, sha256=sha256)
     write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
 
 def read(
-    path: Path, shapes: Mapping[str, tuple[int | None, ...]]
+    path: Path, shapes: Mapping[int, Mapping[str, tuple[int | None, ...]]]
 ) -> tuple[float, dict[str, Array]]:
     """Read the false alarm rate and the arrays of a model.
 
-    `shapes` names the arrays; None stands for any length.
+    `shapes` names the arrays of every version; None stands for any length.
 
     Raises
     ------
@@ -71,22 +72,22 @@ def read(
     """
     with open_archive(path, _KIND) as archive:
         header = archive.header(_Header)
-        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes}
-        for name, shape in shapes.items():
+        arrays = {name: archive.array(f"{name}.npy", _DTYPES) for name in shapes[header.version]}
+        for name, shape in shapes[header.version].items():
             found = arrays[name].shape
             fits = len(found) == len(shape) and all(
                 side in (None, length) for side, length in zip(shape, found, strict=True)
             )
             if not fits or not np.isfinite(arrays[name]).all():
                 raise archive.damaged(f"{name} is {found} or contains NaN")
-        if digest(header.false_alarm_rate, arrays) != header.sha256:
+        if digest(header.version, header.false_alarm_rate, arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return header.false_alarm_rate, arrays
 
 
-def digest(false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over the rate and the arrays with their names, types and shapes."""
-    hashed = hashlib.sha256(f"{VERSION} {false_alarm_rate!r}".encode())
+def digest(version: int, false_alarm_rate: float, arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over the version, the rate and the arrays with their names, types and shapes."""
+    hashed = hashlib.sha256(f"{version} {false_alarm_rate!r}".encode())
     for name in sorted(arrays):
         plain = np.ascontiguousarray(arrays[name])
         hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())

@@ -15,7 +15,14 @@ from capture.studies.reproduction.defects.parts import part_of
 from capture.studies.reproduction.defects.plan import DefectCase
 from capture.studies.reproduction.plan import Texture, material_textures
 from classify import TextureLibrary, learn_defects
-from classify.defects import fields, learning, limits, local_statistics, whitening
+from classify.defects import (
+    fields,
+    gaussian,
+    limits,
+    octave_statistics,
+    whitening,
+    window_statistics,
+)
 from classify.surface.estimate import SurfaceEstimate
 
 Oriented = tuple[SurfaceEstimate, float]
@@ -31,8 +38,9 @@ GROUPS = (slice(0, 3), slice(3, 5), slice(5, 7))
 CONSTANTS = {
     whitening: {"_FLOOR": (1e-4, 1e-2, 1e9), "_SEGMENTS": ((128, 128), (32, 32))},
     fields: {"_FADE": (9, 25)},
-    local_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
-    learning: {"_RIDGE": (0.005, 0.02)},
+    octave_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
+    window_statistics: {"_WINDOWS": ((1,), (3,), (1, 5)), "_SMOOTHING_CELLS": (0.5, 2.0)},
+    gaussian: {"_RIDGE": (0.005, 0.02)},
     limits: {"_TILE": (4, 16), "_TAIL_SHARE": (0.1, 0.4), "_LONGEST_TAIL": (0.2, 0.8)},
 }
 

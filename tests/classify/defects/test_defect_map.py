@@ -17,7 +17,8 @@ SCORES = arrays.arrays(
 @given(SCORES, SCORES)
 def test_regions_hold_every_cell_above_the_limit_once(relief, albedo) -> None:
     texture = np.full(CELLS, 0.2, np.float32)
-    found = DefectMap(relief, albedo, texture, SHAPE)
+    score = np.maximum(np.maximum(relief, albedo), texture)
+    found = DefectMap(relief, albedo, texture, score, SHAPE)
     regions = regions_of(found)
     with np.errstate(invalid="ignore"):
         above = found.score > 1.0
@@ -35,7 +36,7 @@ def test_regions_hold_every_cell_above_the_limit_once(relief, albedo) -> None:
 
 def test_a_map_without_a_score_has_no_worst_and_no_region() -> None:
     nothing = np.full(CELLS, np.nan, np.float32)
-    found = DefectMap(nothing, nothing, nothing, SHAPE)
+    found = DefectMap(nothing, nothing, nothing, nothing, SHAPE)
     assert np.isnan(found.worst)
     assert found.invalid_share == 1.0
     assert regions_of(found) == ()

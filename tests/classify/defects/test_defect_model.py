@@ -82,7 +82,7 @@ def test_good_parts_are_below_the_limit_at_about_the_rate(model, stationary) -> 
     ]
     # At the rate asked, 1 %, more than 3 of 30 have a probability of 2e-4.
     assert np.count_nonzero(np.array(scores) > 1.0) <= 3
-    assert np.median(scores) > 0.4
+    assert np.median(scores) > 0.3
 
 
 def test_a_part_turned_by_90_degrees_has_the_same_scores_turned(model, good) -> None:

@@ -12,8 +12,8 @@ from .fields import HALF_CELL, gaussian_mean, resized
 
 LEVELS = 4
 """Octaves of the local statistics."""
-STATISTICS = 2 * 3 * LEVELS
-"""Local statistics of a cell."""
+OCTAVE_STATISTICS = 2 * LEVELS
+"""Statistics of a cell, or three times as many with anisotropies."""
 
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
 _STATISTICS_CELLS = 1.5
@@ -21,31 +21,33 @@ _STATISTICS_CELLS = 1.5
 _ENERGY_FLOOR = np.float32(1e-3)
 
 
-def local_statistics(
-    relief: list[FloatMap], albedo: list[FloatMap], weight: FloatMap, orientation_deg: float
+def octave_statistics(
+    relief: list[FloatMap], albedo: list[FloatMap], weight: FloatMap, orientation_deg: float | None
 ) -> FloatMap:
-    """(h, w, STATISTICS) float32 statistics of every cell in the frame of the texture.
+    """(h, w, d) float32 statistics of every cell.
 
-    Per octave of relief and then of albedo: the logarithm of the energy of the gradient, and its
-    anisotropy as the cosine and sine of twice the direction.
+    The logarithm of the energy of the gradient in each octave of relief and then of albedo. Models
+    of version 1 have its anisotropy in the frame of the texture beside each, as the cosine and sine
+    of twice the direction; an `orientation_deg` asks for these.
     """
     rows, columns = (side // HALF_CELL for side in relief[0].shape)
-    angle = np.radians(2.0 * orientation_deg)
-    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
     around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
     around += np.float32(1e-3)
-    values = np.empty((rows, columns, STATISTICS), np.float32)
-    levels = [*relief[:LEVELS], *albedo[:LEVELS]]
-    for number, level in enumerate(levels):
-        xx, yy, xy = (
-            gaussian_mean(resized(each, rows, columns), _STATISTICS_CELLS) / around
-            for each in _gradient_energies(level, HALF_CELL >> number % LEVELS or 1)
-        )
-        total, even, odd = xx + yy + 2 * _ENERGY_FLOOR, xx - yy, 2 * xy
-        values[..., 3 * number] = np.log(total)
-        values[..., 3 * number + 1] = (c * even + s * odd) / total
-        values[..., 3 * number + 2] = (c * odd - s * even) / total
-    return values
+
+    def mean(energy: FloatMap) -> FloatMap:
+        return gaussian_mean(resized(energy, rows, columns), _STATISTICS_CELLS) / around
+
+    values = []
+    for number, level in enumerate((*relief[:LEVELS], *albedo[:LEVELS])):
+        xx, yy, xy = _gradient_energies(level, HALF_CELL >> number % LEVELS or 1)
+        total = mean(xx + yy) + 2 * _ENERGY_FLOOR
+        values.append(np.log(total))
+        if orientation_deg is not None:
+            angle = np.radians(2.0 * orientation_deg)
+            c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+            even, odd = mean(xx - yy) / total, mean(2 * xy) / total
+            values += [c * even + s * odd, c * odd - s * even]
+    return np.stack(values, axis=-1)
 
 
 def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:

@@ -1,0 +1,52 @@
+"""`Evidence`: how improbable the departures of a cell are on good parts."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from classify.surface.estimate import FloatMap
+
+# Negative logarithms of the probabilities of the quantiles. 1.8 % of the cells are beyond the last:
+# 56 cells of three parts of 256 px.
+_LEVELS = np.arange(0.0, 4.5, 0.5)
+QUANTILES = len(_LEVELS)
+"""Number of quantiles of each departure."""
+# Least mean excess of the tail; departures are of order 1.
+_LEAST_EXCESS = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Distributions of several departures in the cells of good parts.
+
+    Attributes
+    ----------
+    quantiles
+        (k, QUANTILES) float32 departures that good cells exceed with falling probabilities.
+    excess
+        (k,) float32 mean excess above the last one: beyond it the tail is exponential.
+    """
+
+    quantiles: FloatMap
+    excess: FloatMap
+
+    @classmethod
+    def of(cls, samples: FloatMap) -> Self:
+        """The distributions of k departures, from their values (k, n) in good cells."""
+        quantiles, excess = [], []
+        for values in samples:
+            steps = np.quantile(values, -np.expm1(-_LEVELS))
+            beyond = values[values > steps[-1]] - steps[-1]
+            excess.append(max(float(beyond.mean()) if len(beyond) else 0.0, _LEAST_EXCESS))
+            # A departure that does not vary has no evidence at its value.
+            quantiles.append(steps + 1e-6 * np.arange(QUANTILES))
+        return cls(np.array(quantiles, np.float32), np.array(excess, np.float32))
+
+    def of_departures(self, departures: FloatMap) -> FloatMap:
+        """Negative logarithms of the probabilities of (k, h, w) departures in a good cell."""
+        logs = []
+        for values, steps, excess in zip(departures, self.quantiles, self.excess, strict=True):
+            body = np.interp(values, steps, _LEVELS)
+            logs.append(body + np.maximum(values - steps[-1], 0.0) / excess)
+        return np.array(logs, np.float32)

@@ -1,0 +1,29 @@
+"""Halves of the good parts, each scored by a model of the other."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .gaussian import PowerSums
+
+
+def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
+    """Split parts into halves that differ as much as possible, from sums of their statistics.
+
+    Parts of one place or of one batch are alike. Left out one by one, each is known from the others
+    beside it, and seems nearer to them than any part of another place. The halves are split along
+    the first principal component of the means of the parts' statistics.
+
+    Parameters
+    ----------
+    sums
+        `power_sums` of the window statistics of every part, at least two parts.
+    """
+    total = np.sum(sums, axis=0)
+    total = total / total[0, 0]
+    deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
+    means = np.array([each[0, 1:] / each[0, 0] for each in sums]) / deviations
+    _, _, components = np.linalg.svd(means - means.mean(axis=0), full_matrices=False)
+    order = np.argsort(means @ components[0], kind="stable")
+    lower, upper = np.array_split(order, 2)
+    return lower.tolist(), upper.tolist()
