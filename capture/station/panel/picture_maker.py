@@ -20,7 +20,7 @@ KEPT_BYTES = 64 << 20
 MOST_WAITING = 24
 # Making pictures waits so long for a moment without a part in the station: longer than an
 # inspection, so that only a line that never pauses shares its processors.
-_PATIENCE_S = 1.0
+PATIENCE_S = 1.0
 _POLL_S = 0.01
 
 
@@ -106,7 +106,7 @@ class PictureMaker:
             self._waiting.pop(key, None)
 
     def _made(self, key: _Key, result: PartResult, path: Path) -> PartPictures:
-        ends_s = time.monotonic() + _PATIENCE_S
+        ends_s = time.monotonic() + PATIENCE_S
         while self._live.parts_in_progress > 0 and time.monotonic() < ends_s:
             time.sleep(_POLL_S)
         view = part_view(self._folder, result, path)

@@ -93,12 +93,14 @@ function placed(event) {
 }
 
 function follow(about) {
-  canvas.addEventListener("pointermove", (event) => {
-    const [across, down, box] = placed(event);
-    const half = Math.min(box.width, box.height) / 2;
-    relit.aim(((across - 0.5) * box.width) / half, ((0.5 - down) * box.height) / half);
-    drawSoon();
-  });
+  for (const kind of ["pointermove", "pointerdown"]) {
+    canvas.addEventListener(kind, (event) => {
+      const [across, down, box] = placed(event);
+      const half = Math.min(box.width, box.height) / 2;
+      relit.aim(((across - 0.5) * box.width) / half, ((0.5 - down) * box.height) / half);
+      drawSoon();
+    });
+  }
   canvas.addEventListener("keydown", (event) => {
     const [tilt, slant] = { ArrowLeft: [STEP_DEG, 0], ArrowRight: [-STEP_DEG, 0], ArrowUp: [0, -STEP_DEG], ArrowDown: [0, STEP_DEG] }[event.key] ?? [0, 0];
     if (tilt === 0 && slant === 0) return;
@@ -143,7 +145,7 @@ async function show(partId) {
   }));
   follow(about);
   byId("no-pictures").hidden = true;
-  holder.hidden = false;
+  holder.classList.remove("without");
   first.click();
   drawSoon();
 }

@@ -8,11 +8,12 @@ let wanted = null; // the last part
 let shown = null; // the part of the pictures, which may be older
 let problem = "";
 let isOld = false; // another part is in the station, or the station is silent
+let isDue = false;
 let isWorking = false;
 let startedMs = 0;
 const figures = new Map(); // by name of the picture
 const thumbnails = new Map(); // by part
-const waiting = []; // thumbnails to load
+let waiting = []; // thumbnails to load
 
 export function age(utc) {
   const seconds = Math.max(0, Math.round((Date.now() - Date.parse(utc)) / 1000));
@@ -23,8 +24,16 @@ export function age(utc) {
 
 const partPath = (partId) => `/api/v1/parts/${encodeURIComponent(partId)}/pictures`;
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
+
 // After the verdict is on the screen; in a hidden page not before it is seen.
-const soon = () => requestAnimationFrame(() => setTimeout(work));
+function soon() {
+  if (isDue) return;
+  isDue = true;
+  requestAnimationFrame(() => setTimeout(() => {
+    isDue = false;
+    work();
+  }));
+}
 
 export function showPictures(part) {
   if (part === null || part.part_id === wanted?.part_id) return;
@@ -69,6 +78,7 @@ export function thumbnail(part) {
 export function forgetThumbnails(parts) {
   const kept = new Set(parts.map((part) => part.part_id));
   for (const partId of thumbnails.keys()) if (!kept.has(partId)) thumbnails.delete(partId);
+  waiting = waiting.filter(([partId]) => kept.has(partId));
 }
 
 async function work() {
@@ -133,6 +143,7 @@ function place(about, image, part) {
   }
   const link = figure.querySelector("a");
   image.alt = `${about.title} of ${part.part_id}`;
+  image.title = about.caption;
   link.href = `/parts/${encodeURIComponent(part.part_id)}`;
   link.querySelector("img").replaceWith(image);
   figure.querySelector("figcaption").textContent = about.title;
@@ -140,7 +151,6 @@ function place(about, image, part) {
 
 async function loadThumbnail(partId, name) {
   const image = thumbnails.get(partId);
-  if (image === undefined) return; // it left the strip
   image.src = `${partPath(partId)}/${name}`;
   try {
     await image.decode();

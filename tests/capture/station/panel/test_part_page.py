@@ -11,13 +11,16 @@ import pytest
 
 from capture.station.panel.roles import Role
 from capture.station.results.part_result import DefectRecord
+from capture.station.results.removals import record_removals
 from capture.station.verdict import Cause, Decision, Verdict
+from tests.accessibility import grave_findings
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 from tests.chromium import Chromium, Page, chromium
 
 SCRATCH = DefectRecord("relief", 4, 6, 8, 16, 128, 3.1)
 STAIN = DefectRecord("albedo", 20, 2, 8, 8, 64, 1.4)
 BAD = Verdict(Decision.FAIL, "defect score 3.10, at most 1.00", (Cause.DEFECT,))
+SHOWN = "window.pictures && !pictures.classList.contains('without')"
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,7 @@ def test_the_light_of_the_relit_view_follows_mouse_and_keys(
 ) -> None:
     (part_id,) = scratched.parts(1)
     page = browser.page(f"{scratched.url}parts/{part_id}")
-    page.until("!pictures.hidden && light.textContent.includes('tilt 135')")
+    page.until(f"{SHOWN} && light.textContent.includes('tilt 135')")
     seen = {lit(page)}
     for across, down, said in (
         (0.95, 0.5, "tilt 0°, slant 72°"),
@@ -153,7 +156,7 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
     page = browser.page(scratched.url)
     page.until(f"part.textContent == '{part_id}'")
     page.value("part.click(); 1")
-    page.until("location.pathname.startsWith('/parts/') && window.pictures && !pictures.hidden")
+    page.until(f"location.pathname == '/parts/{part_id}' && {SHOWN}")
     assert "defect score 3.10, at most 1.00" in page.value("document.body.innerText")
     page.value("document.querySelectorAll('#defects button')[1].click(); 1")
     outline = page.value("document.querySelector('#outlines .line').getAttribute('points')")
@@ -163,7 +166,25 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
     assert shown == pytest.approx(7 / 32 * whole, abs=1.0)
     page.value("[...views.children].find((each) => each.dataset.view == 'defects').click(); 1")
     page.until("!shown.hidden && shown.complete && shown.naturalWidth == 32 && relit.hidden")
+    assert grave_findings(page) == []
     assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_a_part_whose_set_was_removed_keeps_its_numbers_and_says_so(
+    scratched: RunningPanel, browser: Chromium
+) -> None:
+    (part_id,) = scratched.parts(1)
+    result = next(iter(scratched.bench.store.parts())).result
+    assert result.set_file is not None
+    record_removals(scratched.bench.store, {part_id: result.set_file}, result.decided_utc)
+    (scratched.bench.folder.path / result.set_file).unlink()
+    page = browser.page(f"{scratched.url}parts/{part_id}")
+    page.until("document.getElementById('no-pictures').textContent.startsWith('No pictures:')")
+    text = page.value("document.querySelector('main').innerText")
+    assert "its set file was removed by the retention on" in text
+    assert "relief, score 3.10" in text
+    assert "Slopes" not in text
 
 
 @pytest.mark.browser
@@ -176,6 +197,7 @@ def test_pictures_of_an_earlier_part_are_blanked_with_their_age(
     fresh = "document.querySelectorAll('.picture:not(.blank) img').length"
     page.until(f"{fresh} >= 8")
     page.until("rejected.querySelector('img.thumbnail').naturalWidth == 32")
+    assert grave_findings(page) == []
     judging = threading.Event()
     scratched.bench.inspector.inspect = lambda _: judging.wait(60) and Scratched()
     scratched.until_ready()

@@ -127,12 +127,14 @@ def test_pictures_of_a_large_frame_are_reduced(
     CapturedSet(images, ambient, about).save(path)
     result = replace(inspected(Inspector.load(StationFolder(station).recipe_files()), stained),
                      set_sha256=sha256)  # fmt: skip
-    began_s = time.process_time()
-    made = painted(part_view(StationFolder(station), result, path), size)
-    took_ms = 1e3 * (time.process_time() - began_s)
+    took_ms = []
+    for _ in range(3):
+        began_s = time.process_time()
+        made = painted(part_view(StationFolder(station), result, path), size)
+        took_ms.append(1e3 * (time.process_time() - began_s))
     size_bytes = sum(len(picture.content) for picture in made.values())
-    print(f"pictures of {images[0].size / 1e6:.1f} megapixels, {size}: {took_ms:.0f} ms of one "
-          f"core, {size_bytes / 1e6:.1f} MB")  # fmt: skip
+    print(f"pictures of {images[0].size / 1e6:.1f} megapixels, {size}: {min(took_ms):.0f} ms of"
+          f" one core, {size_bytes / 1e6:.1f} MB")  # fmt: skip
     for picture in made.values():
         decoded = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)
         assert decoded is not None

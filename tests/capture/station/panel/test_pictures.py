@@ -17,6 +17,7 @@ from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
 from rig.set_file import pixels_sha256
 from tests.capture.station.panel.panels import RunningPanel
+from tests.capture.station.stations import PASSED, Said
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
@@ -177,3 +178,23 @@ def test_the_memory_of_kept_pictures_is_bounded(
     for number in (1, 2, 1, 3, 1, 2):  # 2 is dropped for 3: 1 was asked for later
         ask(number)
     assert len(made) == 4
+
+
+def test_pictures_are_made_when_no_part_is_in_the_station(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture_maker, "PATIENCE_S", 60.0)
+    (part_id,) = panel.parts(1)
+    judging = threading.Event()
+    panel.bench.inspector.inspect = lambda _: judging.wait(60) and Said(PASSED)
+    panel.until_ready()
+    second = panel.local.post("/api/v1/trigger").json["part_id"]
+    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
+    future = panel.panel.pictures.ask(result, set_file(panel, part_id), "small")
+    assert future is not None
+    with pytest.raises(TimeoutError):
+        future.result(0.2)
+    judging.set()
+    assert future.result(60).pictures.keys() == NAMES
+    assert panel.local.get(f"/api/v1/parts/{second}?wait_s=30").status == 200
+    assert panel.live.parts_in_progress == 0
