@@ -20,8 +20,8 @@ from capture.station.errors import said
 from classify.errors import Ps4rigError
 
 _log = logging.getLogger(__name__)
-# Teaching 30 parts of 1024 x 1024 px takes two minutes of one processor; a busy line leaves a job
-# a tenth of one.
+# Teaching takes a second of processor time for each part of 1024 x 1024 px: 300 parts, if a busy
+# line leaves a job a tenth of a processor.
 MOST_S = 3600.0
 _POLL_S = 0.2
 # For an ended process to remove its temporary files.

@@ -30,7 +30,7 @@ from .roles import Identity
 from .security import Denied
 from .stored_set import stored_set
 
-# Teaching keeps what it measured of each part in memory, 2 MB at 1024 x 1024 px.
+# As many as a job can teach in its time; see `background_jobs`.
 MOST_PARTS = 300
 EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 _DIGITS = 8
