@@ -174,10 +174,12 @@ class BackgroundJobs:
         )
         ends_s = time.monotonic() + self._most_s
         try:
-            with terminal_signals_blocked():
-                process.start()
-            far_end.close()
-            reporter.close()
+            try:
+                with terminal_signals_blocked():
+                    process.start()
+            finally:
+                far_end.close()
+                reporter.close()
             while not (ending := self._why_end(ends_s)):
                 if not reports.poll(_POLL_S):
                     continue

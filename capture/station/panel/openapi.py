@@ -54,7 +54,10 @@ def _operation(route: PanelRoute) -> dict[str, Any]:
         },
     }  # fmt: skip
     if route.fields:
-        properties = {name: _TEXT | {"description": about} for name, about in route.fields.items()}
+        properties = {
+            name: {"type": route.types.get(name, "string"), "description": about}
+            for name, about in route.fields.items()
+        }
         schema = {"type": "object", "properties": properties}
         operation["requestBody"] = {"content": {"application/json": {"schema": schema}}}
     return operation

@@ -68,9 +68,9 @@ def _list(call: Call) -> Response:
         return RedirectResponse(f"/recipes/{name}/parts", 303)
     rows: list[tuple[str, RecipeState | None, str]] = []
     for name in recipe_names(call):
-        changes = RecipeChanges(call.panel, call.someone, call.panel.folder.recipe_files(name))
         try:
-            rows.append((name, changes.state, ""))
+            files = call.panel.folder.recipe_files(name)
+            rows.append((name, RecipeChanges(call.panel, call.someone, files).state, ""))
         except InputError as error:
             rows.append((name, None, str(error)))
     return page(

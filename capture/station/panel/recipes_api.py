@@ -151,7 +151,7 @@ def _end(call: Call) -> Response:
     return _job(call)
 
 
-_PARTS = {"parts": "a list of part ids"}
+_PARTS, _PARTS_TYPE = {"parts": "ids of parts"}, {"parts": "array"}
 ROUTES = (
     PanelRoute(
         "GET", f"{V1}/recipes", Role.OPERATOR, _recipes, "Names of the recipes, and which one runs."
@@ -163,7 +163,8 @@ ROUTES = (
     PanelRoute(
         "POST", f"{_ONE}/settings", Role.ENGINEER, _save,
         "Change settings: a state that nobody approved. A wrong value is named in `settings`.",
-        fields=_SEEN | {"settings": "an object; each of its keys replaces the whole setting"},
+        fields=_SEEN | {"settings": "each of its keys replaces the whole setting"},
+        types={"settings": "object"},
     ),
     PanelRoute(
         "POST", f"{_ONE}/approve", Role.ENGINEER, _approve, "Approve a recipe.", fields=_SEEN
@@ -175,7 +176,7 @@ ROUTES = (
     PanelRoute(
         "POST", f"{_ONE}/teach", Role.ENGINEER, _teach,
         "Start to teach parts, without any the known ones again: 202, 409 while a job is running.",
-        fields=_PARTS | {"texture": "their texture", "use": "good or bad"},
+        fields=_PARTS | {"texture": "their texture", "use": "good or bad"}, types=_PARTS_TYPE,
     ),
     PanelRoute(
         "GET", f"{_ONE}/challenge", Role.OPERATOR, _challenge,
@@ -187,7 +188,7 @@ ROUTES = (
     ),
     PanelRoute(
         "POST", f"{_ONE}/challenge/parts", Role.ENGINEER, _add, "Add parts to the challenge set.",
-        fields=_PARTS | {"expected": "PASS, FAIL or UNKNOWN"},
+        fields=_PARTS | {"expected": "PASS, FAIL or UNKNOWN"}, types=_PARTS_TYPE,
     ),
     PanelRoute(
         "DELETE", f"{_ONE}/challenge/parts/{{file}}", Role.ENGINEER, _remove,

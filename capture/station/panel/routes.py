@@ -94,6 +94,8 @@ class PanelRoute:
         Names of the query, each with its meaning.
     fields
         Names of the form or JSON object, each with its meaning.
+    types
+        Types of fields that are no text: ``array`` or ``object``.
     answer
         What the answer is.
     menu
@@ -107,6 +109,7 @@ class PanelRoute:
     about: str
     query: Mapping[str, str] = field(default_factory=dict)
     fields: Mapping[str, str] = field(default_factory=dict)
+    types: Mapping[str, str] = field(default_factory=dict)
     answer: str = "application/json"
     menu: str = ""
 

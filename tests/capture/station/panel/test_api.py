@@ -255,7 +255,8 @@ def test_the_description_names_every_call_and_its_page_loads_nothing_from_elsewh
 
 
 def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:
-    assert panel.local.get("/api/v1/recipes").json == {"recipes": [], "configured": "example"}
+    none = {"recipes": [], "configured": "example", "running": None}
+    assert panel.local.get("/api/v1/recipes").json == none
     written = Recipe(name="example", passes=("rock",))
     write_recipe(panel.bench.folder.recipe_files().file, written)
     assert panel.local.get("/api/v1/recipes").json["recipes"] == ["example"]

@@ -187,3 +187,15 @@ def test_the_report_of_teaching_is_served_without_scripts(line: RunningPanel) ->
         assert operator.get(f"{PAGE}/versions/{place}/teaching").status == 404
     for name in ("..%2fstation", "%2e%2e", "nobody"):
         assert operator.get(f"/recipes/{name}").status in (400, 404)
+
+
+def test_a_file_that_is_no_recipe_does_not_hide_the_others(line: RunningPanel) -> None:
+    recipes = line.panel.folder.recipe_files().file.parent
+    (recipes / "a strange name.toml").write_text("")
+    (recipes / "damaged.toml").write_text("version = [")
+    page = line.client(Role.OPERATOR).get("/recipes").text
+    assert "a strange name" in page
+    assert "damaged.toml: not valid TOML" in page
+    assert '<a href="/recipes/example">example</a>' in page
+    assert "This run judges no part." in page  # the fake station has loaded no recipe
+    assert line.client(Role.OPERATOR).get("/recipes/damaged").status == 400
