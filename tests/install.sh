@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [mqtt] [postgresql]
+# Install what suites of tests need: tests/install.sh [venv] [browser] [imagej] [micropython] [kernel] [mqtt] [postgresql] [systemd]
 #
 # Without arguments, all of it. What is there already is left alone. For Debian on amd64: packages are
 # installed with apt-get, by sudo where the caller is not root. Bio-Formats, MicroPython, the kernel and
@@ -125,10 +125,15 @@ postgresql() {
     install postgresql
 }
 
-[ $# -gt 0 ] || set -- venv browser imagej micropython kernel mqtt postgresql
+# The program, which a container may lack; it is not started.
+systemd() {
+    has systemd-analyze && has nsenter || install systemd util-linux
+}
+
+[ $# -gt 0 ] || set -- venv browser imagej micropython kernel mqtt postgresql systemd
 for suite in "$@"; do
     case $suite in
-        venv | browser | imagej | micropython | kernel | mqtt | postgresql) "$suite" ;;
-        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel, mqtt or postgresql" >&2; exit 2 ;;
+        venv | browser | imagej | micropython | kernel | mqtt | postgresql | systemd) "$suite" ;;
+        *) echo "no suite $suite: venv, browser, imagej, micropython, kernel, mqtt, postgresql or systemd" >&2; exit 2 ;;
     esac
 done

@@ -29,6 +29,7 @@ NEEDS: dict[str, tuple[str | Path, ...]] = {
     "micropython": ("node", MICROPYTHON),
     "mqtt": (MOSQUITTO,),
     "postgresql": (postgresql_program("initdb"), postgresql_program("psql")),
+    "systemd": ("systemd-analyze", "nsenter", Path("/lib/systemd/systemd")),
 }
 
 

@@ -78,8 +78,8 @@ def unit_text(station: StationFolder, user: str = USER) -> str:
     config, folder = station.config, station.path.resolve()
     if config.trigger == "enter":
         raise InputError(
-            f"{folder}: a service has no keyboard; set trigger = 'timer', 'sensor' or 'http' in "
-            "station.toml"
+            f"{folder}: a service has no keyboard; set trigger = 'timer', 'sensor', 'http' or "
+            "'modbus' in station.toml"
         )
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
@@ -192,7 +192,8 @@ def _writable(config: StationConfig, folder: Path) -> list[Path]:
 
 
 def _capabilities(config: StationConfig) -> list[str]:
-    if config.panel.port >= _FIRST_FREE_PORT or config.panel.port == 0:
+    ports = (config.panel.port, 0 if config.modbus is None else config.modbus.port)
+    if not any(0 < port < _FIRST_FREE_PORT for port in ports):
         return ["CapabilityBoundingSet="]
     capability = "CAP_NET_BIND_SERVICE"
     return [f"CapabilityBoundingSet={capability}", f"AmbientCapabilities={capability}"]

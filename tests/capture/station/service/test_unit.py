@@ -1,7 +1,6 @@
 """The systemd unit of a station: read by systemd itself, and checked by the doctor."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from capture.station.service.unit import unit_name, unit_text
 from capture.station.service.unit_check import checks_of_unit
 from classify.errors import InputError
 
-SYSTEMD_ANALYZE = shutil.which("systemd-analyze")
 # systemd 252 gives 2.0; a service without options has 9.6.
 MOST_EXPOSURE = 2.2
 
@@ -122,7 +120,7 @@ def test_a_name_that_is_no_user_is_refused(station: StationFolder, user: str) ->
         unit_text(station, user)
 
 
-@pytest.mark.skipif(SYSTEMD_ANALYZE is None, reason="systemd-analyze is not installed")
+@pytest.mark.systemd
 @pytest.mark.parametrize("name", ["line-3", 'odd name $HOME 50% "it\'s" \\x'])
 def test_systemd_reads_the_unit_without_complaint(tmp_path: Path, name: str) -> None:
     folder = tmp_path / name
@@ -132,18 +130,18 @@ def test_systemd_reads_the_unit_without_complaint(tmp_path: Path, name: str) -> 
     # The user of a unit must exist for systemd to verify it.
     unit.write_text(unit_text(changed(folder, trigger='"http"'), "root"))
     verified = subprocess.run(
-        [str(SYSTEMD_ANALYZE), "verify", "--man=no", str(unit)],
+        ["systemd-analyze", "verify", "--man=no", str(unit)],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert (verified.returncode, verified.stderr) == (0, "")
 
 
-@pytest.mark.skipif(SYSTEMD_ANALYZE is None, reason="systemd-analyze is not installed")
+@pytest.mark.systemd
 def test_systemd_calls_the_unit_well_shielded(station: StationFolder, tmp_path: Path) -> None:
     unit = tmp_path / "ps4rig-line-3.service"
     unit.write_text(unit_text(station))
     rated = subprocess.run(
-        [str(SYSTEMD_ANALYZE), "security", "--offline=true", "--no-pager", str(unit)],
+        ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
         capture_output=True, text=True, timeout=60, check=True,
     )  # fmt: skip
     exposure = re.search(r"Overall exposure level .*: ([0-9.]+)", rated.stdout)
