@@ -186,6 +186,7 @@ class Handshake:
                 # Its trigger was answered, if at all, by the run that began it.
                 if result.trigger == SOURCE:
                     self._begun = self._exposed = max(self._begun, result.number)
+                    self._announced = max(self._announced, result.number)
                 self._add(result)
             case _:
                 pass
@@ -226,7 +227,7 @@ class Handshake:
             Status.READY: self._state is State.READY and is_exposed and self._refusal() is None,
             Status.ACK: self._is_accepted,
             Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
-            Status.BUSY: self._unanswered is not None or self._begun > self._announced,
+            Status.BUSY: self.is_busy,
             Status.RESULTS_VALID: self._shown is not None,
             Status.REFUSED: self._error is not ErrorCode.NONE,
             Status.WRONG_ACK: self._is_wrong_ack,
@@ -236,6 +237,16 @@ class Handshake:
         for bit, is_set in bits.items():
             status |= bit if is_set else Status(0)
         return status
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a trigger has no answer, or a part no result."""
+        return self._unanswered is not None or self._begun > self._announced
+
+    @property
+    def has_results(self) -> bool:
+        """Whether there are results that the PLC has not acknowledged."""
+        return self._shown is not None or bool(self._waiting)
 
     # Triggers.
 

@@ -13,6 +13,8 @@ from capture.station.triggers import Refused, Trigger
 
 from .handshake import SOURCE, Handshake, TriggerRequest
 
+# At the end of a run, how long the last results wait for a PLC; many scans of its program.
+_LAST_S = 3.0
 # Half the period that the README gives a PLC, because it may just have missed a tick.
 TICK_S = 0.5
 # Four times the period that the README asks of a PLC.
@@ -25,7 +27,8 @@ class PlcLine:
     """A handshake that a bus reads and writes, and the thread that passes its triggers on.
 
     Its methods may be called from any thread and never wait for the station. `tell` subscribes to
-    the station's events; triggers are served within a ``with`` block.
+    the station's events; triggers are served within a ``with`` block, which ends when the PLC has
+    acknowledged the last result, or `_LAST_S` later.
 
     Parameters
     ----------
@@ -58,6 +61,7 @@ class PlcLine:
 
     def __exit__(self, *_: object) -> None:
         with self._changed:
+            self._changed.wait_for(self._is_done, _LAST_S)
             self._is_closed = True
             self._changed.notify_all()
         self._thread.join()
@@ -68,6 +72,7 @@ class PlcLine:
         """Take an event of the station."""
         with self._changed:
             self._handshake.tell(event)
+            self._changed.notify_all()
 
     def station_words(self) -> list[int]:
         """Return the registers that the station shows, of one moment."""
@@ -92,11 +97,9 @@ class PlcLine:
             request = self._handshake.write(address, words)
             if self._handshake.commands["heartbeat"] != before:
                 self._heard_s = self._now_s()
-            if request is None:
-                return
-            if request.refusal is None:
+            if request is not None and request.refusal is None:
                 self._request = request
-            else:
+            elif request is not None and request.refusal is not None:
                 self._record(request, request.refusal)
             self._changed.notify_all()
 
@@ -108,6 +111,9 @@ class PlcLine:
             is_silent = heartbeat != 0 and self._now_s() - self._heard_s > _SILENCE_S
         status, text = _state(connections, heartbeat, where, is_silent=is_silent)
         self._live.set_device(Device("plc", status, text))
+
+    def _is_done(self) -> bool:
+        return not self._handshake.is_busy and not self._handshake.has_results
 
     # The thread.
 

@@ -54,6 +54,7 @@ class MqttPublisher:
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         self._client = Client(CallbackAPIVersion.VERSION2)
         self._client.on_connect = self._connected
+        self._client.on_connect_fail = lambda *_: self._say("cannot be reached")
         self._client.on_disconnect = self._disconnected
         self._client.on_publish = self._confirmed
         self._client.reconnect_delay_set(*_RECONNECT_S)

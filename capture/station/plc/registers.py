@@ -57,6 +57,35 @@ class ErrorCode(IntEnum):
     OTHER_TRIGGER = 14
 
 
+STATUS_MEANINGS = {
+    Status.READY: "Trigger may be set",
+    Status.ACK: "the trigger `trigger_id` was accepted as part `number`; until Trigger falls",
+    Status.EXPOSURE_COMPLETE: "part `number` is not exposed any more: it may move",
+    Status.BUSY: "a trigger has no answer, or a part has no result",
+    Status.RESULTS_VALID: "a result is shown; its registers do not change",
+    Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
+    Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
+    Status.SIMULATED: "the rig is simulated: the results are none of real parts",
+}
+COMMAND_MEANINGS = {
+    Command.TRIGGER: "its rise says that a part lies below the camera",
+    Command.RESULTS_ACK: "its rise acknowledges the result `ack_number`",
+}
+ERROR_MEANINGS = {
+    ErrorCode.BUSY: "another part is exposed, or parts wait for their verdicts",
+    ErrorCode.NOT_READY: "the station is not ready; `state` says more",
+    ErrorCode.STOPPING: "the station stops",
+    ErrorCode.DISK: "the disk is at its floor",
+    ErrorCode.DATABASE: "the database of results does not answer",
+    ErrorCode.PART_ID: "`part_id` cannot be one, or was used before",
+    ErrorCode.UNFORESEEN: "of a fault of the program",
+    ErrorCode.TRIGGER_ID: "`trigger_id` is 0, or that of the last trigger",
+    ErrorCode.UNANSWERED: "an earlier trigger is not answered yet",
+    ErrorCode.RESULTS_WAITING: "16 results are not acknowledged",
+    ErrorCode.RECIPE: "the loaded recipe is not the required one",
+    ErrorCode.OTHER_TRIGGER: 'parts are triggered otherwise: `trigger` is not "modbus"',
+}
+
 VERDICTS = {
     Decision.PASS: 1,
     Decision.FAIL: 2,
@@ -187,3 +216,34 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
         else:
             values[each.name] = own[0] << 16 | own[1] if each.type == "u32" else own[0]
     return values
+
+
+def registers_page() -> str:
+    """Return the page of registers as Markdown, for the README."""
+    lines = ["| register | name | type | | meaning |", "|---|---|---|---|---|"]
+    for direction, registers in (("station to PLC", STATION), ("PLC to station", PLC)):
+        lines += [
+            f"| {_range(each)} | `{each.name}` | {each.type} | {direction} | {each.meaning} |"
+            for each in registers
+        ]
+    lines += ["", "| bit | of `status` | set while |", "|---|---|---|"]
+    lines += [_bit_row(bit, STATUS_MEANINGS[bit]) for bit in Status]
+    lines += ["", "| bit | of `commands` | meaning |", "|---|---|---|"]
+    lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
+    lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
+    lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
+    lines += ["", "| code of | values |", "|---|---|"]
+    for name, codes in (("verdict", VERDICTS), ("state", STATES), ("cause", CAUSES)):
+        values = ", ".join(f"{code} {word}" for word, code in codes.items())
+        lines.append(f"| `{name}` | {values} |")
+    return "\n".join(lines)
+
+
+def _range(register: Register) -> str:
+    first, last = register.address, register.address + register.words - 1
+    return f"{first}" if first == last else f"{first}-{last}"
+
+
+def _bit_row(bit: Status | Command, meaning: str) -> str:
+    name = "".join(word.capitalize() for word in str(bit.name).split("_"))
+    return f"| {bit.value.bit_length() - 1} | {name} | {meaning} |"

@@ -225,6 +225,34 @@ def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_clo
         assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
 
 
+def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    over, reads = threading.Event(), []
+    with running_line(tmp_path / "line-1", captured) as line, line.client() as plc:
+
+        def poll() -> None:
+            with line.client() as other:
+                while not over.is_set():
+                    reads.append(other.read())
+
+        poller = threading.Thread(target=poll)
+        poller.start()
+        for number in range(1, 6):
+            trigger(plc, number, f"A-{number}")
+            acknowledge(plc, until(plc, Status.RESULTS_VALID)["result_number"])
+        over.set()
+        poller.join()
+    for read in reads:
+        is_valid = Status.RESULTS_VALID in Status(read["status"])
+        number = read["result_number"]
+        part_id, verdict = (f"A-{number}", VERDICTS[Decision.PASS]) if is_valid else ("", 0)
+        assert is_valid is (number != 0)
+        assert (read["result_part_id"], read["verdict"]) == (part_id, verdict)
+    assert {read["result_number"] for read in reads} == set(range(6))
+    print(f"{len(reads)} reads during 5 parts")
+
+
 def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
     tmp_path: Path, captured: CapturedSet
 ) -> None:
