@@ -1,0 +1,64 @@
+"""A run that collects parts to teach: no recipe, no PASS; its parts then make the first recipe."""
+
+from pathlib import Path
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.collecting import COLLECTS
+from capture.station.events import Event, PartAnnounced, Publisher, RecipeLoaded
+from capture.station.folder import StationFolder, make_station, station_folder
+from capture.station.recipe import Recipe
+from capture.station.recipe_file import write_recipe
+from capture.station.run import RunOptions, run_station
+from capture.station.teaching import teach
+from capture.station.triggers import TimerTrigger
+from capture.station.verdict import Decision
+from classify.errors import InputError
+from rig import RigConfig
+from tests.capture.station.production import SMALL_RIG
+
+VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
+
+
+def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
+    events: list[Event] = []
+    with station_folder(folder) as opened, Publisher(events.append) as publisher:
+        options = RunOptions(parts=parts, is_collecting=True)
+        run_station(opened, rig, TimerTrigger(0.0), publisher, options)
+    return events
+
+
+def test_a_new_station_collects_parts_that_make_its_first_recipe(tmp_path: Path) -> None:
+    folder = tmp_path / "line"
+    make_station(folder)
+    with pytest.raises(InputError, match=r"no such recipe.*a run with --collect"):
+        _run_without_collecting(folder)
+    events = collected(folder, VIRTUAL, 3)
+    results = [each.result for each in events if isinstance(each, PartAnnounced)]
+    assert [(each.verdict.decision, each.verdict.reason) for each in results] == 3 * [
+        (Decision.UNKNOWN, COLLECTS)
+    ]
+    assert all(each.recipe is each.recipe_sha256 is None for each in results)
+    assert not any(isinstance(each, RecipeLoaded) for each in events)
+    paths = [folder / each.set_file for each in results if each.set_file is not None]
+    teaching = teach(StationFolder(folder).recipe_files(), paths, good_texture="slate")
+    assert (teaching.recipe.passes, teaching.recipe.version) == (("slate",), 1)
+
+
+def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: Path) -> None:
+    folder = tmp_path / "line"
+    make_station(folder)
+    files = StationFolder(folder).recipe_files()
+    recipe = Recipe.model_validate({"name": "example", "pass": [], "light": {"exposure_ms": 12.0}})
+    write_recipe(files.file, recipe)
+    collected(folder, VIRTUAL, 1)
+    [path] = (folder / "parts").glob("*/*.ome.tif")
+    camera = CapturedSet.load(path).metadata.camera
+    assert camera is not None
+    assert camera.exposure_ms == 12.0
+
+
+def _run_without_collecting(folder: Path) -> None:
+    with station_folder(folder) as opened, Publisher() as publisher:
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), publisher)
