@@ -7,7 +7,8 @@
 set -e
 shared=$1
 shift
-memory=$(mktemp -d)
+memory=$shared/memory
+mkdir "$memory"
 mount -t tmpfs -o size=1g tmpfs "$memory"
 root=$memory/root
 mkdir "$memory/upper" "$memory/work" "$root"
