@@ -1,6 +1,7 @@
 """The checks of ``ps4rig station doctor``: everything that a station needs to run."""
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
@@ -9,6 +10,7 @@ from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 
 from .challenge import has_met_challenge
+from .config import StationConfig
 from .folder import StationFolder
 from .inspector import Inspector
 from .recipe_folder import RecipeFolder
@@ -36,6 +38,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     yield from collected("disk", lambda: check_disk(folder, station.config.disk_floor_mb))
     yield from collected("recipe", lambda: _check_recipe(station))
     yield from collected("results", lambda: _check_results(station))
+    yield from _check_extras(station.config)
     yield from diagnose(station.config.rig_in(folder))
 
 
@@ -72,3 +75,16 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
         return
     with open_store(results, config.name, alone=False) as store:
         yield from check_results(store)
+
+
+def _check_extras(config: StationConfig) -> Iterator[Check]:
+    """Check that what the sections for the line need is installed."""
+    is_triggered = config.trigger == "modbus"
+    for extra, package, is_asked in (
+        ("modbus", "pymodbus", config.modbus is not None or is_triggered),
+        ("mqtt", "paho", config.mqtt is not None),
+    ):
+        if is_asked and find_spec(package) is None:
+            yield Check(extra, "fault", f"{package} is missing", f"pip install 'ps4rig[{extra}]'")
+        elif is_asked:
+            yield Check(extra, "ok", f"{package} is installed")

@@ -1,9 +1,12 @@
 """Tests of ``ps4rig station doctor``."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from capture.station.approval import approve
 from capture.station.challenge import require_challenge
@@ -33,8 +36,15 @@ def test_a_station_that_could_run_has_no_fault(
 
 
 def test_each_fault_is_one_line_and_the_checks_go_on(
-    station: Path, files: RecipeFolder, small_rig: Path, ps4rig: Callable[..., Any]
+    station: Path,
+    files: RecipeFolder,
+    small_rig: Path,
+    ps4rig: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    with (station / "station.toml").open("a", encoding="utf-8") as config:
+        config.write('[modbus]\n[mqtt]\nurl = "mqtt://broker.example"\ntopic = "line"\n')
+    monkeypatch.setitem(sys.modules, "paho", None)  # is not installed
     files.version(2).library.unlink()
     small_rig.write_text("[lights]\nport = 1\n")
     result = ps4rig("station", "doctor", station, "--json")
@@ -42,6 +52,8 @@ def test_each_fault_is_one_line_and_the_checks_go_on(
     assert result.exit_code == 1
     assert (found["recipe"], found["configuration"]) == ("fault", "fault")
     assert (found["disk"], found["results"]) == ("ok", "ok")
+    assert (found["modbus"], found["mqtt"]) == ("ok", "fault")
+    assert "pip install 'ps4rig[mqtt]'" in result.stdout
 
 
 def test_a_folder_without_a_station_says_how_to_make_one(

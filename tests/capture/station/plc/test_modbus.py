@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -251,6 +252,24 @@ def test_a_client_that_polls_without_a_pause_sees_whole_pages_and_delays_no_part
         assert (read["result_part_id"], read["verdict"]) == (part_id, verdict)
     assert {read["result_number"] for read in reads} == set(range(6))
     print(f"{len(reads)} reads during 5 parts")
+
+
+@pytest.mark.slow
+def test_a_poll_costs_little(tmp_path: Path, captured: CapturedSet) -> None:
+    polls = 2000
+    with running_line(tmp_path / "line-1", captured) as line:
+        with line.client() as plc:
+            until(plc, Status.READY)
+        client = (
+            "import sys; from capture.station.plc.modbus import PlcConnection\n"
+            "with PlcConnection('127.0.0.1', int(sys.argv[1])) as plc:\n"
+            f"    [plc.read() for _ in range({polls})]"
+        )
+        began_s = time.process_time()
+        subprocess.run((sys.executable, "-c", client, str(line.port)), check=True, timeout=WAIT_S)
+        poll_s = (time.process_time() - began_s) / polls
+    print(f"a poll costs the station {1e6 * poll_s:.0f} us of processor time")
+    assert poll_s < 1e-3
 
 
 def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
