@@ -48,7 +48,7 @@ def _yield(periods: Sequence[Period]) -> Iterator[Element]:
     yield from _legend(tuple(Decision))
     most = max(each.parts for each in periods)
     up = Scale(0.0, 1.08 * most, HEIGHT - BOTTOM, TOP)
-    yield from left_axis(up)
+    yield from left_axis(up, most=min(5, max(2, most)))  # no halves of parts
     step = (WIDTH - LEFT - RIGHT) / len(periods)
     width = min(0.8 * step, 60.0)
     for number, period in enumerate(periods):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 WIDTH, HEIGHT = 600, 280
@@ -74,7 +74,6 @@ class Drawing:
     elements: tuple[Line | Box | Dot | Words, ...]
     width: int = WIDTH
     height: int = HEIGHT
-    name: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from capture.station.control_history import ChartHistory, chart_histories
+from capture.station.errors import RecipeError
 from capture.station.folder import StationFolder
 from capture.station.gauge import ACCEPTABLE
 from capture.station.gauge_report import GaugeReport, read_gauge_report
@@ -28,10 +29,10 @@ from .panel import Panel
 from .security import Denied
 
 Cell = str | int | float | None
-# Requests that count at a time, and how long another one waits. Five browsers that load the page
-# again and again leave the station its processor.
-_AT_A_TIME = threading.BoundedSemaphore(1)
-_PATIENCE_S = 10.0
+# One request counts at a time: browsers that load the page again and again leave the station its
+# processor. Few wait, because each that does keeps one of the 40 threads of the panel.
+_COUNTING = threading.Lock()
+_WAITING = threading.BoundedSemaphore(8)
 
 
 @dataclass(frozen=True)
@@ -120,12 +121,13 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
 
 @contextmanager
 def _one_at_a_time() -> Iterator[None]:
-    if not _AT_A_TIME.acquire(timeout=_PATIENCE_S):
-        raise Denied(503, "other statistics are being counted", {"Retry-After": "5"})
+    if not _WAITING.acquire(blocking=False):
+        raise Denied(503, "others wait for statistics already", {"Retry-After": "2"})
     try:
-        yield
+        with _COUNTING:
+            yield
     finally:
-        _AT_A_TIME.release()
+        _WAITING.release()
 
 
 def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
@@ -141,7 +143,11 @@ def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
 
 def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
     """Return the gauge study of the selected recipe, or of the configured one, if one was made."""
-    report = read_gauge_report(folder.recipe_files(selection.recipe).gauge)
+    try:
+        files = folder.recipe_files(selection.recipe)
+    except RecipeError:
+        return None  # no recipe has such a name
+    report = read_gauge_report(files.gauge)
     return report if report is None or report.simulated == selection.simulated else None
 
 
