@@ -69,28 +69,17 @@ def _painted(
         "shadow", "Lights in shadow: grey none, yellow one, to black four.",
         pictures.reduced(shadow, longest_px=longest_px),
     )  # fmt: skip
-    yield (
-        "normals",
-        _jpeg(
-            "normals",
-            "Red to the right, green up, blue to the camera.",
-            pictures.normal_map(normals),
-        ),
-    )
+    colours, about = pictures.normal_map(normals), "Red to the right, green up, blue to the camera."
+    yield "normals", _jpeg("normals", about, colours)
     count = len(view.outlines)
     yield "defects", _jpeg(
         "defects", f"{count} outlined over the albedo." if count else "None, over the albedo.",
         _outlined(albedo, view),
     )  # fmt: skip
     if view.score is not None:
-        yield (
-            "defect-map",
-            _jpeg(
-                "defect map",
-                f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more.",
-                _outlined(_score_picture(view.score, longest_px), view),
-            ),
-        )
+        score = _outlined(_score_picture(view.score, longest_px), view)
+        about = f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more."
+        yield "defect-map", _jpeg("defect map", about, score)
     if is_large:
         yield "slopes", PaintedPicture(
             "slopes", "Normals for programs: x and y from -1 to 1 in 12 bit. Red and green are "
@@ -125,8 +114,7 @@ def _score_picture(score: FloatMap, longest_px: int) -> Picture:
     known = np.isfinite(score)
     values = pictures.reduced(np.where(known, score, 0.0), cv2.INTER_NEAREST, longest_px)
     picture = ColourScale(0.0, _TOP_SCORE, _cividis()).paint(values)
-    unknown = ~known
-    picture[pictures.reduced(unknown * np.uint8(1), cv2.INTER_NEAREST, longest_px) > 0] = _NO_SCORE
+    picture[pictures.reduced(~known * np.uint8(1), cv2.INTER_NEAREST, longest_px) > 0] = _NO_SCORE
     return picture
 
 

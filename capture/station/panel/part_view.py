@@ -26,8 +26,10 @@ Outline = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """The solved surface of a stored part. All maps have the shape of the light images.
-    Outside the judged region all are 0, and `score` is NaN.
+    """The solved surface of a stored part.
+
+    All maps have the shape of the light images. Outside the judged region they are 0, and `score`
+    is NaN.
 
     Attributes
     ----------
