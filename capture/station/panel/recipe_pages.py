@@ -119,7 +119,8 @@ def _parts_page(call: Call, problem: str = "") -> Response:
     selection = Selection(below_number=below)
     entries = list(call.panel.results.store.parts(selection, newest=_SHOWN_PARTS))[::-1]
     taught, textures = _taught(files)
-    chosen = {name for name, value in call.fields.items() if value}
+    given = call.fields or {"ids": call.query.get("ids", "")}
+    chosen = {name for name, value in given.items() if value}
     answer = page(
         call,
         "recipe_parts.html",
@@ -130,7 +131,7 @@ def _parts_page(call: Call, problem: str = "") -> Response:
         challenge=challenge_sets(files.challenge),
         textures=textures,
         expected=EXPECTED,
-        given=call.fields,
+        given=given,
         chosen=chosen,
         problem=problem,
         is_known=files.file.is_file(),
@@ -287,7 +288,8 @@ ROUTES = (
     PanelRoute(
         "GET", f"{_NAME}/parts", Role.ENGINEER, _parts,
         "Choose parts to teach, or for the challenge set.",
-        query={"below": "only parts with a lower number"}, answer=_HTML,
+        query={"below": "only parts with a lower number", "ids": "parts that are chosen already"},
+        answer=_HTML,
     ),
     PanelRoute(
         "POST", f"{_NAME}/parts", Role.ENGINEER, _use_parts,

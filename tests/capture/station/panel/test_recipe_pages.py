@@ -142,6 +142,7 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
 ) -> None:
     page = kim.get(f"{PAGE}/parts").text
     assert 'name="part.part-000002"' in page
+    assert 'name="ids" value="part-000001"' in kim.get(f"{PAGE}/parts?ids=part-000001").text
     chosen = {"part.part-000002": "on", "use": "challenge", "expected": "FAIL"}
     assert kim.form(f"{PAGE}/parts", **chosen).status == 303
     assert "part-000002.ome.tif" in kim.get(PAGE).text
