@@ -15,6 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.defects.defect_map import CELL_PX
+from classify.defects.gaussian import PowerSums, power_sums
+from classify.defects.halves import unlike_halves
 from classify.defects.limits import common_limit, tile_maxima
 from classify.surface.estimate import FloatMap
 
@@ -61,16 +63,18 @@ class GaussianDetector:
         orientations_deg: Sequence[float],
         false_alarm_rate: float,
     ) -> GaussianDetector:
-        """Learn from good parts; the limit follows from the scores of each by all others."""
+        """Learn from good parts; the limit follows from the scores by unlike halves of them."""
         seen = [features(part, angle) for part, angle in zip(parts, orientations_deg, strict=True)]
-        moments = [_moments(each) for each in seen]
+        sums = [power_sums(each.reshape(-1, each.shape[-1])) for each in seen]
+        halves = unlike_halves(sums)
         maxima = []
-        for index, each in enumerate(seen):
-            others = [one for place, one in enumerate(moments) if place != index]
-            score = cls(features, *_gaussian(others))._score(each)
-            maxima.append(tile_maxima(score, np.ones(score.shape, np.bool_)))
+        for half, others in zip(halves, halves[::-1], strict=True):
+            detector = cls(features, *_gaussian([sums[index] for index in others]))
+            for index in half:
+                score = detector._score(seen[index])
+                maxima.append(tile_maxima(score, np.ones(score.shape, np.bool_)))
         limit = common_limit(np.array(maxima), false_alarm_rate)
-        mean, whitening = _gaussian(moments)
+        mean, whitening = _gaussian(sums)
         return cls(features, mean, whitening / limit)
 
     def score(self, part: Part, orientation_deg: float) -> FloatMap:
@@ -141,21 +145,14 @@ def _derivatives(image: FloatMap, scale: float) -> tuple[FloatMap, FloatMap]:
     return np.asarray(x, np.float32), np.asarray(y, np.float32)
 
 
-Moments = tuple[int, npt.NDArray[np.float64], npt.NDArray[np.float64]]
-
-
-def _moments(features: FloatMap) -> Moments:
-    rows = features.reshape(-1, features.shape[-1]).astype(np.float64)
-    return len(rows), rows.sum(axis=0), rows.T @ rows
-
-
 def _gaussian(
-    moments: Sequence[Moments],
+    sums: Sequence[PowerSums],
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Mean and whitening of the places of all parts."""
-    count = sum(each[0] for each in moments)
-    mean = np.sum([each[1] for each in moments], axis=0) / count
-    covariance = np.sum([each[2] for each in moments], axis=0) / count - np.outer(mean, mean)
+    moments = np.sum(sums, axis=0)
+    moments = moments / moments[0, 0]
+    mean = moments[0, 1:]
+    covariance = moments[1:, 1:] - np.outer(mean, mean)
     covariance += _RIDGE * np.diag(np.diag(covariance)) + 1e-9 * np.eye(len(mean))
     values, vectors = np.linalg.eigh(covariance)
     return mean, vectors / np.sqrt(values)
