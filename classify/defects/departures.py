@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
@@ -66,5 +65,8 @@ def _windows(observation: Observation, windows: Gaussian) -> FloatMap:
 
 def _highest(responses: Iterator[FloatMap], limits: FloatMap) -> FloatMap:
     """The highest response of every cell in units of its limit."""
-    scores = (response / limit for response, limit in zip(responses, limits, strict=True))
-    return reduce(np.maximum, scores)
+    highest: FloatMap = next(responses) / limits[0]
+    for response, limit in zip(responses, limits[1:], strict=True):
+        np.divide(response, limit, out=response)
+        np.maximum(highest, response, out=highest)
+    return highest

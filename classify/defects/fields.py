@@ -1,6 +1,7 @@
 """Slopes and log albedo of a part at half resolution, without outliers and gaps."""
 
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any
 
 import cv2
@@ -8,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from classify.compiling import Array, kernel
 from classify.surface.estimate import FloatMap, SurfaceEstimate
 from classify.texture.fields import texture_fields
+from classify.threads import run_on_rows
 
 from .defect_map import CELL_PX
 
@@ -63,11 +66,12 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     """Compute the fields; InputError as `texture_fields`."""
     fields = texture_fields(surface)
     rows, columns = (_padded(-(-side // 2)) for side in surface.shape)
-    # Bytes are resized faster; a quarter of this one is a whole number.
-    share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
     planes = [_halved(plane, rows, columns) for plane in (fields.p, fields.q, fields.albedo)]
-    near = share
+    whole, weight = _whole_frame(surface.shape, rows, columns)
+    share = whole
     if not surface.valid.all():
+        # Bytes are resized faster; a quarter of this one is a whole number.
+        share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
         near = gaussian_mean(share, _FILL_PX)
         # What is not valid has the mean of the frame.
         gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
@@ -75,12 +79,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
         for plane, mean in zip(planes, means, strict=True):
             plane -= (1.0 - share) * mean
         planes = [_filled(plane, share, near) for plane in planes]
-    eroded = cv2.erode(
-        (near > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
-        borderType=cv2.BORDER_CONSTANT, borderValue=0,
-    )  # fmt: skip
-    faded = cv2.blur(eroded, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
-    weight = np.asarray(faded, np.float32)
+        weight = _faded(near)
     total = max(float(weight.sum()), 1.0)
     np.log(np.maximum(planes[2], _TINY), out=planes[2])
     h, w = (-(-side // CELL_PX) for side in surface.shape)
@@ -89,12 +88,11 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     moments = _cell_moments(share, *planes)[:h, :w]
     for plane in planes:
         plane *= weight
-    covered = _halved(np.ones(surface.shape, np.float32), rows, columns)
-    cells, whole = (
-        resized(each, rows // HALF_CELL, columns // HALF_CELL)[:h, :w] for each in (share, covered)
+    cells, covered = (
+        resized(each, rows // HALF_CELL, columns // HALF_CELL)[:h, :w] for each in (share, whole)
     )
     p, q, albedo = planes
-    valid = cells >= _LEAST_VALID * whole
+    valid = cells >= _LEAST_VALID * covered
     return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 
@@ -110,13 +108,61 @@ def gaussian_mean(plane: FloatMap, sigma: float) -> FloatMap:
     return np.asarray(cv2.GaussianBlur(plane, (0, 0), sigma), np.float32)
 
 
+@lru_cache(maxsize=4)
+def _whole_frame(shape: tuple[int, int], rows: int, columns: int) -> tuple[FloatMap, FloatMap]:
+    """Shares of valid pixels and weights at half resolution where all pixels are valid."""
+    share = _halved(np.ones(shape, np.float32), rows, columns)
+    return share, _faded(share)
+
+
+def _faded(share: FloatMap) -> FloatMap:
+    """Weights that fade to 0 towards the frame and large gaps."""
+    eroded = cv2.erode(
+        (share > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
+        borderType=cv2.BORDER_CONSTANT, borderValue=0,
+    )  # fmt: skip
+    faded = cv2.blur(eroded, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(faded, np.float32)
+
+
 def _cell_moments(share: FloatMap, p: FloatMap, q: FloatMap, albedo: FloatMap) -> FloatMap:
     """Sums over the valid pixels of every cell, as of `PartFields.moments`."""
-    rows, columns = (side // HALF_CELL for side in share.shape)
-    shared = [share * plane for plane in (p, q, albedo)]
-    squares = ((0, p), (1, q), (0, q), (2, albedo))
-    planes = [share, *shared, *(shared[index] * plane for index, plane in squares)]
-    return np.stack([resized(plane, rows, columns) for plane in planes], axis=-1)
+    moments = np.empty((share.shape[0] // HALF_CELL, share.shape[1] // HALF_CELL, 8), np.float32)
+    run_on_rows(
+        partial(_sum_moments, share, p, q, albedo, moments),
+        (len(moments), HALF_CELL * share.shape[1]),
+    )
+    return moments
+
+
+@kernel
+def _sum_moments(
+    share: Array, p: Array, q: Array, albedo: Array, moments: Array, first: int, stop: int
+) -> None:
+    """Moments of rows of cells."""
+    columns = share.shape[1]
+    sums = np.empty((8, columns), np.float32)
+    cell = share.shape[0] // moments.shape[0]
+    scale = np.float32(1.0) / np.float32(cell * cell)
+    for row in range(first, stop):
+        sums[:] = np.float32(0.0)
+        for r in range(row * cell, (row + 1) * cell):
+            for c in range(columns):
+                here, x, y, a = share[r, c], p[r, c], q[r, c], albedo[r, c]
+                sums[0, c] += here
+                sums[1, c] += here * x
+                sums[2, c] += here * y
+                sums[3, c] += here * a
+                sums[4, c] += here * x * x
+                sums[5, c] += here * y * y
+                sums[6, c] += here * x * y
+                sums[7, c] += here * a * a
+        for column in range(moments.shape[1]):
+            for index in range(8):
+                total = np.float32(0.0)
+                for c in range(column * cell, (column + 1) * cell):
+                    total += sums[index, c]
+                moments[row, column, index] = scale * total
 
 
 def _padded(side: int) -> int:
