@@ -15,6 +15,7 @@ from capture.studies.reproduction.defects.plan import DefectCase, defect_plan
 from capture.studies.reproduction.defects.run import reproduce_defects
 from capture.studies.reproduction.defects.scores import aupro, auroc
 from capture.studies.reproduction.plan import Texture, material_textures
+from classify import SurfaceEstimate, TextureLibrary, learn_defects
 from classify.errors import InputError
 
 SCORES = st.lists(st.integers(0, 9), min_size=1, max_size=12)
@@ -145,3 +146,22 @@ def test_defects_of_the_albedo_are_found_as_well_as_in_the_albedo_alone(
 ) -> None:
     scores = of_kind(tables["defects"], "stain", "of pixels, %")
     assert scores[OURS] > max(scores.values()) - 6.0
+
+
+@pytest.mark.slow
+def test_thirty_overlapping_parts_give_at_most_a_few_false_alarms() -> None:
+    alarms = parts = 0
+    for texture in material_textures(None):
+        taught = [part_of(texture, "taught", index).surface for index in range(30)]
+        library = TextureLibrary.train([(texture.name, taught[0])])
+
+        def angle(surface: SurfaceEstimate, library: TextureLibrary = library) -> float:
+            return library.classify(surface).orientation_deg or 0.0
+
+        model = learn_defects(taught, [angle(each) for each in taught], 0.01)
+        good = [part_of(texture, "tested", index).surface for index in range(12)]
+        alarms += sum(model.map_of(each, angle(each)).worst > 1.0 for each in good)
+        parts += len(good)
+    # At the rate asked, 1 %, more than 4 of 96 have a probability of 3e-3.
+    assert parts == 96
+    assert alarms <= 4

@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 from classify import DefectModel, InputError, SurfaceEstimate, learn_defects, regions_of
+from classify.defects.fields import part_fields
+from classify.defects.gaussian import power_sums
+from classify.defects.halves import unlike_halves
+from classify.defects.window_statistics import window_statistics
 
 SIDE = 256
 LEARNED = 4
@@ -73,6 +77,50 @@ def test_another_texture_and_none_are_found(model, good, stationary) -> None:
         found = model.map_of(mixed, 0.0)
         row, column = (each // found.cell_px for each in MIDDLE)
         assert np.nanmax(found.score[row - 4 : row + 5, column - 4 : column + 5]) > 1.0
+
+
+@pytest.mark.parametrize("radius_px", [20.0, 32.0])
+def test_a_levelled_patch_is_found_and_outlined(model, good, radius_px: float) -> None:
+    inside = distances() < radius_px
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (2, SIDE, SIDE))
+    levelled = replace(
+        good,
+        p=np.where(inside, noise[0], good.p).astype(np.float32),
+        q=np.where(inside, noise[1], good.q).astype(np.float32),
+    )
+    (region,) = regions_of(model.map_of(levelled, 0.0))
+    assert region.kind == "texture"
+    x, y = region.outline.mean(axis=0)
+    assert np.hypot(y - MIDDLE[0], x - MIDDLE[1]) < 12.0
+    assert 0.5 < region.area_px / inside.sum() < 2.0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4])
+def test_a_stain_is_outlined(model, good, share: float) -> None:
+    (region,) = regions_of(model.map_of(with_stain(good, share, radius_px=20.0), 0.0))
+    x, y = region.outline.mean(axis=0)
+    assert np.hypot(y - MIDDLE[0], x - MIDDLE[1]) < 12.0
+
+
+def test_parts_of_two_batches_are_scored_by_the_other_batch(stationary) -> None:
+    def part(seed: int, scale: float) -> SurfaceEstimate:
+        each = stationary(TEXTURE, seed=seed, side=SIDE)
+        return replace(each, p=each.p * np.float32(scale), q=each.q * np.float32(scale))
+
+    scales = [1.0, 1.25] * 4
+    # Every part is captured three times: left out one by one, each would know itself.
+    parts = [part(seed // 2, scale) for seed, scale in enumerate(scales)] * 3
+    sums = [
+        power_sums(window_statistics(fields.moments, 0.0)[fields.valid])
+        for fields in map(part_fields, parts)
+    ]
+    halves = unlike_halves(sums)
+    assert {frozenset(index % 2 for index in half) for half in halves} == {
+        frozenset({0}), frozenset({1})
+    }  # fmt: skip
+    model = learn_defects(parts, [0.0] * len(parts))
+    worst = [model.map_of(part(seed, 1.0 + 0.05 * (seed % 6)), 0.0).worst for seed in range(50, 62)]
+    assert max(worst) < 1.0
 
 
 def test_good_parts_are_below_the_limit_at_about_the_rate(model, stationary) -> None:
