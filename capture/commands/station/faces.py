@@ -68,13 +68,13 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
     """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
-    from capture.station.plc.handshake import SOURCE, Handshake
+    from capture.station.plc.handshake import MAX_SESSION, SOURCE, Handshake
     from capture.station.plc.line import PlcLine
 
     if config.modbus is None and trigger != SOURCE:
         return None
     handshake = Handshake(
-        session=secrets.randbelow(0xFFFF) + 1,
+        session=1 + secrets.randbelow(MAX_SESSION),
         is_trigger=trigger == SOURCE,
         is_simulated=live.snapshot().simulated,
         recipes=() if config.modbus is None else config.modbus.recipes,

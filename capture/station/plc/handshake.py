@@ -53,6 +53,7 @@ _CODES = {
     Refusal.PART_ID: ErrorCode.PART_ID,
     Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
 }
+MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK
 _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
 
@@ -82,7 +83,7 @@ class Handshake:
     Parameters
     ----------
     session
-        Number of this run, from 1 to 65535, random.
+        Number of this run, from 1 to `MAX_SESSION`, random.
     is_trigger
         Whether the PLC triggers: it then gets the results of its own parts. Otherwise it gets the
         results of all parts, and its triggers are refused.

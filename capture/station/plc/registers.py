@@ -155,7 +155,7 @@ def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
 STATION = _page(
     0,
     ("page", "u16", f"version of this page: {PAGE_VERSION}"),
-    ("session", "u16", "another number after each start of the station, never 0"),
+    ("session", "u32", "another number after each start of the station, never 0"),
     ("heartbeat", "u16", "counts up twice a second"),
     ("status", "bits", "see below"),
     ("state", "u16", "see below"),

@@ -27,7 +27,7 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 import cv2
 
 from capture.process.utc_time import utc_text
-from capture.station.events import Event, Publisher
+from capture.station.events import Publisher
 from capture.station.face_config import ModbusConfig
 from capture.station.folder import StationFolder, station_folder
 from capture.station.live.live_station import LiveStation
@@ -87,13 +87,8 @@ def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> N
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
         line = PlcLine(live, Handshake(session, is_trigger=True, is_simulated=True))
-
-        def tell(event: Event) -> None:
-            live.tell(event)
-            line.tell(event)
-
         with (
-            Publisher(tell) as publisher,
+            Publisher(live.tell, line.tell) as publisher,
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
         ):
             run_station(opened, SMALL_RIG, live.attached(None), publisher)

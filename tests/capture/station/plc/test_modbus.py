@@ -182,7 +182,7 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
         del before["heartbeat"], after["heartbeat"]
         assert after == before
         mirrored = client.read_holding_registers(0, count=STATION_WORDS).registers
-        assert mirrored[:2] == [1, SESSION]  # both functions read both pages
+        assert mirrored[:3] == [1, 0, SESSION]  # both functions read both pages
         written = client.read_input_registers(PLC_ADDRESS, count=PLC_WORDS).registers
         assert written == [0] * PLC_WORDS
     assert line.bench.announced() == []
