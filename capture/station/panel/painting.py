@@ -71,11 +71,9 @@ def _painted(
     )  # fmt: skip
     colours, about = pictures.normal_map(normals), "Red to the right, green up, blue to the camera."
     yield "normals", _jpeg("normals", about, colours)
-    count = len(view.outlines)
-    yield "defects", _jpeg(
-        "defects", f"{count} outlined over the albedo." if count else "None, over the albedo.",
-        _outlined(albedo, view),
-    )  # fmt: skip
+    none = "None" if view.score is not None else "Without a defect map"
+    about = f"{len(view.outlines) or none}, over the albedo."
+    yield "defects", _jpeg("defects", about, _outlined(albedo, view))
     if view.score is not None:
         score = _outlined(_score_picture(view.score, longest_px), view)
         about = f"Blue 0, grey 1: the limit, yellow {_TOP_SCORE:g} times the limit and more."

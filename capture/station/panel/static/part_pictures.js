@@ -23,6 +23,8 @@ export function age(utc) {
 }
 
 const partPath = (partId) => `/api/v1/parts/${encodeURIComponent(partId)}/pictures`;
+// The picture that says most of a part.
+const telling = (part) => (part.defects.length > 0 ? "defects" : "relief");
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // After the verdict is on the screen; in a hidden page not before it is seen.
@@ -68,8 +70,7 @@ export function thumbnail(part) {
     image.className = "thumbnail";
     image.hidden = true;
     thumbnails.set(part.part_id, image);
-    const name = part.defects.length > 0 ? "defects" : "relief";
-    if (part.set_file !== null) waiting.push([part.part_id, name]);
+    if (part.set_file !== null) waiting.push([part.part_id, telling(part)]);
     soon();
   }
   return image;
@@ -112,11 +113,18 @@ async function loadLast() {
     }
     if (!isWanted()) return;
     shown = part;
+    const names = about.pictures.map((each) => each.name);
+    for (const [name, figure] of figures) if (!names.includes(name)) forget(name, figure);
     for (const [each, image] of images) place(each, image, part);
   } catch (error) {
     if (isWanted()) problem = error.message;
   }
   showAges();
+}
+
+function forget(name, figure) {
+  figure.remove();
+  figures.delete(name);
 }
 
 async function loaded(url) {
@@ -139,8 +147,8 @@ function place(about, image, part) {
     link.append(new Image(), old);
     figure.append(link, caption);
     figures.set(about.name, figure);
-    byId(about.name === "defects" ? "main-picture" : "pictures").append(figure);
   }
+  byId(about.name === telling(part) ? "main-picture" : "pictures").append(figure);
   const link = figure.querySelector("a");
   image.alt = `${about.title} of ${part.part_id}`;
   image.title = about.caption;

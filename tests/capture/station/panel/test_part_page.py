@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from capture.station.panel import picture_maker
+from capture.station.panel.painting import PaintedPicture, painted
+from capture.station.panel.part_view import PartView
 from capture.station.panel.roles import Role
 from capture.station.results.part_result import DefectRecord
 from capture.station.results.removals import record_removals
@@ -207,9 +210,15 @@ def test_a_part_whose_set_was_removed_keeps_its_numbers_and_says_so(
     assert "Slopes" not in text
 
 
+def without_shadow(view: PartView, size: str) -> dict[str, PaintedPicture]:
+    pictures = painted(view, size)
+    del pictures["shadow"]
+    return pictures
+
+
 @pytest.mark.browser
 def test_pictures_of_an_earlier_part_are_blanked_with_their_age(
-    scratched: RunningPanel, browser: Chromium
+    scratched: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scratched.until_ready()
     page = browser.page(scratched.url)
@@ -228,8 +237,16 @@ def test_pictures_of_an_earlier_part_are_blanked_with_their_age(
     )
     told = page.value("document.querySelector('.picture .age').textContent")
     assert re.fullmatch(f"picture of {part_id}, \\d+ s old", told)
+    # The second part has no picture of its shadows, and that of the first is no stand-in.
+    monkeypatch.setattr(picture_maker, "painted", without_shadow)
     judging.set()
-    page.until(f"{fresh} >= 8")
+    page.until(f"{fresh} >= 7")
+    named = page.value(
+        "[...document.querySelectorAll('.picture')].map((each) => each.dataset.name)"
+    )
+    assert sorted(named) == [
+        "albedo", "defects", "light-0", "light-1", "light-2", "light-3", "relief",
+    ]  # fmt: skip
     # A part without a set has no pictures; those of the part before stay blanked.
     scratched.bench.camera.on_capture = lambda _: (_ for _ in ()).throw(OSError("unplugged"))
     scratched.until_ready()
