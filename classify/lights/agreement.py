@@ -306,7 +306,7 @@ def _beyond_noise(deviation: FloatArray, variance: FloatArray, counted: BoolArra
     squares = np.square(deviation)
     squares /= variance
     np.minimum(squares, np.float32(_OUTLIER**2), out=squares)
-    squares *= counted
+    np.copyto(squares, 0.0, where=~counted)
     counts_of_rows, sums_of_rows = counted.sum(axis=1), squares.sum(axis=1)
     worst = 0.0
     height = 1
