@@ -25,7 +25,7 @@ from capture.station.results.database import ResultsUnavailable
 from capture.station.self_test import SelfTestFailed, check_disk
 from capture.station.states import State
 from capture.station.station_clock import StationClock
-from capture.station.triggers import Accepted, Answer, Refused, Trigger, TriggerTarget
+from capture.station.triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerTarget
 from capture.station.verdict import Cause, Decision, Verdict
 from classify.errors import InputError
 from rig import CameraError, HardwareError
@@ -137,6 +137,7 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
         may_end.set()
         assert isinstance(answer, Refused)
         assert "another part is being exposed" in answer.reason
+        assert answer.kind is Refusal.BUSY
         until_ready(target)
 
     station.camera.on_capture = capture
@@ -216,6 +217,7 @@ def test_below_the_disk_floor_triggers_are_refused(station: Bench) -> None:
         answer = trigger(target)
         assert isinstance(answer, Refused)
         assert "MB free, the floor is" in answer.reason
+        assert answer.kind is Refusal.DISK
 
     station.run(Manual(feed), disk_floor_mb=10_000_000)
     assert station.announced() == []
@@ -403,6 +405,7 @@ def test_a_trigger_that_cannot_be_begun_is_refused(station: Bench) -> None:
     station.run(one_after_the_other(2, answers), count=1)
     assert isinstance(answers[0], Refused)
     assert "connection refused" in answers[0].reason
+    assert answers[0].kind is Refusal.DATABASE
     assert station.announced() == [(*ids(1), Decision.PASS)]
 
 
