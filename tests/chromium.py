@@ -140,7 +140,7 @@ class Page:
 
     def picture(self, path: Path, *, scale: float = 1.0) -> None:
         """Keep a picture of the page, as JPEG or PNG by the name of the file."""
-        kept = {"format": "jpeg", "quality": 80} if path.suffix == ".jpg" else {"format": "png"}
+        kept = {"format": "jpeg", "quality": 60} if path.suffix == ".jpg" else {"format": "png"}
         size = self.value("({width: innerWidth, height: innerHeight})")
         clip = {"x": 0, "y": 0, "scale": scale, **size}
         shot = self.call("Page.captureScreenshot", clip=clip, **kept)

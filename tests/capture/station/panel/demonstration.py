@@ -8,7 +8,7 @@ from capture.station.config import CONFIG
 from capture.station.gauge import GaugeStudy, Presentation
 from capture.station.gauge_report import GaugeReport, write_gauge_report
 from capture.station.panel.roles import Role
-from capture.station.verdict import Decision
+from capture.station.verdict import Cause, Decision
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
 from tests.capture.station.production import taught_station
@@ -43,7 +43,8 @@ def demonstration(
             assert len(made) < least_parts + _MOST_PARTS, verdicts(served)
             made += served.parts(1, engineer)
         given = {"decision": "PASS", "reason": "a hair, blown away"}
-        assert engineer.post(f"/api/v1/parts/{failed(served)[-1]}/override", given).status == 200
+        overridden = failed(served)[:2][-1]
+        assert engineer.post(f"/api/v1/parts/{overridden}/override", given).status == 200
         _study(served)
         yield served
 
@@ -54,10 +55,16 @@ def verdicts(served: ServedPanel) -> set[Decision]:
 
 
 def failed(served: ServedPanel) -> list[str]:
-    """Parts that the station did not pass, those with an outlined defect first."""
+    """Parts that the station did not pass, those with defects alone first."""
     results = [each.result for each in served.panel.results.store.parts()]
     rejected = [each for each in results if each.verdict.decision is not Decision.PASS]
-    return [each.part_id for each in sorted(rejected, key=lambda each: -len(each.defects))]
+    return [
+        each.part_id
+        for each in sorted(
+            rejected,
+            key=lambda each: (each.verdict.causes != (Cause.DEFECT,), -len(each.defects)),
+        )
+    ]
 
 
 def _study(served: ServedPanel) -> None:

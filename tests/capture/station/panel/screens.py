@@ -14,10 +14,12 @@ from tests.capture.station.panel.pages import PAGES, REPORTS, address_of, logged
 from tests.capture.station.panel.panels import ServedPanel
 from tests.chromium import chromium
 
-_TALLEST_PX = 1500
-_SCALE = 0.5
+_TALLEST_PX = 1200
+# All pictures together have less than 600 kB.
+_SCALE = 0.6
 _HAS_PICTURES = """
 !document.body.innerText.includes('are being made')
+&& !document.querySelector('[aria-busy=true]')
 && [...document.images].every((image) => image.complete)
 """
 
@@ -38,6 +40,7 @@ def make(
         for route in (*PAGES, *REPORTS):
             page.show(width, height, dark=dark)
             page.go(address_of(route, served))
+            page.until(_HAS_PICTURES)
             tall = page.value("document.documentElement.scrollHeight")
             page.show(width, max(height, min(tall, _TALLEST_PX)), dark=dark)
             page.until(_HAS_PICTURES)
