@@ -57,7 +57,7 @@ def test_changed_code_of_the_same_version_needs_another_replay(
     files: RecipeFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = require_challenge(files, Inspector.load(files))
-    monkeypatch.setattr("capture.station.inspector.software_sha256", lambda: "of other code")
+    monkeypatch.setattr("capture.station.fingerprint.software_sha256", lambda: "of other code")
     inspector = Inspector.load(files)
     assert not has_met_challenge(files, inspector)
     next(files.challenge.glob("sand-2*")).write_bytes(b"read again, and damaged")
