@@ -57,8 +57,9 @@ class Backup:
             self.sources[database[0]] = database[1]
         self._missing = []
         for name in found.set_files:
-            if (folder / inside_parts(name)).is_file():
-                self.sources[name] = folder / name
+            path = inside_parts(name)
+            if (folder / path).is_file():
+                self.sources[str(path)] = folder / path
             else:
                 self._missing.append(name)
         if len(self.sources) > MOST_FILES:
@@ -157,11 +158,15 @@ def _name_of_results(folder: Path, results: Path) -> str:
 
 
 def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]:
-    """All files but results and sets of parts; a recipe before what teaching made for it."""
+    """All files but results, sets of parts and locks, by their name in the backup."""
     results = Path(config.results_in(folder)).resolve()
     left_out = {results.with_name(results.name + end) for end in _BESIDE_SQLITE}
     for path in _files_below(folder):
         name = path.relative_to(folder).as_posix()
+        try:
+            name.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{str(path)!r}: a name that is no UTF-8; rename it") from error
         is_set = name.startswith(f"{PARTS}/") and name.endswith(SET_SUFFIX)
         if not (is_set or path.name.endswith(_LOCKS) or path.resolve() in left_out):
             yield name, path
@@ -178,13 +183,8 @@ def _files_below(folder: Path) -> Iterator[Path]:
         # Hidden files are those that are being written.
         for name in sorted(each for each in names if not each.startswith(".")):
             path = Path(home) / name
-            if not path.is_file():
-                continue
-            try:
-                name.encode()
-            except UnicodeEncodeError as error:
-                raise InputError(f"{str(path)!r}: a name that is no UTF-8; rename it") from error
-            yield path
+            if path.is_file():
+                yield path
 
 
 def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:

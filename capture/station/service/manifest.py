@@ -5,7 +5,6 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-SUFFIX = ".ps4backup"
 MANIFEST = "backup.json"
 MOST_FILES = 2_000_000
 """A part a second that fails, for three weeks; its manifest has 400 MB."""

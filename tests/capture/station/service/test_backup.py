@@ -150,6 +150,14 @@ def test_a_recipe_that_changes_meanwhile_ends_the_backup(line: Path, tmp_path: P
     assert not path.exists()
 
 
+def test_a_name_that_no_archive_can_hold_is_named(line: Path, tmp_path: Path) -> None:
+    odd = os.fsdecode(os.fsencode(line) + b"/odd-\xff")
+    Path(odd).mkdir()
+    (Path(odd) / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="no UTF-8; rename it"):
+        back_up(line, tmp_path / "b.ps4backup")
+
+
 @pytest.mark.parametrize(
     ("place", "said"),
     [

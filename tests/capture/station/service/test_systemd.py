@@ -156,3 +156,28 @@ def test_an_upgrade_that_does_not_meet_the_challenge_is_not_ready_and_not_repeat
     assert systemd.shown(UNIT, "ActiveState") == "active"
     systemd.run("systemctl", "stop", UNIT)
     assert systemd.shown(UNIT, "Result") == "success"
+
+
+def test_a_backup_of_the_running_service_is_restored_as_the_readme_says(
+    running: SystemdContainer,
+) -> None:
+    running.until(lambda: parts(running) > 0)
+    backup, place = "/srv/backup/line-3.ps4backup", STATION.with_name("line-3-before")
+    running.run("install", "-d", "-o", "ps4rig", "/srv/backup")
+    running.run("runuser", "-u", "ps4rig", "--", *PS4RIG, "backup", STATION, backup)
+    running.run("systemctl", "stop", UNIT)
+    running.run("mv", STATION, place)
+    said = running.run(*PS4RIG, "restore", backup, STATION).stdout
+    running.run("chown", "-R", "ps4rig:", STATION)
+    [restored] = map(int, re.findall(r"(\d+) parts", said))
+    running.run("systemctl", "start", UNIT)
+    known = parts(running)
+    running.until(lambda: parts(running) > known)
+    running.run("systemctl", "stop", UNIT)
+    shown = running.run(*PS4RIG, "history", STATION, "--json", "--include-simulated").stdout
+    numbers = [part["number"] for part in json.loads(shown)["parts"]]
+    assert numbers == [*range(1, len(numbers) + 1)]
+    assert len(numbers) > restored > 0
+    verified = running.run(*PS4RIG[:-1], "verify", STATION, check=False).stdout
+    assert "altered" not in verified
+    assert "missing" not in verified
