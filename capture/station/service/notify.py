@@ -65,12 +65,13 @@ class Notifier:
         InputError
             If one of them cannot be used.
         """
+        address = environment.get("NOTIFY_SOCKET") or None
         usec, process = environment.get("WATCHDOG_USEC"), environment.get("WATCHDOG_PID")
         if usec is None or process not in (None, str(os.getpid())):
-            return cls(environment.get("NOTIFY_SOCKET"))
+            return cls(address)
         if not usec.isdecimal() or int(usec) == 0:
             raise InputError(f"WATCHDOG_USEC={usec}: give a number of microseconds")
-        return cls(environment.get("NOTIFY_SOCKET"), int(usec) / 1e6)
+        return cls(address, int(usec) / 1e6)
 
     def tell(self, event: Event) -> None:
         """Take an event of the station."""

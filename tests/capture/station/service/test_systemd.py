@@ -97,13 +97,13 @@ def test_the_doctor_finds_the_unit_as_printed(running: SystemdContainer) -> None
 def test_a_station_that_hangs_is_killed_by_the_watchdog_and_goes_on(
     systemd: SystemdContainer,
 ) -> None:
-    dropped_in(systemd, "WatchdogSec=4", "RestartSec=100ms")
+    dropped_in(systemd, "WatchdogSec=8", "RestartSec=100ms")
     systemd.run("systemctl", "start", UNIT)
     before = systemd.shown(UNIT, "MainPID")
     known = parts(systemd)
     systemd.until(lambda: parts(systemd) > known)
     systemd.run("kill", "-STOP", before)
-    systemd.until(lambda: systemd.shown(UNIT, "NRestarts") == "1")
+    systemd.until(lambda: int(systemd.shown(UNIT, "NRestarts")) > 0)
     systemd.until(lambda: systemd.shown(UNIT, "ActiveState") == "active")
     assert systemd.shown(UNIT, "MainPID") != before
     told = [entry["MESSAGE"] for entry in entries(systemd)]
