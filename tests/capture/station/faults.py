@@ -70,6 +70,7 @@ def main(parts: int, seed: int) -> int:
     """Print the verdicts by fault; return the exit status."""
     cv2.setNumThreads(1)
     ends: dict[str, Counter[str]] = defaultdict(Counter)
+    causes: Counter[str] = Counter()
     wrong: list[str] = []
     with tempfile.TemporaryDirectory(prefix="ps4rig-faults-", dir=in_memory(parts)) as place:
         folder = taught_station(Path(place) / "line-1")
@@ -100,12 +101,16 @@ def main(parts: int, seed: int) -> int:
                     listen,
                     SMALL_RIG.with_changes(simulation={"faults": plan}),
                 )
-            except Ps4rigError:
+            except Ps4rigError as error:
                 count(NOT_READY)
+                causes[str(error).split(";")[0]] += 1
     print(f"{'':24}" + "".join(f"{column:>15}" for column in COLUMNS))
     for name, counts in sorted(ends.items()):
         print(f"{name:24}" + "".join(f"{counts[column]:15}" for column in COLUMNS))
-    print(f"{len(wrong)} wrong PASS", *wrong, sep="\n")
+    print(
+        f"\n{NOT_READY}", *(f"{times:4} {cause}" for cause, times in causes.most_common()), sep="\n"
+    )
+    print(f"\n{len(wrong)} wrong PASS", *wrong, sep="\n")
     return int(bool(wrong) or ends["all"]["good PASS"] == 0)
 
 
