@@ -40,7 +40,10 @@ def port_holders(device: str, proc: Path = _PROC) -> list[PortHolder]:
 
 def _has_open(process: Path, wanted: str) -> bool:
     try:
-        return any(_target(entry) == wanted for entry in os.scandir(process / "fd"))
+        return any(
+            _target(entry) == wanted and not _is_of_a_container(entry, wanted)
+            for entry in os.scandir(process / "fd")
+        )
     except OSError:  # another user's, or it has just ended
         return False
 
@@ -50,6 +53,16 @@ def _target(entry: os.DirEntry[str]) -> str:
         return os.readlink(entry.path)  # noqa: PTH115 - a Path per open file takes too long
     except OSError:  # closed since it was listed
         return ""
+
+
+def _is_of_a_container(entry: os.DirEntry[str], wanted: str) -> bool:
+    """Whether an open pseudo-terminal is of another /dev/pts, where names are given anew."""
+    if not wanted.startswith("/dev/pts/"):
+        return False
+    try:
+        return entry.stat().st_dev != os.stat(wanted).st_dev  # noqa: PTH116 - as above
+    except OSError:  # closed since
+        return True
 
 
 def _name(process: Path) -> str:

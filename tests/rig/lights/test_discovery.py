@@ -226,6 +226,30 @@ def test_holders_are_found_through_links_until_they_end(
     assert holder.name.startswith("python")
 
 
+@pytest.mark.slow
+def test_a_terminal_of_a_container_with_the_same_name_is_another_one(
+    silent_port: tuple[int, SerialPort],
+) -> None:
+    device = silent_port[1].device
+    opening = (
+        "import os, sys\n"
+        "while os.ttyname(os.openpty()[1]) != sys.argv[1]: pass\n"
+        "print('open', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    own = "mount -t devpts -o newinstance,ptmxmode=0666 devpts /dev/pts"
+    steps = f'{own} && mount --bind /dev/pts/ptmx /dev/ptmx && exec "$@"'
+    container = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", steps, "sh"]
+    with subprocess.Popen(
+        [*container, sys.executable, "-c", opening, device],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    ) as holder:  # fmt: skip
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "open\n"
+        assert port_holders(device) == []
+        holder.communicate()
+
+
 def test_there_are_no_holders_without_proc(tmp_path: Path) -> None:
     assert port_holders("/dev/null", tmp_path / "none") == []
     (tmp_path / "12").mkdir()
