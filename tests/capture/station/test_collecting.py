@@ -1,4 +1,4 @@
-"""A run that collects parts to teach: no recipe, no PASS; its parts then make the first recipe."""
+"""A run that collects parts to teach: no recipe, and no PASS."""
 
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from capture.station.folder import StationFolder, make_station, station_folder
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import write_recipe
 from capture.station.run import RunOptions, run_station
-from capture.station.teaching import teach
 from capture.station.triggers import TimerTrigger
 from capture.station.verdict import Decision
 from classify.errors import InputError
@@ -29,21 +28,19 @@ def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
     return events
 
 
-def test_a_new_station_collects_parts_that_make_its_first_recipe(tmp_path: Path) -> None:
+def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Path) -> None:
     folder = tmp_path / "line"
     make_station(folder)
     with pytest.raises(InputError, match=r"no such recipe.*a run with --collect"):
         _run_without_collecting(folder)
-    events = collected(folder, VIRTUAL, 3)
+    events = collected(folder, VIRTUAL, 2)
     results = [each.result for each in events if isinstance(each, PartAnnounced)]
-    assert [(each.verdict.decision, each.verdict.reason) for each in results] == 3 * [
+    assert [(each.verdict.decision, each.verdict.reason) for each in results] == 2 * [
         (Decision.UNKNOWN, COLLECTS)
     ]
     assert all(each.recipe is each.recipe_sha256 is None for each in results)
     assert not any(isinstance(each, RecipeLoaded) for each in events)
-    paths = [folder / each.set_file for each in results if each.set_file is not None]
-    teaching = teach(StationFolder(folder).recipe_files(), paths, good_texture="slate")
-    assert (teaching.recipe.passes, teaching.recipe.version) == (("slate",), 1)
+    assert all((folder / str(each.set_file)).is_file() for each in results)
 
 
 def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: Path) -> None:
