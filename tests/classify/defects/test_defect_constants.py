@@ -41,7 +41,12 @@ CONSTANTS = {
     octave_statistics: {"_STATISTICS_CELLS": (0.75, 3.0)},
     window_statistics: {"_WINDOWS": ((1,), (3,), (1, 5)), "_SMOOTHING_CELLS": (0.5, 2.0)},
     gaussian: {"_RIDGE": (0.005, 0.02)},
-    limits: {"_TILE": (4, 16), "_TAIL_SHARE": (0.1, 0.4), "_LONGEST_TAIL": (0.2, 0.8)},
+    limits: {
+        "_PRIOR_SPREAD": (0.125, 0.5),
+        "_TILE": (4, 16),
+        "_TAIL_SHARE": (0.1, 0.4),
+        "_LONGEST_TAIL": (0.2, 0.8),
+    },
 }
 
 
