@@ -135,6 +135,10 @@ class DefectModel:
             raise DefectModelError(f"{path}: its gains are not square; teach it again")
         octaves, windows, evidence, limit = "statistics", None, None, 1.0
         if "limit" in arrays:
+            if min(arrays["limit"].min(), arrays["excess"].min()) <= 0.0:
+                raise DefectModelError(
+                    f"{path}: its limit or an excess is not above 0; teach it again"
+                )
             octaves, limit = "octaves", float(arrays["limit"][0])
             windows = Gaussian(arrays["windows_mean"], arrays["windows_whitening"])
             evidence = Evidence(arrays["quantiles"], arrays["excess"])

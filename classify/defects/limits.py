@@ -20,8 +20,8 @@ _LEAST_LIMIT = 1e-3
 
 # Quantile of the normal distribution at 95 %.
 _CONFIDENCE_BOUND = 1.645
-# Spread of the log part maxima before any part is seen, with the weight of so many parts: it was 0.2
-# to 0.3 on most textures of `ps4rig reproduce --defects` (classify/README.md).
+# Spread of the log part maxima before any part is seen, with the weight of so many parts. It was
+# 0.2 to 0.3 on most textures of `ps4rig reproduce --defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
 Maxima = npt.NDArray[np.float64]

@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,12 @@ def test_other_headers_are_refused(saved, field: str, value: object, cause: str)
     header = json.loads(members(saved)["defects.json"]) | {field: value}
     put(saved, "defects.json", json.dumps(header).encode())
     assert_refused(saved, cause)
+
+
+def test_a_limit_of_zero_is_refused(model, tmp_path: Path) -> None:
+    path = tmp_path / "zero.ps4def"
+    replace(model, limit=0.0).save(path)
+    assert_refused(path, "not above 0")
 
 
 def test_a_model_of_version_1_scores_as_it_did(stationary, tmp_path: Path) -> None:
