@@ -16,12 +16,16 @@ from tests.chromium import chromium
 
 _TALLEST_PX = 1200
 # All pictures together have less than 600 kB.
-_SCALE = 0.6
+_SCALE = 0.55
 _HAS_PICTURES = """
 !document.body.innerText.includes('are being made')
-&& !document.querySelector('[aria-busy=true]')
 && [...document.images].every((image) => image.complete)
 """
+# The operator's page gets its parts and pictures one after the other.
+_IS_FILLED = {
+    "/": "pictures.querySelector('img') && rejected.querySelector('img') "
+    "&& !rejected.querySelector('img[hidden]')"
+}
 
 
 def name_of(path: str) -> str:
@@ -40,6 +44,7 @@ def make(
         for route in (*PAGES, *REPORTS):
             page.show(width, height, dark=dark)
             page.go(address_of(route, served))
+            page.until(f"!!({_IS_FILLED.get(route.path, 'true')})")
             page.until(_HAS_PICTURES)
             tall = page.value("document.documentElement.scrollHeight")
             page.show(width, max(height, min(tall, _TALLEST_PX)), dark=dark)
