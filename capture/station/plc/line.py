@@ -13,7 +13,7 @@ from capture.station.triggers import Refused, Trigger
 
 from .handshake import SOURCE, Handshake, TriggerRequest
 
-# At the end of a run, how long the last results wait for a PLC; many scans of its program.
+# Many scans of the program of a PLC.
 _LAST_S = 3.0
 # Half the period that the README gives a PLC, because it may just have missed a tick.
 TICK_S = 0.5
@@ -28,7 +28,7 @@ class PlcLine:
 
     Its methods may be called from any thread and never wait for the station. `tell` subscribes to
     the station's events; triggers are served within a ``with`` block, which ends when the PLC has
-    acknowledged the last result, or `_LAST_S` later.
+    acknowledged the last result, or `last_s` later.
 
     Parameters
     ----------
@@ -38,6 +38,8 @@ class PlcLine:
         Not to be used by anybody else.
     now_s
         The monotonic clock.
+    last_s
+        At the end of the block, how long the last results wait for the PLC.
     """
 
     def __init__(
@@ -45,8 +47,10 @@ class PlcLine:
         live: LiveStation,
         handshake: Handshake,
         now_s: Callable[[], float] = time.monotonic,
+        last_s: float = _LAST_S,
     ) -> None:
         self._live, self._handshake, self._now_s = live, handshake, now_s
+        self._last_s = last_s
         self._changed = threading.Condition()
         self._request: TriggerRequest | None = None
         self._unrecorded: deque[tuple[Trigger, str]] = deque()
@@ -61,7 +65,7 @@ class PlcLine:
 
     def __exit__(self, *_: object) -> None:
         with self._changed:
-            self._changed.wait_for(self._is_done, _LAST_S)
+            self._changed.wait_for(self._is_done, self._last_s)
             self._is_closed = True
             self._changed.notify_all()
         self._thread.join()

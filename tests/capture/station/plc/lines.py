@@ -65,7 +65,7 @@ def running_line(
         before(station)
         live = LiveStation(station.folder.config.name, simulated=True)
         handshake = Handshake(session, is_trigger=is_trigger, is_simulated=True)
-        line = PlcLine(live, handshake, now_s)
+        line = PlcLine(live, handshake, now_s, last_s=0.0)
 
         def tell(event: Event) -> None:
             live.tell(event)

@@ -502,4 +502,4 @@ class Belt(RuleBasedStateMachine):
 
 
 TestBelt = Belt.TestCase
-TestBelt.settings = settings(max_examples=100, stateful_step_count=30)
+TestBelt.settings = settings(max_examples=60, stateful_step_count=30)

@@ -202,6 +202,7 @@ def test_bytes_that_are_no_modbus_harm_nobody_else(
         assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
 
 
+@pytest.mark.slow
 def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_closed(
     tmp_path: Path, captured: CapturedSet
 ) -> None:
