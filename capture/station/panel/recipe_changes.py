@@ -65,7 +65,8 @@ class RecipeChanges:
         elif not self.files.file.is_file():
             raise InputError(f"recipe {self.files.name}: no parts are known; give some")
         kind = "good" if is_good else "bad"
-        what = f"{len(paths)} {kind} parts of {texture}" if paths else "the known parts again"
+        parts = f"{len(paths)} {kind} part{'s' * (len(paths) != 1)}"
+        what = f"{parts} of {texture}" if paths else "the known parts again"
         after = f"teach {what}: {', '.join(part_ids)}" if paths else f"teach {what}"
         title = f"Teach {what}"
         arguments = (self.files, paths, texture, is_good)
@@ -74,7 +75,7 @@ class RecipeChanges:
     def replay(self) -> Job:
         """Start a replay of the challenge set; raises JobRefused if a job is running."""
         parts = len(challenge_sets(self.files.challenge))
-        title = f"Replay the challenge set, {parts} parts"
+        title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
         return self._start(
             "challenge", title, title, replay_parts, (self.files, self._calibration())
         )
