@@ -91,6 +91,13 @@ class Handshake:
         Whether the rig is simulated.
     recipes
         Names of recipes, in the order of their positions.
+
+    Attributes
+    ----------
+    heartbeat
+        What the PLC reads as such; to be counted up.
+    is_open
+        Whether triggers reach the station; until then they are refused.
     """
 
     def __init__(
@@ -114,6 +121,7 @@ class Handshake:
         self._overruns = 0
         self._is_wrong_ack = False
         self.heartbeat = 0
+        self.is_open = True
 
     # The PLC.
 
@@ -276,6 +284,8 @@ class Handshake:
 
     def _refusal(self) -> tuple[ErrorCode, str] | None:
         """Why the handshake would refuse any trigger now."""
+        if not self.is_open:
+            return ErrorCode.NOT_READY, "not ready: the station is starting"
         if not self._is_trigger:
             return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:

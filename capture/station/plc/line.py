@@ -9,7 +9,7 @@ from typing import Self
 from capture.station.events import Event
 from capture.station.live.devices import Device, Status
 from capture.station.live.live_station import LiveStation
-from capture.station.triggers import Refused, Trigger
+from capture.station.triggers import Trigger
 
 from .handshake import SOURCE, Handshake, TriggerRequest
 
@@ -81,6 +81,8 @@ class PlcLine:
     def station_words(self) -> list[int]:
         """Return the registers that the station shows, of one moment."""
         with self._changed:
+            # The state can be ready a moment before.
+            self._handshake.is_open = self._live.is_attached
             return self._handshake.station_words()
 
     def plc_words(self) -> list[int]:
@@ -97,6 +99,7 @@ class PlcLine:
             As `Handshake.write`.
         """
         with self._changed:
+            self._handshake.is_open = self._live.is_attached
             before = self._handshake.commands["heartbeat"]
             request = self._handshake.write(address, words)
             if self._handshake.commands["heartbeat"] != before:
@@ -140,12 +143,9 @@ class PlcLine:
         )
 
     def _pass_on(self, request: TriggerRequest) -> None:
-        is_recorder = self._live.is_attached
         answer = self._live.submit(Trigger(SOURCE, request.part_id))
         with self._changed:
             self._handshake.answered(request, answer)
-            if isinstance(answer, Refused) and not is_recorder:
-                self._record(request, answer.reason)
 
     def _record(self, request: TriggerRequest, reason: str) -> None:
         """Keep a refusal until it can be recorded."""

@@ -161,6 +161,14 @@ def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
     assert status(handshake) & (Status.ACK | Status.REFUSED) == Status.REFUSED
 
 
+def test_a_station_that_triggers_do_not_reach_yet_is_not_ready() -> None:
+    handshake = ready()
+    handshake.is_open = False
+    assert Status.READY not in status(handshake)
+    assert triggered(handshake, 1).refusal == "not ready: the station is starting"
+    assert shown(handshake)["error"] == ErrorCode.NOT_READY
+
+
 def test_a_recipe_is_required_by_its_position() -> None:
     handshake = ready(recipes=("brass", "steel"))
     handshake.tell(RecipeLoaded("steel", 4, "0123456789abcdef" * 4))
