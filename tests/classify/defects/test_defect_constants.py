@@ -91,8 +91,8 @@ def test_halved_and_doubled_constants(parts, monkeypatch) -> None:
     shipped = _rates(parts)
     print("\nnumber | alarms, % | relief | stain | texture, % found | mean log score")
     print("shipped |", row.format(*shipped), flush=True)
-    # Pieces of one material differ more than parts of one kind: more than the 1 % that was asked.
-    assert shipped[0] < 10.0
+    # At the rate asked, 1 %, more than 3 of 88 good parts have a probability of 1e-2.
+    assert shipped[0] < 4.0
     assert shipped[1] > 30.0
     for module, names in CONSTANTS.items():
         for name, values in names.items():
