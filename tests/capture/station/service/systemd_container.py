@@ -1,10 +1,14 @@
-"""A real systemd as process 1 of namespaces of its own, on a copy of this machine's files."""
+"""A real systemd as process 1 of namespaces of its own, on a copy of this machine's files.
+
+`python -m tests.capture.station.service.systemd_container` says whether one boots on this machine.
+"""
 
 import os
 import shlex
 import subprocess
 import sys
 import sysconfig
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -112,3 +116,8 @@ def _removed(path: Path) -> bool:
     except OSError:
         return False
     return True
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder, systemd_container(Path(folder)):
+        print("a systemd boots on this machine")
