@@ -31,19 +31,20 @@ def run_ladder(
     """
     ladder = Ladder()
     ladder.part_id = next_part()
-    missing = 0 if ladder.part_id is None else 1
-    while missing > 0:
+    unjudged = int(ladder.part_id is not None)
+    # A part may have its result before the PLC has seen that it may move.
+    while unjudged > 0 or ladder.part_id is not None:
         try:
             with PlcConnection(host, port) as plc:
-                while missing > 0:
+                while unjudged > 0 or ladder.part_id is not None:
                     plc.write(ladder.scan(plc.read(), time.monotonic()))
                     for each in ladder.judged:
                         judged(each)
-                        missing -= 1
+                        unjudged -= 1
                     ladder.judged.clear()
                     if ladder.part_id is None:
                         ladder.part_id = next_part()
-                        missing += ladder.part_id is not None
+                        unjudged += ladder.part_id is not None
                     time.sleep(_SCAN_S)
         except ConnectionError:
             time.sleep(_RECONNECT_S)

@@ -117,7 +117,7 @@ class Ladder:
                 self._step = _Step.EXPOSURE
             elif (is_mine and Status.REFUSED in status) or now_s > self._deadline_s:
                 self._reject()
-        elif self._step is _Step.EXPOSURE:
+        if self._step is _Step.EXPOSURE:
             if inputs["number"] == self._number and Status.EXPOSURE_COMPLETE in status:
                 self.part_id, self._step = None, _Step.CLEAR
             elif now_s > self._deadline_s:
