@@ -34,8 +34,8 @@ def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
     The password is asked for, or is the first line of the standard input.
     """
     from capture.station.folder import StationFolder
-    from capture.station.panel.accounts import accounts_on_the_terminal
-    from capture.station.panel.roles import Role
+    from capture.station.panel.access.accounts import accounts_on_the_terminal
+    from capture.station.panel.access.roles import Role
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.put_user(name, Role(role), _password(name))
@@ -47,7 +47,7 @@ def add_user(folder: Folder, name: UserName, role: RoleName) -> None:
 def remove_user(folder: Folder, name: UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.folder import StationFolder
-    from capture.station.panel.accounts import accounts_on_the_terminal
+    from capture.station.panel.access.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_user(name)
@@ -59,7 +59,7 @@ def remove_user(folder: Folder, name: UserName) -> None:
 def list_users(folder: Folder) -> None:
     """List the users."""
     from capture.station.folder import StationFolder
-    from capture.station.panel.users import Users
+    from capture.station.panel.access.users import Users
 
     table = new_table("user", "role")
     for user in Users(StationFolder(folder).path).all():
@@ -72,8 +72,8 @@ def list_users(folder: Folder) -> None:
 def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
     """Add a program and print its token, which is kept nowhere."""
     from capture.station.folder import StationFolder
-    from capture.station.panel.accounts import accounts_on_the_terminal
-    from capture.station.panel.roles import Role
+    from capture.station.panel.access.accounts import accounts_on_the_terminal
+    from capture.station.panel.access.roles import Role
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         out.print(accounts.add_client(name, Role(role)), soft_wrap=True)
@@ -84,7 +84,7 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
 def remove_token(folder: Folder, name: ClientName) -> None:
     """Remove a program; its token is worth nothing at once."""
     from capture.station.folder import StationFolder
-    from capture.station.panel.accounts import accounts_on_the_terminal
+    from capture.station.panel.access.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_client(name)
@@ -96,7 +96,7 @@ def remove_token(folder: Folder, name: ClientName) -> None:
 def list_tokens(folder: Folder) -> None:
     """List the programs that have a token."""
     from capture.station.folder import StationFolder
-    from capture.station.panel.tokens import Tokens
+    from capture.station.panel.access.tokens import Tokens
 
     table = new_table("client", "role", "since (UTC)")
     for client in Tokens(StationFolder(folder).path).all():

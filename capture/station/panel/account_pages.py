@@ -6,9 +6,9 @@ from capture.station.results.change_log import newest_changes
 from capture.station.results.database import ResultsUnavailable
 from classify.errors import InputError
 
+from .access.roles import Role
 from .accounts_api import accounts_of, role_of
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
 

@@ -4,10 +4,10 @@ from starlette.responses import Response
 
 from classify.errors import InputError
 
-from .accounts import Accounts
+from .access.accounts import Accounts
+from .access.roles import Role
 from .api import V1
 from .render import Answer
-from .roles import Role
 from .routes import Call, PanelRoute
 
 

@@ -16,14 +16,14 @@ from capture.station.triggers import Accepted, Refused
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
+from .access.roles import Role
 from .awaiting import awaited
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
+from .part_pictures.stored_set import stored_set
 from .render import Answer
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
-from .stored_set import stored_set
 
 MOST_PARTS = 500
 PARTS = 50

@@ -18,14 +18,13 @@ from . import (
     openapi,
     operator_page,
     part_page,
-    pictures,
-    recipe_pages,
-    recipes_api,
+    pictures_api,
     statistics_api,
     statistics_page,
 )
 from .guard import endpoint_of, error_answer
 from .panel import Panel
+from .recipes import recipe_pages, recipes_api
 from .render import STATIC
 from .routes import PanelRoute
 from .security import STATIC_PATH, HostRule, SecureHeaders
@@ -38,7 +37,7 @@ ROUTES: tuple[PanelRoute, ...] = (
     *statistics_page.ROUTES,
     *recipe_pages.ROUTES,
     *api.ROUTES,
-    *pictures.ROUTES,
+    *pictures_api.ROUTES,
     *statistics_api.ROUTES,
     *recipes_api.ROUTES,
     *event_stream.ROUTES,

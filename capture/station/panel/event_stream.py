@@ -11,9 +11,9 @@ from starlette.responses import Response, StreamingResponse
 from capture.station.live.live_station import LiveStation, Snapshot
 from capture.station.live.subscription import LiveEvent
 
+from .access.roles import Role
 from .awaiting import awaited
 from .guard import identity_of
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
 

@@ -14,9 +14,9 @@ from starlette.responses import RedirectResponse, Response
 from capture.station.results.database import ResultsUnavailable
 from classify.errors import InputError, Ps4rigError
 
+from .access.roles import Identity, Role
 from .panel import Panel
 from .render import Answer, page
-from .roles import Identity, Role
 from .routes import API, Call, PanelRoute
 from .security import (
     SAFE_METHODS,

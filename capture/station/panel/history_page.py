@@ -8,11 +8,11 @@ from capture.station.results.statistics import choices
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
+from .access.roles import Role
 from .api import PARTS, newest_parts
 from .filter_form import FilterForm
 from .filters import selection_of
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 
 

@@ -5,9 +5,9 @@ import re
 
 from starlette.responses import RedirectResponse, Response
 
+from .access.roles import Role
 from .guard import session_cookie
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from starlette.responses import Response
 
+from .access.roles import Role
 from .api import V1
 from .render import Answer, page
-from .roles import Role
 from .routes import Call, PanelRoute
 
 _TEXT = {"type": "string"}

@@ -2,8 +2,8 @@
 
 from starlette.responses import Response
 
+from .access.roles import Role
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 
 

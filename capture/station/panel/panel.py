@@ -6,14 +6,14 @@ from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder
 from capture.station.live.live_station import LiveStation
 
-from .background_jobs import BackgroundJobs
-from .change_log import ChangeLog
-from .picture_maker import PictureMaker
+from .access.change_log import ChangeLog
+from .access.sessions import LoginLimit, Sessions
+from .access.tokens import Tokens
+from .access.users import Users
+from .part_pictures.picture_maker import PictureMaker
+from .recipes.background_jobs import BackgroundJobs
 from .results_access import ResultsAccess
-from .sessions import LoginLimit, Sessions
-from .tokens import Tokens
 from .triggering import KeyedTriggers
-from .users import Users
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
 from classify.errors import InputError
 
+from .access.roles import Role
 from .api import entry_of, override
-from .judged_by import recipe_of
 from .part_numbers import measured_numbers
+from .part_pictures.judged_by import recipe_of
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 
 

@@ -9,8 +9,8 @@ from starlette.responses import Response
 
 from classify.errors import InputError
 
+from .access.roles import Identity, Role
 from .panel import Panel
-from .roles import Identity, Role
 
 API = "/api/"
 

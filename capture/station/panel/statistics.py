@@ -23,8 +23,8 @@ from capture.station.verdict import Decision
 from classify.errors import InputError
 from rig.config.rig import config_of
 
-from .charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
-from .drawing import Drawing
+from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
+from .charts.drawing import Drawing
 from .panel import Panel
 from .security import Denied
 

@@ -8,11 +8,11 @@ from capture.station.results.history import Selection
 from capture.station.results.history_table import csv_line, tally_record
 from classify.errors import InputError
 
+from .access.roles import Role
 from .api import V1
-from .chart_png import drawing_png
+from .charts.chart_png import drawing_png
 from .filters import FILTERS, OF_ONE_PART, selection_of
 from .render import Answer
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
 from .statistics import Figure, StationStatistics, statistics_of

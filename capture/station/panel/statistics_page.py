@@ -6,9 +6,9 @@ from capture.station.results.statistics import choices
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
+from .access.roles import Role
 from .filter_form import FilterForm
 from .render import page
-from .roles import Role
 from .routes import Call, PanelRoute
 from .statistics import statistics_of
 from .statistics_api import statistics_selection

@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.station.config import CONFIG
 from capture.station.gauge import GaugeStudy, Presentation
 from capture.station.gauge_report import GaugeReport, write_gauge_report
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.verdict import Cause, Decision
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel

@@ -2,8 +2,8 @@
 
 import re
 
+from capture.station.panel.access.roles import Role
 from capture.station.panel.app import ROUTES
-from capture.station.panel.roles import Role
 from capture.station.panel.routes import PanelRoute
 from capture.station.recipe_file import read_recipe
 from tests.capture.station.panel.demonstration import failed

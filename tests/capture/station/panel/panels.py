@@ -15,9 +15,9 @@ from capture.station.events import Publisher
 from capture.station.face_config import PanelConfig
 from capture.station.folder import station_folder
 from capture.station.live.live_station import LiveStation
+from capture.station.panel.access.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
-from capture.station.panel.roles import Role
 from capture.station.panel.server import serving_panel
 from capture.station.run import run_station
 from capture.station.triggers import TriggerSource

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from capture.station.panel.roles import Identity, Role
+from capture.station.panel.access.roles import Identity, Role
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from capture.station.folder import make_station
-from capture.station.panel import users as users_module
-from capture.station.panel.roles import Role
-from capture.station.panel.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
-from capture.station.panel.tokens import Tokens
-from capture.station.panel.users import LONGEST_PASSWORD, Users
+from capture.station.panel.access import users as users_module
+from capture.station.panel.access.roles import Role
+from capture.station.panel.access.sessions import IDLE_S, LONGEST_S, MOST_SESSIONS, Sessions
+from capture.station.panel.access.tokens import Tokens
+from capture.station.panel.access.users import LONGEST_PASSWORD, Users
 from capture.station.results.change_log import ChangeRecord, newest_changes, record_change
 from capture.station.results.store import open_store
 from classify.errors import InputError

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.panel.triggering import MOST_WAITING
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import write_recipe

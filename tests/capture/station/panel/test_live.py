@@ -18,7 +18,7 @@ from capture.station.events import (
 from capture.station.live.devices import Device
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.results.part_result import PartResult
 from capture.station.states import Change, State
 from capture.station.triggers import Refused, Trigger

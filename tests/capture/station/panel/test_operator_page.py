@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from capture.station.panel import picture_maker
-from capture.station.panel.painting import PaintedPicture, painted
-from capture.station.panel.part_view import PartView
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
+from capture.station.panel.part_pictures import picture_maker
+from capture.station.panel.part_pictures.painting import PaintedPicture, painted
+from capture.station.panel.part_pictures.part_view import PartView
 from capture.station.results.part_result import DefectRecord
 from capture.station.results.removals import record_removals
 from capture.station.verdict import Cause, Decision, Verdict

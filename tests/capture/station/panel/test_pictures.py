@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.panel import picture_maker
-from capture.station.panel.painting import PaintedPicture
-from capture.station.panel.picture_maker import MOST_WAITING
+from capture.station.panel.part_pictures import picture_maker
+from capture.station.panel.part_pictures.painting import PaintedPicture
+from capture.station.panel.part_pictures.picture_maker import MOST_WAITING
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
 from rig.set_file import pixels_sha256

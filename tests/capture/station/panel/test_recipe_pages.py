@@ -8,7 +8,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.events import RecipeLoaded
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import read_recipe
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from capture.station.panel.access.roles import Role
 from capture.station.panel.app import ROUTES
-from capture.station.panel.roles import Role
 from capture.station.panel.routes import PanelRoute
 from tests.capture.station.panel.panels import Client, RunningPanel
 

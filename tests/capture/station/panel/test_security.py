@@ -15,12 +15,16 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.face_config import PanelConfig
 from capture.station.folder import make_station
 from capture.station.panel import security, server
+from capture.station.panel.access.roles import Role
+from capture.station.panel.access.sessions import (
+    FAILURES_OF_A_NAME,
+    FAILURES_OF_AN_ADDRESS,
+    LoginLimit,
+)
+from capture.station.panel.access.users import Users
 from capture.station.panel.app import ROUTES
-from capture.station.panel.roles import Role
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule
 from capture.station.panel.server import MAX_CONNECTIONS
-from capture.station.panel.sessions import FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS, LoginLimit
-from capture.station.panel.users import Users
 from classify.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 
@@ -228,7 +232,7 @@ def test_a_large_head_is_refused(without_users: RunningPanel) -> None:
         ("application/json", b'{"part_id": NaN}', 400),
         ("application/json", 60_000 * b"[", 400),
         ("application/json", b"\xff\xfe", 400),
-        ("application/x-www-form-urlencoded", 300 * b"a=b&", 400),
+        ("application/x-www-form-urlencoded", 2 * security.MAX_FIELDS * b"a=b&", 400),
         ("application/x-www-form-urlencoded", b"a=%ff", 400),
         ("multipart/form-data", b"x", 415),
         ("text/plain", b"x", 415),

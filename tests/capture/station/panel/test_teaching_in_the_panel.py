@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from capture.station.inspector import Inspector
-from capture.station.panel.roles import Role
+from capture.station.panel.access.roles import Role
 from capture.station.recipe_file import read_recipe
 from capture.station.verdict import Decision
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel

@@ -4,9 +4,9 @@ from contextlib import suppress
 
 from capture.process.utc_time import utc_text
 from capture.station.folder import StationFolder
+from capture.station.panel.results_access import NoResultsYet, ResultsAccess
 from capture.station.results.change_log import ChangeRecord, record_change
 
-from .results_access import NoResultsYet, ResultsAccess
 from .roles import Identity
 
 

@@ -12,6 +12,10 @@ from capture.station.challenge_set import (
     challenge_sets,
     remove_from_challenge,
 )
+from capture.station.panel.access.roles import Identity
+from capture.station.panel.panel import Panel
+from capture.station.panel.part_pictures.stored_set import stored_set
+from capture.station.panel.security import Denied
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import read_recipe
 from capture.station.recipe_folder import RecipeFolder
@@ -24,11 +28,7 @@ from classify.labels import checked_label
 from rig.config.rig import config_of
 
 from .background_jobs import Job, Work
-from .panel import Panel
 from .recipe_jobs import replay_parts, teach_parts
-from .roles import Identity
-from .security import Denied
-from .stored_set import stored_set
 
 # As many as a job can teach in its time; see `background_jobs`.
 MOST_PARTS = 300

@@ -10,14 +10,14 @@ from starlette.responses import Response
 from capture.station.results.history import HistoryEntry
 from classify.errors import InputError
 
+from .access.roles import Role
 from .api import V1, entry_of
-from .painting import SIZES
-from .picture_maker import PartPictures
+from .part_pictures.painting import SIZES
+from .part_pictures.picture_maker import PartPictures
+from .part_pictures.stored_set import stored_set
 from .render import Answer
-from .roles import Role
 from .routes import Call, PanelRoute
 from .security import Denied
-from .stored_set import stored_set
 
 # Browsers keep pictures, and ask each time whether they may still show them.
 _KEPT = "private, no-cache"

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from capture.station.folder import StationFolder
+from capture.station.panel.security import Denied
 from capture.station.results.history import HistoryEntry
-
-from .security import Denied
 
 
 def stored_set(folder: StationFolder, entry: HistoryEntry) -> Path:

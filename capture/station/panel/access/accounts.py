@@ -6,10 +6,10 @@ from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 
 from capture.station.folder import StationFolder
+from capture.station.panel.results_access import ResultsAccess
 from classify.errors import InputError
 
 from .change_log import ChangeLog
-from .results_access import ResultsAccess
 from .roles import Identity, Role
 from .tokens import Tokens, require_new_client
 from .users import Users, require_account

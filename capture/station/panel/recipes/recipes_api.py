@@ -7,19 +7,19 @@ from starlette.responses import Response
 
 from capture.station.approval import approved_states
 from capture.station.challenge_set import challenge_sets
+from capture.station.panel.access.roles import Role
+from capture.station.panel.api import V1
+from capture.station.panel.render import Answer
+from capture.station.panel.routes import Call, PanelRoute
+from capture.station.panel.security import Denied
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import read_recipe
 from capture.station.recipe_settings import SettingsRefused, dotted
 from classify.errors import InputError
 
-from .api import V1
 from .background_jobs import Job
 from .recipe_changes import RecipeChanges
 from .recipe_pages import changes_of, known_changes_of, recipe_names
-from .render import Answer
-from .roles import Role
-from .routes import Call, PanelRoute
-from .security import Denied
 
 _ONE = f"{V1}/recipes/{{name}}"
 _SEEN = {"sha256": "hash of the recipe as it was seen"}

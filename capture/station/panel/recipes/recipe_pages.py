@@ -7,6 +7,11 @@ from starlette.responses import RedirectResponse, Response
 
 from capture.station.approval import approved_states
 from capture.station.challenge_set import challenge_sets
+from capture.station.panel.access.roles import Role
+from capture.station.panel.api import whole_number
+from capture.station.panel.render import page
+from capture.station.panel.routes import Call, PanelRoute
+from capture.station.panel.security import Denied
 from capture.station.recipe_file import SUFFIX, read_recipe
 from capture.station.recipe_folder import RecipeFolder
 from capture.station.recipe_settings import SettingsRefused
@@ -17,13 +22,8 @@ from capture.station.taught import read_taught
 from classify.errors import InputError, Ps4rigError
 from classify.regular_file import read_regular_file
 
-from .api import whole_number
 from .recipe_changes import EXPECTED, RecipeChanges
 from .recipe_form import RecipeForm, settings_of
-from .render import page
-from .roles import Role
-from .routes import Call, PanelRoute
-from .security import Denied
 
 # Pictures are made for so many parts at once (`picture_maker.MOST_WAITING`).
 _SHOWN_PARTS = 20

@@ -1,0 +1,1 @@
+"""Who may ask a panel: people with passwords, programs with tokens, roles, sessions."""

@@ -1,0 +1,1 @@
+"""Charts of the statistics: what they show, their lines and areas, the same as PNG."""
