@@ -10,7 +10,15 @@ from typing import Any
 
 import pytest
 
-from capture.station.config import CONFIG, EXAMPLE, StationConfig, read_config
+from capture.station.config import (
+    CONFIG,
+    EXAMPLE,
+    Retention,
+    SimulatedParts,
+    StationConfig,
+    read_config,
+)
+from capture.station.face_config import ModbusConfig, MqttConfig, PanelConfig
 from tests.capture.station.production import contradictions, taught_station
 from tests.capture.station.teaching_sets import SIDE_PX
 
@@ -28,9 +36,9 @@ def test_init_writes_a_commented_configuration(ps4rig: Any, tmp_path: Path) -> N
 
 def test_the_example_names_every_key() -> None:
     keys = {*re.findall(r"^(?:# )?(\w+) = ", EXAMPLE, re.MULTILINE)}
-    sections = {*re.findall(r"^\[(\w+)\]", EXAMPLE, re.MULTILINE)}
-    for section in ("retention", "simulated_parts", "panel"):
-        keys -= {*type(getattr(StationConfig(name="a", recipe="b"), section)).model_fields}
+    sections = {*re.findall(r"^(?:# )?\[(\w+)\]", EXAMPLE, re.MULTILINE)}
+    for model in (Retention, SimulatedParts, PanelConfig, ModbusConfig, MqttConfig):
+        keys -= {*model.model_fields}
     assert keys | sections == {*StationConfig.model_fields}
 
 
