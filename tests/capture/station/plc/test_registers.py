@@ -27,7 +27,7 @@ from capture.station.plc.registers import (
     registers_page,
 )
 
-README = Path(__file__).parents[4] / "capture" / "station" / "README.md"
+README = Path(__file__).parents[4] / "capture/station/plc/README.md"
 BOTH = pytest.mark.parametrize("registers", [STATION, PLC])
 
 
