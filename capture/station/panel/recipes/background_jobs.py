@@ -220,8 +220,8 @@ def _work(
 ) -> None:
     """Do a job in this process, and report to the other one."""
     begin_worker(lifeline)
-    if hasattr(os, "nice"):
-        os.nice(_LOWEST_PRIORITY)
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
 
     def report(**fields: Any) -> None:
         reporter.send_bytes(json.dumps(fields).encode())
