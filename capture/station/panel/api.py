@@ -124,7 +124,9 @@ def _parts(call: Call) -> Response:
 
 
 def _counts(call: Call) -> Response:
-    counters = call.panel.results.store.counters(selection_of(call.query))
+    # Both kinds of rigs, because each is counted apart.
+    selection = selection_of({"simulated": "true"} | dict(call.query))
+    counters = call.panel.results.store.counters(selection)
     return Answer({"station": call.panel.folder.config.name, **counts_of(counters)})
 
 
@@ -240,8 +242,9 @@ ROUTES = (
         query=FILTERS, answer="text/csv",
     ),
     PanelRoute(
-        "GET", f"{V1}/counts", Role.OPERATOR, _counts, "Numbers of parts by verdict.",
-        query=FILTERS,
+        "GET", f"{V1}/counts", Role.OPERATOR, _counts,
+        "Numbers of parts by verdict, those of a simulated rig apart.",
+        query=FILTERS | {"simulated": "false: only production; only: only a simulated rig"},
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}", Role.OPERATOR, _part, "One part.",

@@ -35,6 +35,8 @@ def test_a_trigger_is_answered_with_the_part_and_the_part_with_its_result(
     assert part.json["verdict"] == "PASS"
     assert part.json["trigger"] == "http"
     assert panel.bench.rows() == [("A-17", Decision.PASS)]
+    counts = panel.local.get("/api/v1/counts").json
+    assert [counts[kind]["parts"] for kind in ("production", "simulated")] == [0, 1]
     state = panel.local.get("/api/v1/state").json
     assert state["last"]["part_id"] == "A-17"
     assert state["announced"] == {"PASS": 1, "FAIL": 0, "UNKNOWN": 0, "ERROR": 0}
@@ -53,9 +55,7 @@ def test_a_trigger_that_cannot_be_served_is_refused_with_the_reason(panel: Runni
         "error": "busy: another part is being exposed",
     }
     assert panel.local.post("/api/v1/trigger", {"part_id": "../x"}).status == 409
-    assert (
-        panel.local.get("/api/v1/counts?simulated=true").json["simulated"]["refused_triggers"] == 2
-    )
+    assert panel.local.get("/api/v1/counts").json["simulated"]["refused_triggers"] == 2
 
 
 def test_a_repeated_key_triggers_no_second_part(panel: RunningPanel) -> None:
