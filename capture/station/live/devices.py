@@ -89,7 +89,9 @@ class DeviceStates:
                 pass
 
     def _at_fault(self, reason: str) -> tuple[str, ...]:
-        if reason.startswith("disk"):
+        failed = self._failed.get("disk")
+        # A set that could not be written fails its part first, then the station, by one reason.
+        if reason.startswith("disk") or (failed is not None and failed.text == reason):
             return ("disk",)
         return ("database",) if reason.startswith(self._database) else _OF_THE_RIG
 

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
@@ -60,14 +61,18 @@ async def _messages(
         texts, sent = _missed(live, last)
         for text in texts:
             yield text
-        while not subscription.is_closed:
-            try:
-                await asyncio.wait_for(changed.wait(), KEEP_ALIVE_S)
-            except TimeoutError:
+        is_closed, loop = False, asyncio.get_running_loop()
+        due_s = loop.time() + KEEP_ALIVE_S
+        while not is_closed:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(changed.wait(), max(due_s - loop.time(), 0.0))
+            if loop.time() >= due_s:  # also where events never pause
                 if not await may_go_on():
                     return
                 yield ": still here\n\n"
+                due_s = loop.time() + KEEP_ALIVE_S
             changed.clear()
+            is_closed = subscription.is_closed  # before the last events are taken
             waiting, lost = subscription.take()
             if lost:
                 snapshot = live.snapshot()

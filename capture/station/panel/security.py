@@ -75,6 +75,8 @@ class HostRule:
             return False
         if host is None or "@" in host_header or "/" in host_header:
             return False
+        # A socket for all addresses, "::", gives those of IPv4 in this form.
+        server_address = server_address.removeprefix("::ffff:")
         is_loopback = server_address in ("127.0.0.1", "::1")
         return (
             host in self.names

@@ -109,14 +109,14 @@ class Users:
 
     def verified(self, name: str, password: str) -> User | None:
         """Return the user with this name and password, or None; it takes as long for both."""
-        user = self.get(name)
-        if len(password) > LONGEST_PASSWORD:
+        user, normal = self.get(name), unicodedata.normalize("NFKC", password)
+        if len(normal) > LONGEST_PASSWORD or not _is_encodable(normal):
             return None
         self._nobody = self._nobody or self._hash(secrets.token_hex())
         try:
             with self._hashing:
                 stored = self._nobody if user is None else user.password
-                HASHER.verify(stored, unicodedata.normalize("NFKC", password))
+                HASHER.verify(stored, normal)
         except (Argon2Error, InvalidHashError):
             return None
         return user
@@ -146,7 +146,7 @@ def require_account(name: str, password: str) -> str:
     Raises
     ------
     InputError
-        If the name cannot be one, or the password is too short or too long.
+        If the name cannot be one, or the password is too short, too long or no UTF-8.
     """
     require_name("user", name)
     normal = unicodedata.normalize("NFKC", password)
@@ -155,4 +155,11 @@ def require_account(name: str, password: str) -> str:
             f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters, "
             f"this one has {len(normal)}"
         )
+    if not _is_encodable(normal):
+        raise InputError("the password is not valid UTF-8; give another one")
     return normal
+
+
+def _is_encodable(text: str) -> bool:
+    """Whether a text is without lone surrogates, which JSON and the terminal can give."""
+    return not any("\ud800" <= character <= "\udfff" for character in text)

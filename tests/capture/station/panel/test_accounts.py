@@ -54,6 +54,21 @@ def test_a_password_is_the_same_however_it_is_typed(folder: Path) -> None:
     assert users.verified("ada", "cafe\u0301 cafe\u0301") is not None
 
 
+def test_the_normal_form_of_a_password_is_bounded(folder: Path) -> None:
+    users, accents = Users(folder), LONGEST_PASSWORD * "e\u0301"
+    users.put("ada", Role.ENGINEER, accents)
+    assert users.verified("ada", accents) is not None
+    assert users.verified("ada", accents + "x") is None
+
+
+def test_a_password_that_no_encoding_holds_is_refused(folder: Path) -> None:
+    users = Users(folder)
+    with pytest.raises(InputError, match="UTF-8"):
+        users.put("ada", Role.ENGINEER, 8 * "\udcfc")
+    users.put("ada", Role.ENGINEER, PASSWORD)
+    assert users.verified("ada", "\ud800") is None
+
+
 @pytest.mark.parametrize("password", ["", "7 chars", (LONGEST_PASSWORD + 1) * "x"])
 def test_a_password_has_bounds(folder: Path, password: str) -> None:
     with pytest.raises(InputError, match=f"this one has {len(password)}"):

@@ -1,12 +1,15 @@
 """`LiveStation`, its subscriptions, and the stream of events over a real socket."""
 
+import asyncio
 import http.client
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import AsyncMock
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.events import (
@@ -18,6 +21,7 @@ from capture.station.events import (
 from capture.station.live.devices import Device
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
+from capture.station.panel import event_stream
 from capture.station.panel.access.roles import Role
 from capture.station.results.part_result import PartResult
 from capture.station.states import Change, State
@@ -120,6 +124,42 @@ def test_a_stream_ends_when_its_user_is_removed(panel: RunningPanel, monkeypatch
         panel.panel.tokens.remove("client-operator")
         panel.until_ready()
         assert all(each["event"] != "part" for each in messages)  # ends by itself
+
+
+def test_a_stream_with_many_events_ends_when_its_user_is_removed(
+    panel: RunningPanel, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr("capture.station.panel.event_stream.KEEP_ALIVE_S", 0.2)
+    panel.panel.users.put("root", Role.ADMINISTRATOR, PASSWORD)
+    client, is_over = panel.client(Role.OPERATOR), threading.Event()
+
+    def announce() -> None:
+        while not is_over.wait(0.01):
+            panel.live.announce({"event": "override"})
+
+    threading.Thread(target=announce, daemon=True).start()
+    try:
+        with stream(client) as messages:
+            next(messages)
+            panel.panel.tokens.remove("client-operator")
+            until_s = time.monotonic() + 10.0
+            assert all(time.monotonic() < until_s for _ in messages)  # ends by itself
+    finally:
+        is_over.set()
+
+
+def test_a_stream_ends_with_the_last_event() -> None:
+    async def kinds() -> list[str]:
+        live = live_station()
+        stream = event_stream._messages(live, "", AsyncMock(return_value=True))
+        first = [await anext(stream), await anext(stream)]
+        live.announce({"event": "stopped"})
+        live.close()
+        return [text.partition("event: ")[2].partition("\n")[0] for text in first] + [
+            text.partition("event: ")[2].partition("\n")[0] async for text in stream
+        ]
+
+    assert asyncio.run(kinds()) == ["", "snapshot", "stopped"]
 
 
 def test_the_end_of_the_run_ends_streams_and_the_server(
@@ -232,6 +272,10 @@ def test_devices_follow_the_self_test_and_failures() -> None:
         assert "fault" in statuses(live).values()  # only a self-test says that it is over
         live.tell(StateChanged(State.READY, Change.TESTED))
         assert statuses(live) == good
+    live.tell(PartAnnounced(result(3, error(Cause.STORAGE)), 1.0))
+    live.tell(StateChanged(State.ERROR, error(Cause.STORAGE).reason))  # as the cycle does
+    assert statuses(live) == good | {"disk": "fault"}
+    live.tell(StateChanged(State.READY, Change.TESTED))
     live.tell(SelfTestFinished((Check("rig", "fault", "no such device"),)))
     assert statuses(live)["camera"] == statuses(live)["lights"] == "fault"
     live.set_device(Device("plc", "ok", "connected"))

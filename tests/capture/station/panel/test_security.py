@@ -87,7 +87,8 @@ def test_a_second_host_header_is_refused(without_users: RunningPanel) -> None:
 )
 def test_beyond_this_machine_its_names_and_its_address_are_known(host: str, accepted: bool) -> None:
     rule = HostRule(frozenset({"line-3.example"}))
-    assert rule.accepts(host, "192.0.2.7") is accepted
+    for address in ("192.0.2.7", "::ffff:192.0.2.7"):
+        assert rule.accepts(host, address) is accepted
 
 
 @pytest.mark.parametrize(
