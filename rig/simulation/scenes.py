@@ -98,8 +98,8 @@ class SceneRenderer:
     config
         Lights, frame size and ambient light.
     cache
-        Cache for the scenes of built-in surfaces; by default one for the whole process. A material
-        folder is rendered each time, because its files may change.
+        Cache for the scenes of built-in surfaces; by default one for the whole process. Scenes of
+        a material folder are not cached: its files may change between two renderers.
     """
 
     def __init__(self, config: RigConfig, cache: SceneCache | None = None) -> None:

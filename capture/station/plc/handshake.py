@@ -42,7 +42,7 @@ from .registers import (
 )
 
 SOURCE = "modbus"
-# A PLC that acknowledges nothing for so long has no program that runs.
+# A PLC with so many unacknowledged results does not run its program.
 MOST_WAITING = 16
 _CODES = {
     Refusal.NOT_READY: ErrorCode.NOT_READY,

@@ -15,7 +15,7 @@ from .handshake import SOURCE, Handshake, TriggerRequest
 
 # Many scans of the program of a PLC.
 _LAST_S = 3.0
-# Half the period that the README gives a PLC, because it may just have missed a tick.
+# The station's heartbeat counts up twice a second.
 TICK_S = 0.5
 # Four times the period that the README asks of a PLC.
 _SILENCE_S = 8.0

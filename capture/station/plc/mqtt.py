@@ -15,7 +15,7 @@ from capture.station.events import Event, PartAnnounced, PartRecovered, StateCha
 from capture.station.face_config import MqttConfig
 from capture.station.results.rows import row_of
 
-# A broker may be away for a quarter of an hour of a line with a part a second; 2 kB each.
+# A result and two states for each part: five minutes of a line with a part a second; 2 kB each.
 MOST_WAITING = 1000
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 # At the end of a run, how long the last results wait for the broker.

@@ -65,7 +65,7 @@ STATUS_MEANINGS = {
     Status.RESULTS_VALID: "a result is shown; its registers do not change",
     Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
     Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
-    Status.SIMULATED: "the rig is simulated: the results are none of real parts",
+    Status.SIMULATED: "the rig is simulated: no result is of a real part",
 }
 COMMAND_MEANINGS = {
     Command.TRIGGER: "its rise says that a part lies below the camera",
