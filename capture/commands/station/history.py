@@ -34,7 +34,9 @@ def history(
     ] = None,
     until: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Parts triggered then or earlier; a date: all its day."),
+        typer.Option(
+            metavar="TIME", help="Parts triggered then or earlier; a date or minute: all of it."
+        ),
     ] = None,
     verdict: Annotated[
         Decision | None,

@@ -9,7 +9,7 @@ from classify.errors import InputError
 
 FILTERS = {
     "since": "parts triggered then or later: 2026-11-22 or 2026-11-22T14:30, UTC",
-    "until": "parts triggered then or earlier; a date: all its day",
+    "until": "parts triggered then or earlier; a date or a minute: all of it",
     "verdict": "the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR",
     "part": "identity of the part",
     "class": "the texture that was found",

@@ -7,6 +7,7 @@ from capture.process.utc_time import utc_text
 from classify.errors import InputError
 
 _FORM = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
+_MINUTE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")
 
 
 def require_utc(text: str) -> str:
@@ -26,7 +27,7 @@ def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
     text
         ISO 8601: a date, or a date with a time. Without an offset it is UTC.
     is_end
-        Whether a date alone stands for its last millisecond, instead of its first.
+        Whether a date, or a time in minutes, stands for its last millisecond instead of its first.
 
     Raises
     ------
@@ -42,6 +43,8 @@ def utc_bound(option: str, text: str, *, is_end: bool = False) -> str:
         else:
             moment = datetime.fromisoformat(text)
             moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+            if is_end and _MINUTE.fullmatch(text):
+                moment += timedelta(minutes=1, milliseconds=-1)
         return utc_text(moment, timespec="milliseconds")
     except (ValueError, OverflowError) as error:
         raise InputError(

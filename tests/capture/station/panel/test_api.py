@@ -11,6 +11,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.panel.access.roles import Role
+from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import write_recipe
@@ -166,6 +167,14 @@ def test_a_query_that_is_wrong_is_named(without_users: RunningPanel, query: str,
     answer = without_users.local.get(f"/api/v1/parts?{quote(query, safe='=')}")
     assert answer.status == 400
     assert said in answer.json["error"]
+
+
+def test_a_minute_is_selected_to_its_end() -> None:
+    """The form of the history shows a day as its first and its last minute, and sends them."""
+    day, minute = ({"until": text} for text in ("2026-11-22", "2026-11-22T23:59"))
+    assert selection_of(minute) == selection_of(day)
+    exact = selection_of({"since": "2026-11-22T14:30", "until": "2026-11-22T14:30:00"})
+    assert exact.since_utc == exact.until_utc == "2026-11-22T14:30:00.000Z"
 
 
 def test_a_part_gives_its_set_as_it_was_judged(
