@@ -145,9 +145,9 @@ class Station:
         feeder = threading.Thread(
             target=self._guarded, args=(lambda: source.run(self),), name="triggers", daemon=True
         )
-        for thread in (*threads, feeder):
-            thread.start()
         try:
+            for thread in (*threads, feeder):
+                thread.start()
             while not self._stopping.wait(_POLL_S):
                 pass
         except KeyboardInterrupt as interrupt:

@@ -457,6 +457,22 @@ def test_a_rig_that_fails_at_the_start_ends_the_run(station: Bench, is_raised: b
 # clock, interruption
 
 
+def test_an_interrupt_while_the_threads_start_ends_them(
+    station: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = threading.Thread.start
+
+    def started(thread: threading.Thread) -> None:
+        if thread.name == "triggers":
+            raise KeyboardInterrupt
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", started)
+    with pytest.raises(KeyboardInterrupt):
+        station.run(one_after_the_other(1))
+    assert not [each.name for each in threading.enumerate() if each.name.startswith("station")]
+
+
 def test_a_clock_that_is_set_back_is_noted(station: Bench) -> None:
     shift = timedelta()
     station.clock = StationClock(utc=lambda: datetime.now(UTC) + shift)
