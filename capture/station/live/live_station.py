@@ -64,6 +64,8 @@ class Snapshot:
         Where triggers come from.
     recipe
         The recipe by which this run judges; None before it is loaded.
+    inspected
+        The part that was begun last, as long as it has no announced result.
     last, latency_ms
         The last announced result, and its time since the exposure; None before the first.
     total_latency_ms
@@ -88,6 +90,7 @@ class Snapshot:
     simulated: bool
     trigger: str
     recipe: RecipeLoaded | None
+    inspected: str | None
     last: PartResult | None
     latency_ms: float | None
     total_latency_ms: float
@@ -155,6 +158,7 @@ class LiveStation:
         self._announced: Counter[Decision] = Counter()
         self._refused = 0
         self._in_progress = 0
+        self._inspected: str | None = None
         self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
         self._devices = DeviceStates(database)
         self._rejected: deque[RejectedPart] = deque(maxlen=_KEPT_REJECTED)
@@ -177,10 +181,13 @@ class LiveStation:
                     self._state, self._reason = state, reason
                 case TriggerRefused():
                     self._refused += 1
-                case PartBegun():
+                case PartBegun(part_id, _):
                     self._in_progress += 1
+                    self._inspected = part_id
                 case PartAnnounced(result, latency_ms):
                     self._in_progress -= 1
+                    if self._inspected == result.part_id:
+                        self._inspected = None
                     self._last, self._latency_ms = result, latency_ms
                     self._total_latency_ms += latency_ms
                     self._announced[result.verdict.decision] += 1
@@ -284,6 +291,7 @@ class LiveStation:
                 simulated=self._simulated,
                 trigger=self._trigger,
                 recipe=self._recipe,
+                inspected=self._inspected,
                 last=self._last,
                 latency_ms=self._latency_ms,
                 total_latency_ms=self._total_latency_ms,

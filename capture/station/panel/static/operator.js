@@ -95,12 +95,12 @@ function showRejected() {
 
 function showSnapshot(all) {
   last = all.last;
-  inspected = null;
+  inspected = all.inspected;
   counts = all.announced;
   refused = all.refused;
   rejected = all.rejected;
   showState(all.state, all.reason);
-  showVerdict(false);
+  showVerdict(inspected !== null);
   showCounts();
   showDevices(all.devices);
   showRejected();

@@ -14,6 +14,7 @@ from unittest.mock import AsyncMock
 from capture.sets.captured_set import CapturedSet
 from capture.station.events import (
     PartAnnounced,
+    PartBegun,
     SelfTestFinished,
     StateChanged,
     TriggerRefused,
@@ -231,6 +232,21 @@ def test_the_rate_falls_when_no_part_comes() -> None:
     assert live.snapshot().parts_per_minute == 20.0
     now_s[0] = 200.0
     assert live.snapshot().parts_per_minute == 0.0
+
+
+def test_a_snapshot_says_which_part_has_no_verdict_yet() -> None:
+    """A page that is opened meanwhile must not show the verdict before as that of this part."""
+    live = live_station()
+    seen = []
+    for event in (
+        PartBegun("part-000001", 1),
+        PartBegun("part-000002", 2),
+        PartAnnounced(result(1), 1.0),
+        PartAnnounced(result(2), 1.0),
+    ):
+        live.tell(event)
+        seen.append(live.snapshot().fields()["inspected"])
+    assert seen == ["part-000001", "part-000002", "part-000002", None]
 
 
 def test_rejected_parts_are_kept_the_newest_first_and_acknowledged_once() -> None:
