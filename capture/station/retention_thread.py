@@ -30,7 +30,7 @@ def retention_in_background(
         while True:
             try:
                 remove_old_sets(folder, store, retention, datetime.now(UTC), stop=ended.is_set)
-            except Ps4rigError as error:
+            except (Ps4rigError, OSError) as error:  # such as of a disk that cannot sync
                 warn(f"old sets are not removed: {error}")
             if ended.wait(_PERIOD_S):
                 return

@@ -8,7 +8,7 @@ from capture.console import ShowProgress, progress
 from classify import Match, SurfaceEstimate, TextureLibrary
 from classify.classifiers import classifier_named
 from classify.defects.defect_model import DefectModel
-from classify.defects.learning import LEAST_PARTS, learn_defects
+from classify.defects.learning import LEAST_PARTS, MOST_PARTS, learn_defects
 from classify.durable_file import make_folder
 from classify.library.leave_one_out import leave_one_out
 from classify.library.training import common_lighting
@@ -55,7 +55,8 @@ def teach(
     Raises
     ------
     RecipeError
-        If a texture is good and bad, has too few good parts, or the sets are of several settings.
+        If a texture is good and bad, has too few or too many good parts, or the sets are of several
+        settings.
     InputError
         If a set cannot be used.
     """
@@ -119,6 +120,11 @@ def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
         if count < LEAST_PARTS:
             raise RecipeError(
                 f"{count} good parts of {texture!r}; give {LEAST_PARTS} or more, 30 are better"
+            )
+        if count > MOST_PARTS:
+            raise RecipeError(
+                f"{count} good parts of {texture!r}, known and given ones; at most {MOST_PARTS} "
+                f"can be taught: give fewer, or remove files from recipes/{recipe.name}/sets"
             )
 
 

@@ -22,7 +22,7 @@ _KIND = ArchiveKind(
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=DefectModelError,
-    # A model takes 150 kB, and 8 bytes for each of at most 1000 good parts.
+    # A model takes 150 kB, and 8 bytes for each of at most 100 good parts.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )

@@ -3,6 +3,9 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
+import pytest
+
+from capture.station import retention_thread
 from capture.station.config import Retention
 from capture.station.results.store import open_store
 from capture.station.retention_thread import retention_in_background
@@ -41,3 +44,22 @@ def test_what_fails_is_a_warning(tmp_path: Path) -> None:
         with retention_in_background(tmp_path, store, Retention(pass_every=1_000_000), warn):
             assert warned.wait(60)
     assert said[0].startswith("old sets are not removed: ../elsewhere")
+
+
+def test_an_error_of_the_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said, warned = [], threading.Event()
+
+    def warn(text: str) -> None:
+        said.append(text)
+        warned.set()
+
+    def remove(*_: object, **__: object) -> int:
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(retention_thread, "remove_old_sets", remove)
+    with (
+        open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store,
+        retention_in_background(tmp_path, store, Retention(), warn),
+    ):
+        assert warned.wait(5)
+    assert said == ["old sets are not removed: [Errno 5] Input/output error"]

@@ -1,7 +1,9 @@
 """Tests of teaching: what is learned, what is said, what is refused."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -22,6 +24,8 @@ from capture.station.verdict import Cause, Decision
 from rig.config.defect import Defect
 from tests.capture.station.teaching_sets import SIDE_PX, patch, saved
 from tests.html_page import Page
+
+T = TypeVar("T")
 
 
 def test_good_parts_pass_and_bad_ones_fail(files: RecipeFolder) -> None:
@@ -90,6 +94,22 @@ def test_too_few_good_parts_are_refused(tmp_path: Path) -> None:
     assert not files.file.exists()
     with pytest.raises(RecipeError, match="has no good parts yet"):
         teach(files, two, "rust")
+
+
+def test_too_many_good_parts_are_refused_before_any_is_solved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = RecipeFolder(tmp_path / "line.toml", tmp_path / "line")
+    monkeypatch.setattr("capture.station.teaching.MOST_PARTS", 3)
+    steps: list[str] = []
+
+    def show(items: Iterable[T], total: int, description: str) -> Iterator[T]:  # noqa: ARG001
+        steps.append(description)
+        yield from items
+
+    with pytest.raises(RecipeError, match="4 good parts of 'rock'"):
+        teach(files, saved(tmp_path, "rock", range(4)), show=show)
+    assert steps == []
 
 
 @pytest.mark.slow
