@@ -24,6 +24,7 @@ _CHECKED = {
     "rig": _OF_THE_RIG,  # nothing could be checked
     "clock": (),
     "calibration": (),
+    "judge": (),
 }
 
 
