@@ -73,11 +73,12 @@ class MqttPublisher:
 
     def __exit__(self, *_: object) -> None:
         with self._changed:
-            self._put("online", "false")
             self._changed.wait_for(lambda: not self._waiting and not self._is_sending, _LAST_S)
             self._is_closed = True
             self._changed.notify_all()
         self._thread.join()
+        # Also if messages still wait: after a disconnect the broker publishes no last will.
+        self._client.publish(f"{self._topic}/online", "false", qos=1, retain=True)
         self._client.disconnect()
         self._client.loop_stop()
 

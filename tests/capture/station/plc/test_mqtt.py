@@ -1,6 +1,7 @@
 """Results for a real broker: retained, in order, without delaying the station."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -59,6 +60,21 @@ def test_the_last_result_is_retained_and_the_end_of_a_run_is_told(broker: Broker
     assert said == ["mqtt 127.0.0.1: connected"]
     with broker.subscribed(ONLINE) as later:
         until_so(lambda: later == {ONLINE: ["false"]})
+
+
+@pytest.mark.mqtt
+def test_the_end_of_a_run_is_told_to_a_broker_that_hangs(broker: Broker) -> None:
+    broker.start()
+    assert broker.process is not None
+    said: list[str] = []
+    with publisher(broker, said) as mqtt, broker.subscribed(ONLINE) as live:
+        until_so(lambda: live == {ONLINE: ["true"]})
+        broker.process.send_signal(signal.SIGSTOP)
+        for event in announced(1, 2):
+            mqtt.tell(event)
+    broker.process.send_signal(signal.SIGCONT)
+    with broker.subscribed(ONLINE) as later:
+        until_so(lambda: later.get(ONLINE, [])[-1:] == ["false"])
 
 
 @pytest.mark.mqtt
