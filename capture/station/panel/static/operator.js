@@ -1,13 +1,14 @@
 // The operator's page: follows the events of the station, and never shows an old verdict as a new one.
 import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
 
-const SILENCE_MS = 20000; // the server says something each 15 s
-const REFRESH_MS = 5000; // for the rate, which falls without an event
+const SILENCE_MS = 20000; // the state is asked for each 5 s
+const REFRESH_MS = 5000; // the rate falls without an event, and a proxy may hold events back
 const REJECTED = 12;
 const byId = (id) => document.getElementById(id);
 const csrf = document.querySelector('meta[name="csrf"]').content;
 
 let last = null; // the last result
+let due = 0; // number of the last part, 5 s ago
 let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
 let refused = 0;
 let rejected = []; // the newest first
@@ -117,6 +118,7 @@ const takes = {
     showVerdict(true);
   },
   part: (event) => {
+    if (last !== null && event.number <= last.number) return; // held back; the page has it
     last = event;
     if (inspected === event.part_id) inspected = null;
     counts[event.decision] += 1;
@@ -185,7 +187,9 @@ async function refresh(isWhole = false) {
     const all = await answer.json();
     const wasLost = !isConnected;
     heard();
-    if (wasLost || isWhole) showSnapshot(all);
+    const isBehind = due > (last?.number ?? 0);
+    due = all.last?.number ?? 0;
+    if (wasLost || isWhole || isBehind) showSnapshot(all);
     else setText("rate", String(all.parts_per_minute));
   } catch {
     lost();
