@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 # The kernels of forked processes run in one thread.
@@ -31,20 +32,21 @@ def main(place: Path) -> int:
     )
     folder = taught_station(place / "line-1", disk_floor_mb=1)
     run = ForkedRun.start(folder)
-    run.read_until(3)
-    filler = place / "filler"
-    with filler.open("wb") as file:
-        try:
+    try:
+        run.read_until(3)
+        filler = place / "filler"
+        # Without a buffer, which would be written once more when the file is closed.
+        with filler.open("wb", buffering=0) as file, suppress(OSError):
             while file.write(bytes(65536)):
-                file.flush()
-        except OSError:
-            print("the disk is full")
-    until_s = time.monotonic() + 3.0
-    while time.monotonic() < until_s and not run.is_over:
-        run.read(0.1)
-    filler.unlink()
-    run.read_until(run.announced() + 3)
-    run.kill()
+                pass
+        print("the disk is full")
+        until_s = time.monotonic() + 3.0
+        while time.monotonic() < until_s and not run.is_over:
+            run.read(0.1)
+        filler.unlink()
+        run.read_until(run.announced() + 3)
+    finally:
+        run.kill()
     last = ForkedRun.start(folder, parts=3)
     last.wait()
     events = [*run.events, *last.events]
