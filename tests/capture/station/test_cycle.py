@@ -460,7 +460,7 @@ def test_a_rig_that_fails_at_the_start_ends_the_run(station: Bench, is_raised: b
 def test_an_interrupt_while_the_threads_start_ends_them(
     station: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    start = threading.Thread.start
+    start, others = threading.Thread.start, {*threading.enumerate()}
 
     def started(thread: threading.Thread) -> None:
         if thread.name == "triggers":
@@ -470,7 +470,8 @@ def test_an_interrupt_while_the_threads_start_ends_them(
     monkeypatch.setattr(threading.Thread, "start", started)
     with pytest.raises(KeyboardInterrupt):
         station.run(one_after_the_other(1))
-    assert not [each.name for each in threading.enumerate() if each.name.startswith("station")]
+    left = {*threading.enumerate()} - others
+    assert not [each.name for each in left if each.name.startswith("station")]
 
 
 def test_a_clock_that_is_set_back_is_noted(station: Bench) -> None:
