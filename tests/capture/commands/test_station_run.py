@@ -90,7 +90,7 @@ def test_ctrl_c_ends_a_run_after_the_part_in_progress(tmp_path: Path, spawn: Spa
     folder, rig = taught_station(tmp_path / "line-1"), tmp_path / "rig.toml"
     size = f"width_px = {SIDE_PX}\nheight_px = {SIDE_PX}\n"
     rig.write_text(f'[lights]\nport = "simulated"\n[camera]\n{size}')
-    command = ("station", "run", folder, "--rig", rig, "--json")
+    command = ("station", "run", folder, "--rig", rig, "--json", "--no-panel")
     process = spawn(*command, "--trigger", "timer")
     assert process.stdout is not None
     events: list[dict[str, Any]] = []
