@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
 
 from .plan import PlannedSet
 
@@ -179,8 +180,5 @@ def read_journal(path: Path) -> Journal:
     try:
         return Journal.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise InputError(
-            f"{path}: not a journal that this program reads: {place}: {first['msg']}"
-        ) from error
+        fault = first_fault(error)
+        raise InputError(f"{path}: not a journal that this program reads: {fault}") from error

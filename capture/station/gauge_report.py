@@ -10,6 +10,7 @@ from capture.process.utc_time import utc_text
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
 
 from .gauge import GaugeStudy, Rating, Share
 from .recipe import Sha256
@@ -114,6 +115,4 @@ def read_gauge_report(path: Path) -> GaugeReport | None:
     try:
         return GaugeReport.model_validate_json(read_regular_file(path, _MAX_BYTES))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(f"{path}: {place}: {first['msg']}; run ps4rig station gauge") from error
+        raise InputError(f"{path}: {first_fault(error)}; run ps4rig station gauge") from error

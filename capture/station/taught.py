@@ -13,6 +13,7 @@ from capture.session.plan import Label, Name
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
 from rig.set_file import fields_sha256
 
 from .errors import RecipeError
@@ -103,9 +104,7 @@ def read_taught(path: Path) -> Taught:
     except InputError as error:
         raise RecipeError(f"{error}; run ps4rig station teach") from error
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise RecipeError(f"{path}: {place}: {first['msg']}; run ps4rig station teach") from error
+        raise RecipeError(f"{path}: {first_fault(error)}; run ps4rig station teach") from error
 
 
 def write_taught(path: Path, taught: Taught) -> None:

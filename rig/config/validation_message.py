@@ -48,6 +48,13 @@ def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
     return f"{field} = {_toml(value)}: {_in_words(cause)}"
 
 
+def first_fault(error: ValidationError) -> str:
+    """Return the first error of a file that this program wrote: its place, and what is wrong."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(map(str, first["loc"])) or "the file"
+    return f"{place}: {first['msg']}"
+
+
 def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
     """Return what is wrong with each value, by its place, for a form that shows the value."""
     return {each["loc"]: _in_words(each["msg"]) for each in error.errors(include_url=False)}

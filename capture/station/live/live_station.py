@@ -223,11 +223,9 @@ class LiveStation:
         """Pass a trigger to the station. Never raises."""
         with self._lock:
             target = self._target
-        return (
-            Refused("not ready: the station is starting")
-            if target is None
-            else (target.submit(trigger))
-        )
+        if target is None:
+            return Refused("not ready: the station is starting")
+        return target.submit(trigger)
 
     @property
     def is_attached(self) -> bool:
