@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -15,15 +16,15 @@ from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
 
-from .challenge_set import Expected, read_challenge
+from .challenge_set import MOST_SETS, Expected, read_challenge
 from .errors import ChallengeFailed
 from .fingerprint import Fingerprint
 from .inspector import Inspector
 from .outcome import error_verdict
-from .recipe_folder import RecipeFolder
+from .recipe_folder import RecipeFolder, file_sha256
 from .verdict import Decision, Verdict
 
-# 10,000 parts of 500 bytes.
+# 10,000 parts of 600 bytes.
 _MAX_BYTES = 1 << 23
 
 
@@ -32,9 +33,13 @@ class _Record(BaseModel):
 
 
 class PartOutcome(_Record):
-    """The verdict on a part of a challenge, and the one that it must get."""
+    """The verdict on a part of a challenge, and the one that it must get.
+
+    `file_sha256` is None for a file that could not be read, and in a replay of an older program.
+    """
 
     file: str
+    file_sha256: str | None = None
     pixels_sha256: str | None
     expected: Expected
     found: Decision
@@ -73,9 +78,12 @@ def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Part
         If there is no challenge set, or it proves nothing.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
-        verdict, pixels_sha256 = _replayed(files.challenge / file, inspector)
+        path = files.challenge / file
+        sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
+        verdict, pixels_sha256 = _replayed(path, inspector)
         yield PartOutcome(
             file=file,
+            file_sha256=sha256,
             pixels_sha256=pixels_sha256,
             expected=expected,
             found=verdict.decision,
@@ -105,8 +113,8 @@ def keep_replay(
 def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     """Check that the challenge set was met by exactly what would run; replay it if it was not yet.
 
-    Its first part is judged in any case: the first part of the line would else wait for kernels to
-    be loaded.
+    All its files are hashed, and its first part is judged, in any case: the first part of the line
+    would else wait for kernels to be loaded.
 
     Raises
     ------
@@ -115,6 +123,7 @@ def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     InputError
         If there is no challenge set, or it proves nothing.
     """
+    _known_sha256.cache_clear()  # what runs now does not depend on times of files
     replay, outcomes = (
         valid_replay(files, inspector.fingerprint),
         replay_challenge(files, inspector),
@@ -166,11 +175,31 @@ def valid_replay(files: RecipeFolder, fingerprint: Fingerprint) -> Replay | None
         If there is no challenge set, or it proves nothing.
     """
     replay = last_replay(files)
-    if replay is None:
+    if replay is None or replay.fingerprint != fingerprint:
         return None
     expected = {part.file: part.expected for part in replay.parts}
-    is_present = expected == dict(read_challenge(files.challenge).sets)
-    return replay if is_present and replay.fingerprint == fingerprint else None
+    is_present = expected == dict(read_challenge(files.challenge).sets) and all(
+        part.file_sha256 is not None and part.file_sha256 == _sha256(files.challenge / part.file)
+        for part in replay.parts
+    )
+    return replay if is_present else None
+
+
+def _sha256(path: Path) -> str | None:
+    """Hash of a file; None if it cannot be read."""
+    try:
+        found = path.stat()
+        return _known_sha256(
+            path, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        )
+    except (InputError, OSError):
+        return None
+
+
+# A page that shows the state of a recipe would else read 10 MB for each set of 1024 px.
+@lru_cache(MOST_SETS)
+def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
+    return file_sha256(path)
 
 
 def last_replay(files: RecipeFolder) -> Replay | None:

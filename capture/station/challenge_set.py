@@ -22,7 +22,7 @@ from .verdict import Decision
 FILE = "challenge.toml"
 _LOCK = "challenge.lock"
 Expected = Literal["PASS", "FAIL", "UNKNOWN"]
-_MOST_SETS = 10_000
+MOST_SETS = 10_000
 
 _HEAD = """\
 # Captured sets in this folder, and the verdict that each must get before a changed recipe runs.
@@ -35,7 +35,7 @@ _HEAD = """\
 class ChallengeSet(Section):
     """The files of a challenge and the verdict that each must get."""
 
-    sets: Annotated[Mapping[Name, Expected], Field(max_length=_MOST_SETS)]
+    sets: Annotated[Mapping[Name, Expected], Field(max_length=MOST_SETS)]
 
 
 def read_challenge(folder: Path) -> ChallengeSet:

@@ -1,17 +1,19 @@
 """Tests of the challenge set: a changed recipe runs only if every part gets its verdict."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from capture.sets.captured_set import CapturedSet
 from capture.station import software
 from capture.station.challenge import has_met_challenge, replay_challenge, require_challenge
 from capture.station.challenge_set import FILE, add_to_challenge
 from capture.station.errors import ChallengeFailed, RecipeError
-from capture.station.inspector import Inspector
+from capture.station.inspector import Inspection, Inspector
 from capture.station.recipe_file import read_recipe, write_recipe
 from capture.station.recipe_folder import RecipeFolder
 from classify.errors import InputError
@@ -25,15 +27,30 @@ def changed(files: RecipeFolder) -> None:
     write_recipe(files.file, recipe.model_copy(update={"limits_of": {"rock": limits}}))
 
 
-def test_a_challenge_that_is_met_is_replayed_once(files: RecipeFolder) -> None:
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[str | None]:
+    """Labels of the sets that inspectors judge from now on."""
+    labels: list[str | None] = []
+    inspect = Inspector.inspect
+
+    def noted(inspector: Inspector, captured: CapturedSet) -> Inspection:
+        labels.append(captured.metadata.label)
+        return inspect(inspector, captured)
+
+    monkeypatch.setattr(Inspector, "inspect", noted)
+    return labels
+
+
+def test_a_challenge_that_is_met_is_replayed_once(
+    files: RecipeFolder, judged: list[str | None]
+) -> None:
     replay = require_challenge(files, Inspector.load(files))
     assert [(part.expected, part.found) for part in replay.parts] == [
         ("PASS", "PASS"),
         ("FAIL", "FAIL"),
     ]
-    # Only its first part is judged again.
-    next(files.challenge.glob("sand-2*")).write_bytes(b"not read")
     assert require_challenge(files, Inspector.load(files)) == replay
+    assert judged == ["rock", "sand", "rock"]  # the second time the first part alone
 
 
 def test_a_changed_limit_blocks_and_the_part_is_named(files: RecipeFolder) -> None:
@@ -54,15 +71,14 @@ def test_a_part_that_cannot_be_judged_is_a_regression(files: RecipeFolder) -> No
 
 
 def test_changed_code_of_the_same_version_needs_another_replay(
-    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, judged: list[str | None]
 ) -> None:
     before = require_challenge(files, Inspector.load(files))
     monkeypatch.setattr("capture.station.fingerprint.software_sha256", lambda: "of other code")
     inspector = Inspector.load(files)
     assert not has_met_challenge(files, inspector)
-    next(files.challenge.glob("sand-2*")).write_bytes(b"read again, and damaged")
-    with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is ERROR"):
-        require_challenge(files, inspector)
+    require_challenge(files, inspector)
+    assert judged == ["rock", "sand"] * 2
     assert before.fingerprint.software_version == inspector.fingerprint.software_version
 
 
@@ -73,6 +89,41 @@ def test_a_replay_of_a_program_that_did_not_hash_its_code_is_outdated(files: Rec
     files.replay.write_text(json.dumps(values))
     assert not has_met_challenge(files, Inspector.load(files))
     assert require_challenge(files, Inspector.load(files)).fingerprint == replay.fingerprint
+
+
+def test_a_set_that_was_replaced_under_its_name_needs_another_replay(
+    files: RecipeFolder, tmp_path: Path
+) -> None:
+    require_challenge(files, Inspector.load(files))
+    path = files.challenge / "sand-2.ome.tif"
+    before, (other,) = path.stat(), saved(tmp_path, "malv", range(1))
+    path.write_bytes(other.read_bytes())
+    # The times of the file prove nothing.
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert not has_met_challenge(files, Inspector.load(files))
+    with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is UNKNOWN"):
+        require_challenge(files, Inspector.load(files))
+
+
+def test_a_set_that_was_removed_needs_another_replay_and_blocks(files: RecipeFolder) -> None:
+    require_challenge(files, Inspector.load(files))
+    kept = files.challenge / "sand-2.ome.tif"
+    moved = kept.rename(files.challenge / "sand-3.ome.tif")
+    assert not has_met_challenge(files, Inspector.load(files))
+    with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is ERROR"):
+        require_challenge(files, Inspector.load(files))
+    moved.rename(kept)
+    assert not require_challenge(files, Inspector.load(files)).regressions
+
+
+def test_a_replay_that_did_not_hash_the_sets_is_outdated(files: RecipeFolder) -> None:
+    replay = require_challenge(files, Inspector.load(files))
+    values = json.loads(files.replay.read_text())
+    for part in values["parts"]:
+        del part["file_sha256"]
+    files.replay.write_text(json.dumps(values))
+    assert not has_met_challenge(files, Inspector.load(files))
+    assert require_challenge(files, Inspector.load(files)).parts == replay.parts
 
 
 def test_the_hash_of_the_software_changes_with_any_source_file(
