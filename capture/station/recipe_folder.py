@@ -114,6 +114,11 @@ class TaughtFiles:
         """What teaching found, for people."""
         return self.folder / "teaching.html"
 
+    @property
+    def measured(self) -> Path:
+        """The recipe with the limits that teaching measured, also where people set other ones."""
+        return self.folder / "measured.toml"
+
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""
         return self.folder / f"defects-{number}.ps4def"

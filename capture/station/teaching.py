@@ -19,6 +19,14 @@ from .inspector import Inspection, Inspector
 from .recipe import Limits, Recipe
 from .recipe_file import read_recipe, write_recipe
 from .recipe_folder import RecipeFolder, TaughtFiles, file_sha256
+from .set_limits import (
+    LimitsOf,
+    kept_remarks,
+    limits_measured_before,
+    replaced_remarks,
+    set_limits,
+    with_set_limits,
+)
 from .taught import Taught, TaughtSet, TaughtTexture, write_taught
 from .taught_part import TaughtPart, check_alike, solved, taught_part
 from .taught_sets import KeptSet, keep_sets, known_sets
@@ -68,8 +76,11 @@ def teach(
         textures = list(dict.fromkeys(each.texture for each in given))
         recipe = _next_version(files, before, textures, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
-        teaching = _taught(files, recipe, sets, show)
+        known_limits = {} if before is None else limits_measured_before(files, before)
+        teaching = _taught(files, recipe, sets, known_limits, show)
         write_taught(teaching.files.taught, teaching.taught)
+        measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
+        write_recipe(teaching.files.measured, measured)
         write_recipe(files.file, teaching.recipe)
         return teaching
 
@@ -129,10 +140,14 @@ def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
 
 
 def _taught(
-    files: RecipeFolder, recipe: Recipe, sets: Sequence[KeptSet], show: ShowProgress
+    files: RecipeFolder,
+    recipe: Recipe,
+    sets: Sequence[KeptSet],
+    known_limits: LimitsOf | None,
+    show: ShowProgress,
 ) -> Teaching:
-    measured = (taught_part(each, recipe.region) for each in sets)
-    parts = list(show(measured, len(sets), "solve"))
+    solving = (taught_part(each, recipe.region) for each in sets)
+    parts = list(show(solving, len(sets), "solve"))
     check_alike(parts)
     made = files.version(recipe.version)
     make_folder(made.folder)
@@ -151,9 +166,11 @@ def _taught(
         library_sha256=file_sha256(made.library),
         textures=textures,
     )
-    recipe = _with_limits(recipe, parts, matches, taught)
+    before, by_people = recipe.limits_of, set_limits(recipe.limits_of, known_limits)
+    measured = _measured_limits(recipe, parts, matches)
+    recipe = _with_limits(recipe, with_set_limits(measured, by_people), taught)
     inspections = _inspections(recipe, taught, library, models, parts, show)
-    limits_of = {
+    measured = {
         name: with_unjudged(
             limits,
             recipe.limits,
@@ -163,13 +180,27 @@ def _taught(
                 if part.kept.texture == name
             ],
         )
-        for name, limits in recipe.limits_of.items()
+        for name, limits in measured.items()
     }
+    limits_of = with_set_limits(measured, by_people)
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
     bounds = {name: model.false_alarm_bound for name, model in models.items()}
-    return Teaching(recipe, taught, made, tuple(parts), tuple(matches), tuple(inspections), bounds)
+    remarks = [*kept_remarks(measured, by_people)]
+    if known_limits is None:
+        remarks += replaced_remarks(before, limits_of)
+    return Teaching(
+        recipe,
+        taught,
+        made,
+        tuple(parts),
+        tuple(matches),
+        tuple(inspections),
+        bounds,
+        measured,
+        tuple(remarks),
+    )
 
 
 def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
@@ -240,10 +271,10 @@ def _set(kept: KeptSet, match: Match | None) -> TaughtSet:
     )
 
 
-def _with_limits(
-    recipe: Recipe, parts: Sequence[TaughtPart], matches: Sequence[Match | None], taught: Taught
-) -> Recipe:
-    """The recipe with what was measured on the good parts of each texture as limits."""
+def _measured_limits(
+    recipe: Recipe, parts: Sequence[TaughtPart], matches: Sequence[Match | None]
+) -> dict[str, Limits]:
+    """Limits of each texture that passes, from its good parts."""
     limits_of: dict[str, Limits] = {}
     for texture in recipe.passes:
         own = [n for n, part in enumerate(parts) if part.kept.texture == texture]
@@ -254,6 +285,11 @@ def _with_limits(
             [parts[n].shadow_fraction for n in own],
             [parts[n].unmeasured_fraction for n in own],
         )
+    return limits_of
+
+
+def _with_limits(recipe: Recipe, limits_of: LimitsOf, taught: Taught) -> Recipe:
+    """The recipe with limits, and with what else was taught."""
     exposure_ms = taught.setting.exposure_ms
     required = recipe.calibration.required or taught.has_calibration
     return recipe.model_copy(

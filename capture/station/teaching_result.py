@@ -11,6 +11,7 @@ from classify.library.match import LEAST_MARGIN
 from .inspector import Inspection
 from .recipe import Recipe
 from .recipe_folder import TaughtFiles
+from .set_limits import LimitsOf
 from .taught import Taught
 from .taught_part import TaughtPart
 from .taught_sets import KeptSet
@@ -54,6 +55,10 @@ class Teaching:
         Verdict of the new recipe on each set, by the same order. The recipe knows these sets.
     false_alarm_bounds
         For each texture that passes, the largest share of good parts that the defect map rejects.
+    measured
+        The limits that were measured; the recipe has others where people set them.
+    limit_remarks
+        What became of limits that people set.
     """
 
     recipe: Recipe
@@ -63,6 +68,8 @@ class Teaching:
     matches: tuple[Match | None, ...]
     inspections: tuple[Inspection, ...]
     false_alarm_bounds: Mapping[str, float]
+    measured: LimitsOf
+    limit_remarks: tuple[str, ...]
 
     @property
     def overlaps(self) -> tuple[Overlap, ...]:
@@ -72,7 +79,8 @@ class Teaching:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a person should look at before approving the recipe."""
-        return (*map(str, self.overlaps), *self._few_parts(), *self._odd_verdicts())
+        overlaps = map(str, self.overlaps)
+        return (*overlaps, *self._few_parts(), *self.limit_remarks, *self._odd_verdicts())
 
     def fields(self) -> dict[str, Any]:
         """Return what a program is told of the teaching, as fields of JSON."""

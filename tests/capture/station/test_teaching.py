@@ -244,6 +244,39 @@ def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
     assert again.recipe.version == 3
 
 
+def test_a_limit_that_somebody_changed_stays_until_it_is_removed(files: RecipeFolder) -> None:
+    found = read_recipe(files.file)
+    measured = found.limits_of["rock"]
+    by_hand = measured.model_copy(update={"sdq": (0.3, 0.4), "defect": 1.5})
+    write_recipe(files.file, found.model_copy(update={"limits_of": {"rock": by_hand}}))
+    for _ in range(2):
+        teaching = teach(files, [])
+        assert teaching.recipe.limits_of["rock"] == by_hand
+        said = next(each for each in teaching.remarks if "limits_of.rock.sdq" in each)
+        assert "0.3, 0.4 was set by somebody and stays; the taught parts give 0." in said
+        assert any("limits_of.rock.defect = 1.5 was set by" in each for each in teaching.remarks)
+        assert not any("distance" in each for each in teaching.remarks)
+    # The parts that were taught are judged by the limit that stays.
+    assert any("is FAIL: Sdq" in each for each in teaching.remarks)
+    assert read_recipe(files.file) == teaching.recipe
+    without = by_hand.model_copy(update={"sdq": None})
+    write_recipe(files.file, found.model_copy(update={"limits_of": {"rock": without}}))
+    assert teach(files, []).recipe.limits_of["rock"].sdq == measured.sdq
+
+
+def test_a_replaced_limit_is_named_where_nobody_knows_whether_it_was_taught(
+    files: RecipeFolder,
+) -> None:
+    recipe = read_recipe(files.file)
+    measured = recipe.limits_of["rock"]
+    changed = measured.model_copy(update={"sdq": (0.3, 0.4), "defect": 1.5})
+    write_recipe(files.file, recipe.model_copy(update={"limits_of": {"rock": changed}}))
+    files.version(2).measured.unlink()  # as of a program that did not write it
+    teaching = teach(files, [])
+    assert teaching.recipe.limits_of["rock"] == measured.model_copy(update={"defect": 1.5})
+    assert any("limits_of.rock.sdq = 0.3, 0.4 is replaced by" in each for each in teaching.remarks)
+
+
 def test_textures_that_overlap_need_ten_parts(taught: tuple[Path, Teaching]) -> None:
     teaching = taught[1]
     assert not any("teach 10" in each for each in teaching.remarks)
