@@ -159,7 +159,7 @@ class RecipeChanges:
     ) -> Job:
         jobs, name = self.panel.jobs, self.files.name
         jobs.require_free()
-        before = self._present()
+        before, known = self._present(), self._recipe()
         self._record("", before, after)
 
         def ended(job: Job) -> None:
@@ -168,12 +168,20 @@ class RecipeChanges:
                 met = job.result["parts"] - len(job.result["regressions"])
                 found = f"challenge: {met} of {job.result['parts']} parts got their verdict"
             self._record("", before, found)
+            now = self._recipe()
+            if known is not None and now is not None:
+                for change in setting_changes(known, now):
+                    self._record(change.key, change.before, change.after)
 
         job = Job(kind=kind, recipe=name, title=title, by=self.who.name)
         return jobs.start(job, work, arguments, ended)
 
+    def _recipe(self) -> Recipe | None:
+        return read_recipe(self.files.file) if self.files.file.exists() else None
+
     def _present(self) -> str | None:
-        return _with_approval(read_recipe(self.files.file)) if self.files.file.exists() else None
+        recipe = self._recipe()
+        return None if recipe is None else _with_approval(recipe)
 
     def _record(self, key: str, before: str | None, after: str | None) -> None:
         what = f"recipe {self.files.name}" + (f": {key}" if key else "")

@@ -14,7 +14,8 @@ import pytest
 
 from capture.station.inspector import Inspector
 from capture.station.panel.access.roles import Role
-from capture.station.recipe_file import read_recipe
+from capture.station.recipe_file import read_recipe, write_recipe
+from capture.station.recipe_folder import RecipeFolder
 from capture.station.verdict import Decision
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.panels import WAIT_S as SOON_S
@@ -113,6 +114,29 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     assert page.errors() == []
     recipe = read_recipe(line.panel.folder.recipe_files().file)
     assert (recipe.version, recipe.passes, recipe.is_approved) == (2, ("rock", "sand"), True)
+
+
+@pytest.mark.slow
+def test_the_log_of_changes_names_each_setting_that_teaching_changed(
+    station: Path, files: RecipeFolder
+) -> None:
+    recipe = read_recipe(files.file)
+    measured = recipe.limits_of["rock"]
+    changed = measured.model_copy(update={"sdq": (0.3, 0.4)})
+    write_recipe(files.file, recipe.model_copy(update={"limits_of": {"rock": changed}}))
+    files.version(2).measured.unlink()  # so that teaching takes the limit for its own
+    with running_panel(station, patch("rock", 3)) as line:
+        client = line.client(Role.ENGINEER)
+        assert client.post("/api/v1/recipes/example/teach", {}).status == 202
+        ends_s = time.monotonic() + JOB_S
+        while (job := client.get("/api/v1/job").json)["status"] == "running":
+            assert time.monotonic() < ends_s
+            time.sleep(0.1)
+        rows = client.get("/api/v1/audit").json["changes"]
+    (row,) = (row for row in rows if "limits_of" in row["what"])
+    assert row["what"] == "recipe example: limits_of.rock.sdq"
+    assert (row["before"], row["after"]) == ("0.3, 0.4", ", ".join(map(str, measured.sdq)))
+    assert any("sdq = 0.3, 0.4 is replaced" in remark for remark in job["result"]["remarks"])
 
 
 @pytest.mark.slow
