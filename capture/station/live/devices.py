@@ -62,6 +62,7 @@ class DeviceStates:
         self._tested["plc"] = Device("plc", "off", "no PLC is configured")
         # Failures since the last self-test that passed.
         self._failed: dict[str, Device] = {}
+        self._has_weak_led = False  # by the last part whose levels were measured
 
     def all(self) -> tuple[Device, ...]:
         """Return all devices."""
@@ -83,9 +84,15 @@ class DeviceStates:
             case StateChanged(State.READY, reason) if reason != Change.FREE:
                 self._failed.clear()
             case PartAnnounced(result, _) if Cause.RIG in result.verdict.causes:
-                self._fail(_OF_THE_RIG, result.verdict.reason)
+                # Levels were measured: the camera works, and an LED is weak.
+                is_weak = bool(result.led_levels)
+                self._fail(("lights",) if is_weak else _OF_THE_RIG, result.verdict.reason)
+                self._has_weak_led = is_weak
             case PartAnnounced(result, _) if Cause.STORAGE in result.verdict.causes:
                 self._fail(("disk",), result.verdict.reason)
+            case PartAnnounced(result, _) if result.led_levels and self._has_weak_led:
+                self._failed.pop("lights", None)
+                self._has_weak_led = False
             case _:
                 pass
 
@@ -98,6 +105,7 @@ class DeviceStates:
 
     def _fail(self, names: Iterable[str], text: str) -> None:
         self._failed |= {name: Device(name, "fault", text) for name in names}
+        self._has_weak_led = False
 
     def _learn(self, checks: Iterable[Check]) -> None:
         found: dict[str, Device] = {}

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import AsyncMock
@@ -297,6 +298,23 @@ def test_devices_follow_the_self_test_and_failures() -> None:
     assert statuses(live)["camera"] == statuses(live)["lights"] == "fault"
     live.set_device(Device("plc", "ok", "connected"))
     assert statuses(live)["plc"] == "ok"
+
+
+def test_a_weak_led_is_a_fault_of_the_lights_until_a_part_shows_that_it_is_over() -> None:
+    live = live_station()
+    live.tell(SelfTestFinished((Check("LED 0", "ok", "20 %"),)))
+    weak = replace(result(1, error(Cause.RIG)), led_levels=(1.0, 0.6, 1.0, 1.0))
+    good = replace(result(2), led_levels=(1.0, 1.0, 1.0, 1.0))
+    live.tell(PartAnnounced(weak, 1.0))
+    assert (statuses(live)["camera"], statuses(live)["lights"]) == ("ok", "fault")
+    live.tell(PartAnnounced(result(2, error(Cause.CAPTURE)), 1.0))  # nothing measured
+    assert statuses(live)["lights"] == "fault"
+    live.tell(PartAnnounced(good, 1.0))
+    assert statuses(live)["lights"] == "ok"
+    # A part that was captured before the lights were lost says nothing of them.
+    live.tell(PartAnnounced(result(3, error(Cause.RIG)), 1.0))
+    live.tell(PartAnnounced(good, 1.0))
+    assert (statuses(live)["camera"], statuses(live)["lights"]) == ("fault", "fault")
 
 
 def test_a_trigger_before_the_station_is_there_is_refused() -> None:
