@@ -232,7 +232,7 @@ def every_condition_holds(recipe: Recipe, m: Measures) -> bool:
         off_deg = abs(math.degrees(math.atan2(math.sin(apart), math.cos(apart))))
         off_deg = off_deg if rule.full_turn else off_deg / 2.0
         # Both ways of computing the angle round.
-        conditions += [holds(match.sharpness, 0.3, math.inf), off_deg <= rule.tolerance_deg + 1e-6]
+        conditions += [holds(match.sharpness, 0.45, math.inf), off_deg <= rule.tolerance_deg + 1e-6]
     return all(conditions)
 
 
