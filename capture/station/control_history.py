@@ -13,17 +13,7 @@ from .control_chart import (
     is_measured,
     mean_log_distance,
 )
-
-
-@dataclass(frozen=True)
-class MeasuredPart:
-    """What control charts take of a part; names as in `PartResult`."""
-
-    number: int
-    part_id: str
-    triggered_utc: str
-    distance: float
-    led_levels: Sequence[float]
+from .results.statistics import ChartedPart
 
 
 @dataclass(frozen=True)
@@ -71,7 +61,7 @@ class ChartHistory:
     upper: float | None
 
 
-def chart_histories(parts: Iterable[MeasuredPart]) -> tuple[ChartHistory, ...]:
+def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
     """Return the chart of the distance and those of each LED, in the order of the lights.
 
     A point is the mean of five parts, and the first 20 points are the baseline. Parts with another
@@ -95,7 +85,7 @@ def chart_histories(parts: Iterable[MeasuredPart]) -> tuple[ChartHistory, ...]:
 
 
 def _history(
-    groups: Sequence[Sequence[MeasuredPart]],
+    groups: Sequence[Sequence[ChartedPart]],
     points: Sequence[float],
     value_of: Callable[[float], float] = lambda point: point,
 ) -> ChartHistory:

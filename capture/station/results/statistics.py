@@ -5,13 +5,12 @@ Whatever the number of parts, the answers are bounded, and only counts leave the
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import ColumnElement, Text, cast, func, select
 
-from capture.station.control_history import MeasuredPart
 from capture.station.verdict import Cause, Decision
 
 from .history import IN_FORCE, JOINED, Selection, conditions
@@ -49,6 +48,17 @@ class Period:
     def parts(self) -> int:
         """Number of parts."""
         return sum(self.verdicts.values())
+
+
+@dataclass(frozen=True)
+class ChartedPart:
+    """What a control chart takes from a part; names as in `PartResult`."""
+
+    number: int
+    part_id: str
+    triggered_utc: str
+    distance: float
+    led_levels: Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,7 @@ def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]
 
 def newest_measured(
     store: ResultStore, selection: Selection, most: int = MOST_MEASURED
-) -> list[MeasuredPart]:
+) -> list[ChartedPart]:
     """Return the last selected parts that matched a texture, by number.
 
     Raises
@@ -162,7 +172,7 @@ def newest_measured(
     ResultsUnavailable
         If the database does not answer.
     """
-    columns = (results.c[name] for name in MeasuredPart.__dataclass_fields__)
+    columns = (results.c[name] for name in ChartedPart.__dataclass_fields__)
     statement = (
         select(*columns)
         .select_from(JOINED)
@@ -173,7 +183,7 @@ def newest_measured(
     )
     with store.reading() as connection:
         rows = connection.execute(statement).all()
-    return [MeasuredPart(**row._mapping) for row in reversed(rows)]
+    return [ChartedPart(**row._mapping) for row in reversed(rows)]
 
 
 def choices(store: ResultStore) -> Choices:

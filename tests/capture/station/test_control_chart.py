@@ -12,9 +12,10 @@ from capture.station.control_chart import (
     baseline_of,
     broken_rules,
 )
-from capture.station.control_history import MeasuredPart, chart_histories
+from capture.station.control_history import chart_histories
 from capture.station.events import Event, PartAnnounced, Warned
 from capture.station.results.part_result import PartResult
+from capture.station.results.statistics import ChartedPart
 from capture.station.verdict import Decision, Verdict
 from tests.capture.station.results.many import many
 
@@ -137,7 +138,7 @@ def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
     told = {part.part_id: watching.add(part) for part in parts}
     running = [(part_id, text) for part_id, texts in told.items() for text in texts]
     distance, *levels = chart_histories(
-        MeasuredPart(**{name: getattr(part, name) for name in MeasuredPart.__dataclass_fields__})
+        ChartedPart(**{name: getattr(part, name) for name in ChartedPart.__dataclass_fields__})
         for part in parts
         if part.label is not None
     )
@@ -157,7 +158,7 @@ def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
 
 
 def test_too_few_parts_have_no_baseline() -> None:
-    parts = [MeasuredPart(n, f"part-{n}", "", 0.4, (1.0, 0.9)) for n in range(99)]
+    parts = [ChartedPart(n, f"part-{n}", "", 0.4, (1.0, 0.9)) for n in range(99)]
     charts = chart_histories(parts)
     assert [len(chart.points) for chart in charts] == [19, 19, 19]
     assert {chart.centre for chart in charts} == {None}
