@@ -2,10 +2,16 @@
 
 import re
 
+from sqlalchemy import Connection, func, select
+
 from classify.errors import InputError
+
+from .schema import begun_parts
 
 # They are names of files too, on every system, so neither a leading dot nor a blank.
 _GIVEN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+# Devices of Windows, whatever follows their name.
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _MADE = re.compile(r"part-\d+", re.IGNORECASE)
 
 
@@ -27,8 +33,33 @@ def require_given_part_id(part_id: str) -> str:
             f"part id {part_id[:100]!r}: give 1 to 100 letters, digits, dots, dashes or "
             "underscores, the first a letter or a digit"
         )
+    if _DEVICE.fullmatch(part_id):
+        raise InputError(f"part id {part_id}: is no name of a file on Windows; give another one")
     if _MADE.fullmatch(part_id):
         raise InputError(
             f"part id {part_id}: the station makes ids of this form itself; give another one"
         )
     return part_id
+
+
+def require_new_part_id(connection: Connection, station: str, part_id: str) -> None:
+    """Check that a station has not had a part with this identity, in upper or lower case.
+
+    Raises
+    ------
+    InputError
+        If it has.
+    """
+    known = connection.scalar(
+        select(begun_parts.c.part_id)
+        .where(begun_parts.c.station == station)
+        .where(func.lower(begun_parts.c.part_id) == part_id.lower())
+        .order_by(begun_parts.c.part_id != part_id)
+    )
+    if known == part_id:
+        raise InputError(f"part {part_id}: this station has had a part with this id")
+    if known is not None:
+        raise InputError(
+            f"part {part_id}: this station has had part {known}; ids that differ only in case "
+            "would name the same file on some systems"
+        )

@@ -16,6 +16,7 @@ from sqlalchemy import (
     ForeignKey,
     ForeignKeyConstraint,
     FromClause,
+    Index,
     Integer,
     MetaData,
     PrimaryKeyConstraint,
@@ -23,9 +24,10 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
     and_,
+    func,
 )
 
-VERSION = 3
+VERSION = 4
 
 metadata = MetaData()
 
@@ -61,6 +63,7 @@ begun_parts = Table(
     UniqueConstraint("station", "number"),
     UniqueConstraint("station", "part_id", "number"),
 )
+Index("begun_parts_lower", begun_parts.c.station, func.lower(begun_parts.c.part_id))
 
 # The fields of `PartResult`, in its words.
 results = Table(

@@ -33,7 +33,7 @@ from .database import (
 )
 from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
 from .migrations import MADE_BY, migrate, stored_version
-from .part_id import made_part_id, require_given_part_id
+from .part_id import made_part_id, require_given_part_id, require_new_part_id
 from .part_result import PartResult
 from .rows import row_of, storable
 from .schema import (
@@ -122,7 +122,8 @@ class ResultStore:
         Raises
         ------
         InputError
-            If `part_id` cannot be an identity, or belongs to a part of this station already.
+            If `part_id` cannot be an identity, or belongs to a part of this station already, where
+            upper and lower case make no difference.
         ResultsUnavailable
             If the database does not answer. The part is not begun, or `unfinished` lists it.
         """
@@ -136,8 +137,8 @@ class ResultStore:
             if written is not None:
                 return _begun_part(written)
             self.lock_station(connection, triggered_utc)
-            if part_id is not None and self._find(connection, begun_parts, part_id) is not None:
-                raise InputError(f"part {part_id}: this station has had a part with this id")
+            if part_id is not None:
+                require_new_part_id(connection, self.station, part_id)
             number = self._last(connection, begun_parts.c.number) + 1
             begun = BegunPart(
                 part_id or made_part_id(number), number, storable(trigger), triggered_utc, simulated

@@ -57,11 +57,13 @@ def test_a_database_of_version_1_keeps_every_row(old_database: str) -> None:
         assert (counters.simulated.parts, counters.production.refused_triggers) == (1, 1)
         begun = store.begin(trigger="timer", triggered_utc=UTC, simulated=False)
         assert begun.number == 7
+        with pytest.raises(InputError, match="has had part A-17; ids that differ only in case"):
+            store.begin(trigger="http", triggered_utc=UTC, simulated=False, part_id="a-17")
         record_removals(store, {"part-000001": "parts/x.ome.tif"}, UTC)
 
 
 def columns(url: str) -> dict[str, object]:
-    """Tables with their columns, keys and triggers, as the database describes them."""
+    """Tables with their columns, keys, indexes and triggers, as the database describes them."""
     engine = create_engine(database_url(url))
     about = inspect(engine)
     found: dict[str, object] = {
@@ -79,11 +81,16 @@ def columns(url: str) -> dict[str, object]:
         for table in about.get_table_names()
     }
     names = {
-        "sqlite": "SELECT name, tbl_name FROM sqlite_master WHERE type = 'trigger' ORDER BY 1",
-        "postgresql": "SELECT tgname, tgtype FROM pg_trigger WHERE NOT tgisinternal ORDER BY 1",
+        "sqlite": (
+            "SELECT name, tbl_name FROM sqlite_master WHERE type IN ('trigger', 'index') ORDER BY 1"
+        ),
+        "postgresql": (
+            "SELECT tgname, tgtype::text FROM pg_trigger WHERE NOT tgisinternal UNION "
+            "SELECT indexname, indexdef FROM pg_indexes WHERE schemaname = 'public' ORDER BY 1"
+        ),
     }
     with engine.connect() as connection:
-        found["triggers"] = list(connection.execute(text(names[engine.dialect.name])))
+        found["others"] = list(connection.execute(text(names[engine.dialect.name])))
     engine.dispose()
     return found
 

@@ -55,7 +55,22 @@ def test_a_part_id_is_given_once(store: ResultStore) -> None:
         begin(store, "oak.7")
 
 
-@pytest.mark.parametrize("part_id", ["", ".hidden", "a b", "../x", "x" * 101, "part-000009", "é"])
+def test_ids_that_differ_only_in_case_would_share_a_file_and_are_refused(
+    open_line: OpenStore,
+) -> None:
+    with open_line("line-1") as one, open_line("line-2") as two:
+        begin(one, "Oak.7")
+        for same in ("oak.7", "OAK.7"):
+            with pytest.raises(InputError, match=f"part {same}: .* part Oak.7; ids that differ"):
+                begin(one, same)
+        begin(two, "oak.7")
+        assert [part.part_id for part in one.unfinished()] == ["Oak.7"]
+
+
+@pytest.mark.parametrize(
+    "part_id",
+    ["", ".hidden", "a b", "../x", "x" * 101, "part-000009", "é", "nul", "Con.1", "LPT1.a.b"],
+)
 def test_an_id_that_cannot_name_a_part_is_refused(store: ResultStore, part_id: str) -> None:
     with pytest.raises(InputError, match="part id"):
         begin(store, part_id)
