@@ -1,4 +1,4 @@
-"""Approve a recipe: a person confirms its hash. Go back to a state that was approved."""
+"""Approve a recipe by its hash, list the approved states, and roll back to one of them."""
 
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
@@ -19,15 +19,15 @@ def approve(files: RecipeFolder, by: str, seen_sha256: str | None = None) -> Rec
     by
         Who approves it.
     seen_sha256
-        Hash of the recipe that this person has seen; None for whatever it is.
+        Hash of the recipe that this person has seen; None skips the comparison.
 
     Raises
     ------
     RecipeError
-        If the recipe could not be run: it was not taught, or something was changed since. If it is
-        not the one that was seen.
+        If the recipe was not taught, something was changed since, or it is not the one that was
+        seen.
     ConfigError
-        For a name that is empty or does not print.
+        If the name is empty or contains control characters.
     """
     with files.changing():
         recipe = Inspector.load(files).recipe
@@ -41,12 +41,12 @@ def approve(files: RecipeFolder, by: str, seen_sha256: str | None = None) -> Rec
 
 
 def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
-    """Check that a recipe is the one that somebody has seen.
+    """Check that a recipe has the hash that somebody has seen; None skips the check.
 
     Raises
     ------
     RecipeError
-        If it was changed since; None is whatever it is.
+        If it was changed since.
     """
     if seen_sha256 is not None and recipe.sha256 != seen_sha256:
         raise RecipeError(
@@ -55,9 +55,9 @@ def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
 
 
 def approved_states(files: RecipeFolder) -> list[Recipe]:
-    """Return every state of a recipe that was approved, the last approval first.
+    """Return every approved state of a recipe, the last approval first.
 
-    A copy that is damaged or was changed since is left out: nobody can go back to it.
+    A copy that is damaged or was changed since is left out: it cannot be rolled back to.
     """
     found = []
     for version in files.taught_versions():
@@ -72,19 +72,19 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
 
 
 def roll_back(files: RecipeFolder, sha256: str) -> Recipe:
-    """Make a state that was approved earlier the recipe again, with its approval.
+    """Replace the recipe by an earlier approved state, with its approval.
 
     Later versions stay on disk. The challenge set must be met again before the recipe runs.
 
     Raises
     ------
     RecipeError
-        If no such state was approved, or what was taught for it was changed since.
+        If there is no such approved state, or what was taught for it was changed since.
     """
     with files.changing():
         state = next((each for each in approved_states(files) if each.sha256 == sha256), None)
         if state is None:
-            raise RecipeError(f"recipe {files.name}: {sha256[:64]!r} is no state that was approved")
-        Inspector.of(state, files)  # it could run
+            raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
+        Inspector.of(state, files)  # raises if it could not run
         write_recipe(files.file, state)
         return state

@@ -1,15 +1,15 @@
-"""`Collector`: in place of an `Inspector` while parts are captured that are to be taught."""
+"""`Collector`: replaces the `Inspector` in a run that captures parts for teaching."""
 
 from capture.sets.captured_set import CapturedSet
 
 from .inspector import Inspection
 from .verdict import Cause, Decision, Verdict
 
-COLLECTS = "this run judges no part: it collects parts that are to be taught"
+COLLECTS = "this run collects parts for teaching and judges none"
 
 
 class Collector:
-    """Says UNKNOWN of every part: no part of such a run may pass."""
+    """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
 
     def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
         """Judge nothing."""

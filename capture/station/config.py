@@ -36,10 +36,10 @@ class Retention(Section):
     Attributes
     ----------
     pass_every
-        Of the parts that passed, one in so many keeps its file; all others keep theirs, too, if 1.
+        One in `pass_every` of the parts that passed keeps its set file; 1 keeps all of them.
     pass_days
-        Days until the files of the other parts that passed are removed. With one day or more, no
-        folder is removed into which a part is written.
+        Age in days at which the set files of the other passed parts are removed. It is at least 1,
+        because today's folder may still receive files.
     """
 
     pass_every: int = Field(default=20, ge=1, le=1_000_000)
@@ -56,11 +56,11 @@ class SimulatedParts(Section):
     surfaces
         Surfaces of the parts, as in ``[simulation.placement]`` of ``rig.toml``.
     others, share_other
-        Surfaces that should not come, and their share of the parts.
+        Unexpected surfaces, and their share of the parts.
     orientations_deg
-        Orientations, one of which a part has; any if empty.
+        Orientations to draw from; empty draws from all angles.
     share_defective, defects
-        Share of the other parts that has one defect, and the kinds that come.
+        Share of the parts with an expected surface that have one defect, and the kinds of defects.
     """
 
     seed: int = Field(default=100, ge=0, lt=2**31)
@@ -99,25 +99,25 @@ class StationConfig(Section):
     results
         SQLite file, relative to the station's folder, or URL of a PostgreSQL database.
     operator
-        Who answers for the results, unless ``station run --operator`` says another.
+        Who answers for the results; ``station run --operator`` overrides it.
     trigger
-        Where triggers come from, unless ``station run --trigger`` says another.
+        Where triggers come from; ``station run --trigger`` overrides it.
     timer_s
-        Period of the timer; 0 triggers as soon as the station is ready. Before a simulated part
-        sensor a part arrives so long after the station became ready.
+        Period of the timer; 0 triggers as soon as the station is ready. With a simulated part
+        sensor it is the time from a ready station to the next part.
     sensor_delay_ms
         Time from the edge of the part sensor to the first light.
     buffers
-        Parts that may wait for their verdict; a further trigger is refused.
+        Number of exposed parts that may wait for their verdict; a trigger beyond it is refused.
     disk_floor_mb
         Free space below which triggers are refused.
     plate_check
-        Whether a white sheet is below the camera when the station starts, with which the rig is
-        compared with its calibration. A simulated rig lays it down by itself.
+        Whether the start compares the rig with its calibration by a white sheet, which somebody
+        has put below the camera. A simulated rig puts it there itself.
     reconnect_s
         Time between two attempts to open a rig that was lost.
     retention, simulated_parts, panel, modbus, mqtt
-        The sections of these names; without the last two there is no PLC and no broker.
+        The sections of these names; without ``modbus`` there is no PLC, without ``mqtt`` no broker.
     """
 
     name: Name

@@ -1,9 +1,9 @@
-"""Errors of the inspection station, and any error in one line."""
+"""Errors of the inspection station, and the text of any error as one line."""
 
 from classify.errors import InputError, Ps4rigError
 
-# Of the text of an exception, which may carry a whole document.
-_MOST_SAID = 500
+# Characters that are kept of an exception's text, which may be a whole document.
+_MAX_CHARACTERS = 500
 
 
 class RecipeError(InputError):
@@ -17,14 +17,14 @@ class ChallengeFailed(Ps4rigError):  # noqa: N818 - a verdict on a recipe, no er
 
 
 def said(error: BaseException) -> str:
-    """Return what an error says, in one line."""
+    """Return the text of an error as one line; unknown kinds of errors are named."""
     if isinstance(error, MemoryError):
         return "not enough memory"
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     try:
-        text = " ".join(str(error).split())[:_MOST_SAID]
-    except Exception:  # of an error whose text cannot be made
+        text = " ".join(str(error).split())[:_MAX_CHARACTERS]
+    except Exception:  # its __str__ failed
         text = ""
     is_known = isinstance(error, Ps4rigError | OSError)
     return text if text and is_known else f"{type(error).__name__}: {text}".rstrip(": ")

@@ -46,7 +46,7 @@ class PanelConfig(Section):
     tls_cert, tls_key
         PEM files for HTTPS, relative to the station's folder.
     behind_proxy
-        Whether a proxy on this machine does HTTPS.
+        Whether a proxy on this machine terminates HTTPS.
     names
         Host names by which browsers reach the panel; IP addresses need no entry.
     """
@@ -67,10 +67,10 @@ class PanelConfig(Section):
         return self
 
     @model_validator(mode="after")
-    def _only_the_proxy_is_asked_without_tls(self) -> Self:
+    def _proxy_is_on_this_machine(self) -> Self:
         if self.behind_proxy and not self._is_loopback:
             raise ValueError(
-                f"behind_proxy = true with host = {self.host!r}: others could pass by the proxy; "
+                f"behind_proxy = true with host = {self.host!r}: requests could bypass the proxy; "
                 "give 127.0.0.1"
             )
         return self
@@ -116,7 +116,7 @@ def _broker(text: str) -> str:
     try:
         url = urlsplit(text)
         is_usable = url.scheme in ("mqtt", "mqtts") and bool(url.hostname) and url.port != 0
-    except ValueError:  # a port that is none
+    except ValueError:  # a port that is no number
         is_usable = False
     if not is_usable or url.path.strip("/") or url.query or url.fragment:
         raise ValueError("give mqtt://HOST:PORT or mqtts://USER:PASSWORD@HOST:PORT")

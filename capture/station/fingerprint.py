@@ -1,4 +1,4 @@
-"""`Fingerprint`: hashes of all that a verdict depends on beside the part."""
+"""`Fingerprint`: hashes of everything that a verdict depends on, except the part."""
 
 from importlib.metadata import version
 from typing import Self
@@ -13,7 +13,7 @@ from .taught import Taught
 
 
 class Fingerprint(BaseModel):
-    """Hashes of all that a verdict depends on beside the part."""
+    """Hashes of everything that a verdict depends on, except the part."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

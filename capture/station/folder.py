@@ -17,12 +17,12 @@ from .recipe_folder import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"
-# The log is renamed to station.log.1 beyond this; a line a part of 100 bytes fills it in 80,000.
+# A larger log is renamed to station.log.1: after about 80,000 parts with a line of 100 bytes each.
 _MAX_LOG_BYTES = 8 << 20
 
 
 class StationFolder:
-    """A station on disk, to be read. Only `station_folder` makes one that may be written.
+    """A station on disk, for reading; `station_folder` opens one for writing.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class StationFolder:
         return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
 
     def has_sets(self) -> bool:
-        """Whether there are sets of parts: numbers that begin anew would replace them."""
+        """Whether sets of parts exist, which a new database would overwrite: it counts from 1."""
         return any(self.parts.glob(f"*/*{SUFFIX}"))
 
     def log(self, line: str) -> None:
-        """Append a line with the time to ``station.log``; a full one becomes ``station.log.1``.
+        """Append a line with the time to ``station.log``; a full log becomes ``station.log.1``.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class StationFolder:
 
 
 def set_file_of(part_id: str, triggered_utc: str) -> str:
-    """Return the set file of a part, relative to the station's folder; there is a folder a day."""
+    """Return the set file of a part, relative to the station: one folder for each UTC day."""
     return f"{PARTS}/{triggered_utc[:10]}/{part_id}{SUFFIX}"
 
 
@@ -91,7 +91,7 @@ def station_folder(path: Path) -> Iterator[StationFolder]:
     InputError
         If it is no station, its configuration is wrong, or another program has it open.
     """
-    StationFolder(path)  # a folder that is no station is not locked
+    StationFolder(path)  # raises before a lock file is made in a folder that is no station
     with folder_lock(path, _LOCK):
         yield StationFolder(path)
 
@@ -102,7 +102,7 @@ def make_station(path: Path) -> None:
     Raises
     ------
     InputError
-        If the folder is a station already, holds other files, or cannot be made.
+        If the folder is a station already, contains other files, or cannot be made.
     """
     if (path / CONFIG).exists():
         raise InputError(f"{path}: is a station already; edit {path / CONFIG}")

@@ -34,27 +34,28 @@ from .taught import Taught
 from .taught_files import check_unchanged, defect_model_of, taught_for
 from .verdict import Cause, Verdict
 
-# Parts of a calibration that depend on pixel values and exposure, and on the lights.
+# Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
-# Defects that a result lists; a part of another texture may have hundreds.
+# Number of defects that a result lists; a part of another texture may have hundreds.
 _MOST_DEFECTS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What an `Inspector` says of one part.
+    """Verdict on one part, and the measures that it follows from.
 
     Attributes
     ----------
     verdict
         The verdict.
     measures
-        What it follows from.
+        The measures of the region.
     defect_map
         Scores of the region; None for a part whose nearest texture does not pass.
     defects
-        Places above the recipe's limit in it, the largest score first, in px of the whole image.
+        Regions of the defect map above the recipe's limit, the largest score first, in px of the
+        whole image.
     led_levels
         Mean signal of each light against that of the taught parts of its texture, or of all taught
         parts if it matches none that passes; empty where the set was not measured.
@@ -72,7 +73,7 @@ class Inspection:
     def result_fields(self) -> dict[str, Any]:
         """Return the fields of a `PartResult` that follow from the inspection, by name.
 
-        A value that is NaN or infinite counts as not measured.
+        NaN and infinite values become None: not measured.
         """
         fields: dict[str, Any] = {}
         for source, names in (
@@ -86,7 +87,7 @@ class Inspection:
 
 
 class Inspector:
-    """Judges parts by one recipe. Everything is loaded once, and hashed.
+    """Judges parts by one recipe, whose files are loaded and hashed once.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ class Inspector:
     calibration
         As given.
     fingerprint
-        What its verdicts depend on.
+        Hashes of everything that its verdicts depend on.
     """
 
     def __init__(
@@ -140,7 +141,7 @@ class Inspector:
 
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
-        """Load what teaching made for a recipe; raises as `load`."""
+        """Load what teaching made for a recipe that was read; raises as `load`."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
         check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
@@ -154,8 +155,8 @@ class Inspector:
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
 
-        A set that cannot be judged is an ERROR with its cause. Any other problem is raised, and the
-        caller makes it an ERROR.
+        A set that cannot be judged gets the verdict ERROR with its cause. Any other problem is
+        raised, and the caller turns it into the verdict ERROR.
         """
         faults = list(self._faults(captured))
         if faults:
@@ -175,8 +176,8 @@ class Inspector:
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 measures = replace(measures, match=_matched(self._library, measured.surface))
-        # A part with a large defect may be unknown: where it departs from the nearest texture is
-        # recorded, too.
+        # A part with a large defect may be unknown: its defects are recorded against the nearest
+        # texture.
         match = measures.match
         texture = "" if match is None else match.label or match.nearest
         defect_map: DefectMap | None = None
@@ -213,7 +214,7 @@ class Inspector:
         return tuple(records)
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
-        """Why the set cannot be judged, whatever is on it."""
+        """Why the set cannot be judged, whatever part it shows."""
         for difference in setting_differences(self._taught.setting, Setting.of_set(captured)):
             yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
         if not fits(self.recipe.region, captured):
@@ -243,7 +244,7 @@ class Inspector:
         at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
         for name, record in file.records.items():
             age_days = record.age_days(at)
-            # A day allows for clocks of two computers.
+            # -1: the clocks of two computers may differ.
             if age_days is None or not -1 <= age_days <= rule.max_age_days:
                 text = f"{name.replace('_', ' ')} was measured {age_days} days before the part"
                 yield Finding(Cause.CALIBRATION, f"{text}, at most {rule.max_age_days}")

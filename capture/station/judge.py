@@ -13,7 +13,7 @@ from .recipe import Limits, Orientation, Recipe
 from .verdict import Cause, Decision, Verdict
 
 STOP_LED_LEVEL = 0.85
-"""Least level of an LED against the taught one; machine vision stops below 85 % (README.md)."""
+"""Least level of an LED, as a share of the taught one: stop below 85 %, warn below 90 %."""
 
 _ORDER = {cause: number for number, cause in enumerate(Cause)}
 _UNKNOWN = (Cause.NO_TEXTURE, Cause.UNDECIDED, Cause.BLUR)
@@ -24,7 +24,7 @@ _ERROR = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that speaks against a part, with its values and limits as text."""
+    """One reason why a part does not pass, with its values and limits as text."""
 
     cause: Cause
     text: str
@@ -47,7 +47,7 @@ class Measures:
     defect_score
         Largest score of the defect map.
     unjudged_px
-        Largest connected area without a score in it, in px.
+        Largest connected area without a score in the defect map, in px.
     """
 
     match: Match | None = None
@@ -61,10 +61,10 @@ class Measures:
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
-    """Judge a part. Pure: the same values give the same verdict.
+    """Return the verdict on a part. Pure: the same values give the same verdict.
 
     Faults of the set come first, then its validity, its texture, and the limits of the texture. A
-    value that is NaN, or that the recipe needs and that is missing, is an ERROR.
+    value that is NaN, or that the recipe needs and that is missing, gives the verdict ERROR.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
 
 
 def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
-    """Say what makes the measurement unusable, whatever the texture is."""
+    """Yield why the measurement is unusable, whatever the texture is."""
     yield from _unmeasured(recipe.limits, measures)
     yield from _at_most(
         "saturated pixels", measures.saturated_fraction, MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
@@ -129,12 +129,12 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     elif match.label not in recipe.passes:
         yield Finding(Cause.WRONG_TEXTURE, f"{match.label} is not in the recipe, {match.reason}")
     else:
-        yield from _turned(recipe.orientation, match)
-        yield from _beyond(limits, measures)
+        yield from _misoriented(recipe.orientation, match)
+        yield from _beyond_limits(limits, measures)
 
 
 def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
-    """Why the texture cannot be told."""
+    """Why the texture is unknown."""
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     name = f"distance to {match.nearest}"
     if not bounds:
@@ -149,7 +149,7 @@ def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
         yield from _at_most("blur in px", match.blur_px, limits.blur_px, Cause.BLUR, ".2f")
 
 
-def _turned(rule: Orientation, match: Match) -> Iterator[Finding]:
+def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
     if rule.tolerance_deg is None:
         return
     period_deg = 360.0 if rule.full_turn else 180.0
@@ -165,7 +165,7 @@ def _turned(rule: Orientation, match: Match) -> Iterator[Finding]:
     yield from _at_most(name, abs(off_deg), rule.tolerance_deg, Cause.ORIENTATION, ".1f")
 
 
-def _beyond(limits: Limits, measures: Measures) -> Iterator[Finding]:
+def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
     """Which limits of its texture the part exceeds."""
     yield from _unmeasured(limits, measures)
     if limits.sdq is not None:
@@ -200,7 +200,7 @@ def _at_least(
 
 
 def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
-    """What a part that passes was measured to be, with the limits."""
+    """Measures of a part that passes, with their limits, as text."""
     limits = recipe.limits_for(match.label or "")
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]

@@ -26,11 +26,11 @@ class MeasuredSurface:
     Attributes
     ----------
     surface
-        The surface in the region; without images where that is not the whole frame.
+        The surface in the region; it has no images if the region is not the whole frame.
     inside
         (H, W) bool of the region, false outside the mask of the set.
     shadowed, saturated
-        (H, W) bool of the region: at least one light does not reach, or saturates, the pixel.
+        (H, W) bool of the region: pixels that at least one light does not reach, or saturates.
     light_signals
         Mean signal of each light in the region, as a share of full scale.
     """
@@ -51,8 +51,8 @@ class MeasuredSurface:
     ) -> Self:
         """Solve a set by `method`, by default that for its number of lights.
 
-        The whole frame is solved, because lights and calibration refer to it. What is outside the
-        region has no influence.
+        The whole frame is solved, because lights and calibration refer to it. Pixels outside the
+        region are masked.
         """
         frame = captured.images.shape[1:]
         inside = np.ones(frame, np.bool_) if captured.mask is None else captured.mask
@@ -82,7 +82,7 @@ class MeasuredSurface:
         )
 
     def share(self, where: npt.NDArray[np.bool_]) -> float:
-        """Share of the pixels inside where `where` is true; NaN if no pixel is inside."""
+        """Share of the pixels in `inside` where `where` is true; NaN if `inside` is empty."""
         count = np.count_nonzero(self.inside)
         return np.count_nonzero(where & self.inside) / count if count else float("nan")
 

@@ -11,7 +11,7 @@ from rig.set_file import fields_sha256
 
 from .errors import RecipeError
 
-_MAX_TEXTURES = 1000  # a station of 30 classes is asked for; see README.md
+_MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -24,12 +24,12 @@ class Orientation(Section):
     Attributes
     ----------
     tolerance_deg
-        Largest departure from `reference_deg`; None accepts every orientation.
+        Largest difference from `reference_deg`; None accepts every orientation.
     reference_deg
         Required orientation, anticlockwise, with the zero of the taught parts.
     full_turn
-        Whether a part that is turned by 180 degrees is at the wrong orientation. It needs a texture
-        that looks clearly different then.
+        Whether a part at `reference_deg` + 180 degrees is wrong. It needs a texture that looks
+        clearly different at that orientation.
     """
 
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
@@ -77,11 +77,11 @@ class Limits(Section):
 
 
 class GeneralLimits(Limits):
-    """Limits of all textures. Those that are not optional hold where a recipe does not name them.
+    """Limits of all textures, with the default values of those that a recipe does not set.
 
     A blur of 1 px costs the statistics of the finest scale (``classify/texture/blur.py``). A part
-    is not judged where its slope is unknown; teaching limits that to what the good parts show. A
-    group of 2 x 2 cells of the defect map without a score is 256 px: a hole, no chance.
+    is not judged where its slope is unknown; teaching limits that to what the good parts show. Four
+    adjacent cells of the defect map without a score, 2 x 2 or 256 px, are a hole in the surface.
     """
 
     unmeasured_fraction: Share = 0.05
@@ -184,7 +184,7 @@ class Recipe(Section):
         return self.approval is not None and self.approval.sha256 == self.sha256
 
     def limits_for(self, texture: str) -> Limits:
-        """Return the limits of a texture: its own where it has some, else those of all."""
+        """Return the limits of a texture: its own ones, and the general ones for the rest."""
         own = self.limits_of.get(texture, Limits())
         return Limits.model_validate({**dict(self.limits), **own.model_dump(exclude_none=True)})
 
@@ -195,7 +195,7 @@ def require_approved(recipe: Recipe) -> None:
     Raises
     ------
     RecipeError
-        If nobody did, or it was changed since.
+        If it was never approved, or was changed since.
     """
     if recipe.is_approved:
         return

@@ -14,8 +14,8 @@ from .recipe import Recipe
 SUFFIX = ".toml"
 
 _MISSING = (
-    "no such recipe; ps4rig station teach makes one, from sets that a run with --collect captures, "
-    "too"
+    "no such recipe; ps4rig station teach makes one; ps4rig station run --collect captures parts "
+    "for it"
 )
 _HEAD = """\
 # A recipe of the inspection station. A line that begins with # is a comment.
@@ -62,8 +62,8 @@ def read_recipe(path: Path) -> Recipe:
     Raises
     ------
     RecipeError, ConfigError
-        If it is missing or not TOML, has an unknown key or a value out of range, or is named
-        otherwise than its file; the message names file, key and value.
+        If it is missing or not TOML, has an unknown key or a value out of range, or has another
+        name than its file; the message names file, key and value.
     """
     recipe = read_toml_as(path, Recipe, _MISSING)
     if path.name != recipe.name + SUFFIX:
@@ -122,5 +122,5 @@ def _entry(key: str, value: object) -> Iterator[str]:
 
 
 def _toml(value: object) -> str:
-    # Printable texts, numbers, truth values and lists of them have the same form in JSON.
+    # Printable text, numbers, booleans and lists of them have the same form in JSON.
     return json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""`RecipeFolder`: where the files of a recipe are, in ``recipes`` of a station."""
+"""`RecipeFolder`, `TaughtFiles`: paths of a recipe and of what was taught for its versions."""
 
 import hashlib
 import re
@@ -15,8 +15,7 @@ from classify.regular_file import open_regular_file
 # A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34
 _BLOCK_BYTES = 1 << 20
-# Of a hash in the name of a file.
-_DIGITS = 8
+_DIGITS = 8  # of a hash in a file name
 _LOCK = "teaching.lock"
 _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
@@ -25,7 +24,7 @@ _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 class RecipeFolder:
     """``recipes/NAME.toml`` and ``recipes/NAME``, which teaching fills.
 
-    Each version has its own folder, so that the file of the recipe alone decides what is in use.
+    Each version has its own folder; the recipe's file names the version in use.
 
     Attributes
     ----------
@@ -75,12 +74,12 @@ class RecipeFolder:
 
     @contextmanager
     def changing(self) -> Iterator[None]:
-        """Let nobody else teach, change or approve the recipe during the block.
+        """Lock the recipe against teaching, changes and approval by others during the block.
 
         Raises
         ------
         InputError
-            If somebody else does so now, or the folder cannot be made or locked.
+            If another program holds the lock, or the folder cannot be made or locked.
         """
         make_folder(self.folder)
         with folder_lock(self.folder, _LOCK):
@@ -111,7 +110,7 @@ class TaughtFiles:
 
     @property
     def report(self) -> Path:
-        """What teaching found, for people."""
+        """The report of teaching, a page for people."""
         return self.folder / "teaching.html"
 
     @property

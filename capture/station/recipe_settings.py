@@ -1,4 +1,4 @@
-"""Change settings of a recipe: a new state of it, which nobody has approved."""
+"""Change settings of a recipe, which ends its approval, and list what differs."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from .recipe_folder import RecipeFolder
 SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
 )  # fmt: skip
-"""Keys of a recipe that people set; teaching and approval write the others."""
+"""Keys of a recipe that people set; teaching and approval write all others."""
 
 Place = tuple[str | int, ...]
 
 
 class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error of the program
-    """Settings that no recipe can have.
+    """Settings that are invalid in a recipe.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class SettingsRefused(RecipeError):  # noqa: N818 - what somebody gave, no error
 
 @dataclass(frozen=True)
 class SettingChange:
-    """A setting that differs, with both values as text; None where it is not set."""
+    """A setting that differs between two states, with both values as text; None if not set."""
 
     key: str
     before: str | None
@@ -52,17 +52,17 @@ def dotted(place: Place) -> str:
 
 
 def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
-    """Return a recipe with other settings, not approved; each given key replaces its whole value.
+    """Return a recipe with new values for the given keys, without approval.
 
     Raises
     ------
     SettingsRefused
-        If a key is no setting, or a value is wrong.
+        If a key is not in `SETTINGS`, or a value is invalid.
     """
     unknown = [key for key in values if key not in SETTINGS]
     if unknown:
-        said = f"is no setting; these are {', '.join(SETTINGS)}"
-        raise SettingsRefused({(key[:100],): said for key in unknown})
+        message = f"is no setting; settings are {', '.join(SETTINGS)}"
+        raise SettingsRefused({(key[:100],): message for key in unknown})
     before = recipe.model_dump(by_alias=True, exclude={"approval"})
     try:
         return Recipe.model_validate(before | dict(values))
@@ -82,14 +82,14 @@ def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
 
 
 def save_settings(files: RecipeFolder, recipe: Recipe, seen_sha256: str) -> None:
-    """Replace the recipe whose hash somebody has seen.
+    """Replace the recipe by a changed one, if it still has the hash that somebody has seen.
 
     Raises
     ------
     RecipeError
         If it was changed since.
     InputError
-        If somebody else changes it now, or it cannot be written.
+        If another program is changing it, or it cannot be written.
     """
     with files.changing():
         require_seen(read_recipe(files.file), seen_sha256)

@@ -1,4 +1,4 @@
-"""`RecipeState`: how far a recipe is from being run, without loading what was taught."""
+"""`RecipeState`: what a recipe lacks to be run, found without loading library and models."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from .taught_files import taught_for
 
 @dataclass(frozen=True)
 class RecipeState:
-    """A recipe, and what it lacks.
+    """A recipe, and what it lacks to be run.
 
     Attributes
     ----------
@@ -26,11 +26,11 @@ class RecipeState:
     problem
         Why it cannot judge anything; None if it can.
     challenge
-        What its challenge set says, in words.
+        State of the challenge set, in words.
     has_met_challenge
         Whether every part got its verdict from exactly this recipe, calibration and software.
     replay
-        The last replay, of whatever state; None without one.
+        The last replay, of this state or an earlier one; None without one.
     """
 
     recipe: Recipe

@@ -14,8 +14,8 @@ from .outcome import interrupted_result
 from .results.part_result import PartResult
 from .results.store import BegunPart, ResultStore
 
-# Results whose set files are read again at the start: a loss of power concerns those of the last
-# seconds.
+# Number of last results whose set files are read again at the start. A loss of power can damage
+# files of the last seconds.
 _LAST_RESULTS = 10
 _FILES_AT_A_TIME = 500
 
@@ -23,9 +23,9 @@ _FILES_AT_A_TIME = 500
 def finish_interrupted(
     folder: Path, store: ResultStore, decided_utc: Callable[[], str]
 ) -> Iterator[PartResult]:
-    """Give every part that was begun and has no result the verdict ERROR, and yield it.
+    """Give every begun part without a result the verdict ERROR, and yield that result.
 
-    Its set file belongs to the result if it is whole.
+    An intact set file of the part is kept with the result.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def finish_interrupted(
 
 
 def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
-    """Fields of the result for the set file of an interrupted part, and the reason to give."""
+    """Set fields of an interrupted part's result, and the reason of its verdict."""
     set_file = set_file_of(begun.part_id, begun.triggered_utc)
     reason = "the station was interrupted before the verdict"
     if not (folder / set_file).exists():
@@ -54,9 +54,9 @@ def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
 
 
 def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
-    """Say which set files of the last results are missing, damaged, or those of other parts.
+    """Yield a line for each set file of the last results that is missing, damaged or exchanged.
 
-    The results stay as they are: they were right when they were written.
+    The results are not changed: they were right when they were written.
     """
     for entry in store.parts(newest=_LAST_RESULTS):
         result = entry.result
@@ -76,7 +76,7 @@ def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
 
 
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
-    """Say which files of ``parts`` belong to no part of the results, as after a lost database."""
+    """Yield a line for each set file without a part in the results, as after a lost database."""
     names = (path for path in sorted((folder / PARTS).glob(f"*/*{SUFFIX}")))
     while some := list(islice(names, _FILES_AT_A_TIME)):
         ids = {path.name.removesuffix(SUFFIX): path for path in some}

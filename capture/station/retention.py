@@ -18,19 +18,19 @@ from .folder import PARTS
 from .results.removals import last_removals, passed_sets, record_removals
 from .results.store import ResultStore
 
-# Held while set files are removed, and while they must stay.
+# Held while set files are removed, and by a backup while they must stay.
 _LOCK = "sets.lock"
 # A removal of a day's files takes seconds.
 _PATIENCE_S, _RETRY_S = 60.0, 0.1
-# Files between two transactions: an interrupted removal is repeated for so many at most.
+# Files in one transaction: an interrupted removal repeats at most so many.
 _BATCH = 200
 
 
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
     """Whether a part that passed belongs to the sample that keeps its set file.
 
-    The hash of its name decides, so that it is the same in each run and has no rhythm that a
-    machine with several moulds or spindles could share.
+    The hash of its id decides, so that each run decides alike and the sample does not follow the
+    cycle of a machine with several moulds or spindles.
     """
     digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
     return int.from_bytes(digest[:8]) % pass_every == 0
@@ -45,10 +45,10 @@ def remove_old_sets(
 ) -> int:
     """Remove set files that the retention does not keep; return how many.
 
-    Removed are those of parts that passed more than `Retention.pass_days` ago, are not in the
-    sample and have no override. Rows stay; a row of its own says that a set was removed, and is
-    written before the file goes: a file that is missing without it was lost. After a kill between
-    the two, the next call removes the file.
+    It removes the set files of parts that passed more than `Retention.pass_days` ago, are not in
+    the sample and have no override. Results stay. A row that records the removal is written before
+    the file is removed: a missing file without such a row was lost. After a kill between the two,
+    the next call removes the file.
 
     Parameters
     ----------
@@ -57,13 +57,13 @@ def remove_old_sets(
     now
         The present time with its zone.
     stop
-        Whether to leave the rest to the next call; asked between two batches.
+        Asked between two batches; true leaves the rest to the next call.
 
     Raises
     ------
     InputError
-        If a file cannot be removed, or is not one of a part, or the sets must stay: a backup reads
-        them.
+        If a file cannot be removed, a name in the results is outside ``parts``, or a backup holds
+        the lock.
     ResultsUnavailable
         If the database does not answer.
     """
@@ -84,12 +84,12 @@ def remove_old_sets(
 
 @contextmanager
 def sets_stay(folder: Path) -> Iterator[None]:
-    """Remove no set file during the block; a removal that goes on is awaited.
+    """Keep all set files during the block; wait for a removal in progress first.
 
     Raises
     ------
     InputError
-        If the removal does not end, or the folder cannot be locked.
+        If the removal does not end within a minute, or the folder cannot be locked.
     """
     make_folder(folder / PARTS)
     last_attempt_s = time.monotonic() + _PATIENCE_S
@@ -106,7 +106,7 @@ def sets_stay(folder: Path) -> Iterator[None]:
 
 
 def _remove(folder: Path, set_files: list[str]) -> int:
-    """Remove files that are there and return their number; durable before the next batch."""
+    """Remove the files that exist, sync their folders, and return how many were removed."""
     removed, days = 0, set()
     for set_file in set_files:
         path = folder / inside_parts(set_file)

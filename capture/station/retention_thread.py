@@ -12,7 +12,7 @@ from .config import Retention
 from .results.store import ResultStore
 from .retention import remove_old_sets
 
-# A day's sets become old hour by hour, so that one removal is short.
+# Sets reach their age hour by hour, so one removal is short.
 _PERIOD_S = 3600.0
 
 
@@ -22,7 +22,7 @@ def retention_in_background(
 ) -> Iterator[None]:
     """Remove old set files of a station now and every hour, until the block ends.
 
-    What fails is said to `warn`, and tried again an hour later: no part is concerned.
+    A failure is passed to `warn` and tried again an hour later; parts are not affected.
     """
     ended = threading.Event()
 
@@ -30,7 +30,7 @@ def retention_in_background(
         while True:
             try:
                 remove_old_sets(folder, store, retention, datetime.now(UTC), stop=ended.is_set)
-            except (Ps4rigError, OSError) as error:  # such as of a disk that cannot sync
+            except (Ps4rigError, OSError) as error:  # OSError: the disk cannot sync
                 warn(f"old sets are not removed: {error}")
             if ended.wait(_PERIOD_S):
                 return

@@ -8,16 +8,16 @@ from rig.config.defect import Defect
 
 from .config import SimulatedParts
 
-# Surfaces are periodic: within this, any patch is as likely as any other.
+# Surfaces are periodic, with periods below this: every patch is equally likely.
 _LARGEST_SHIFT_PX = 4096.0
-# Share of the frame that a defect fills: from what a person just sees to what nobody overlooks.
+# Size of a defect as a share of the frame: from barely visible to obvious.
 _SIZE_SHARES = (0.08, 0.3)
-# Of the relief of a defect: up to a slope of about 1 at its flanks.
+# Depth of a defect as a share of its size: up to a slope of about 1 at its flanks.
 _DEPTH_PER_SIZE = (0.05, 0.25)
-# Limits of `Defect`, which tiny and huge frames reach.
+# Bounds of the fields of `Defect`; only very small and very large frames reach them.
 _SIZES_PX, _DEEPEST_PX = (2.0, 2048.0), 256.0
 _CONTRASTS = (0.2, 0.6)
-# The middle of a defect stays within this share of the frame around its centre.
+# The centre of a defect stays within this share of the frame, around the centre of the frame.
 _MIDDLE_SHARE = 0.6
 
 
@@ -30,7 +30,7 @@ class SimulatedPart:
     placement
         How it lies below the camera.
     is_other
-        Whether its surface should not come.
+        Whether its surface is an unexpected one.
     """
 
     placement: Placement
@@ -38,7 +38,7 @@ class SimulatedPart:
 
     @property
     def is_good(self) -> bool:
-        """Whether the part has the surface that should come, and no defect."""
+        """Whether the part has an expected surface and no defect."""
         return not self.is_other and not self.placement.defects
 
 
@@ -48,7 +48,7 @@ def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> Simulat
     Parameters
     ----------
     parts
-        What comes, and how often.
+        Which surfaces and defects come, and how often.
     number
         Number of the part in the station.
     frame_px

@@ -1,4 +1,4 @@
-"""Hash of the program that judges parts, which a version number does not tell apart."""
+"""Hash of the program that judges parts: changed code may have the same version number."""
 
 import hashlib
 import platform
@@ -8,13 +8,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _PACKAGES = ("capture", "classify", "firmware_sim", "rig")
-# What the measures are computed with. `opencv-python-headless` is cv2.
+# Packages that compute the measures. `opencv-python-headless` is cv2.
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "tifffile")
 
 
 @cache
 def software_sha256() -> str:
-    """SHA-256 of this program; its files are read once a run."""
+    """SHA-256 of this program, computed once a run."""
     return sources_sha256(Path(__file__).parents[2])
 
 

@@ -64,7 +64,7 @@ class StateMachine:
     def change(self, change: Change, reason: str = "") -> State:
         """Make a transition and return the new state.
 
-        `reason` says more than the change itself.
+        `reason` is published instead of the text of `change`, for example a fault that was found.
 
         Raises
         ------

@@ -37,19 +37,19 @@ class Accepted:
 
 
 class Refusal(Enum):
-    """Kinds of reasons, for programs."""
+    """Why a trigger was refused, as a code for programs."""
 
     NOT_READY = auto()
     BUSY = auto()  # another part is exposed, or no buffer is free
     STOPPING = auto()
     DISK = auto()
     DATABASE = auto()
-    PART_ID = auto()  # cannot be one, or was used before
+    PART_ID = auto()  # invalid, or used before
     UNFORESEEN = auto()
 
 
 def refusal_by(error: BaseException) -> Refusal:
-    """Return the kind of reason of a trigger whose part could not be begun."""
+    """Return the code of a refusal because of an error while the part was begun."""
     if isinstance(error, InputError):
         return Refusal.PART_ID
     return Refusal.DATABASE if isinstance(error, ResultsUnavailable) else Refusal.UNFORESEEN
@@ -97,7 +97,7 @@ _POLL_S = 0.2
 class TimerTrigger:
     """A trigger in each period; a period of 0 triggers whenever the station is ready.
 
-    A trigger that falls into the exposure of another part is refused, and recorded, like any other.
+    A trigger during the exposure of another part is refused and recorded, like any other trigger.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -110,7 +110,7 @@ class TimerTrigger:
         station_was_ready = False
         next_s = self._now_s()
         while not station.is_stopping:
-            # The first trigger waits for the self-test, and those of a period of 0 for each part.
+            # The first trigger waits for the self-test; with a period of 0 each one waits.
             if self._period_s == 0.0 or not station_was_ready:
                 station_was_ready = station.wait_until_ready(_POLL_S)
                 next_s = self._now_s()

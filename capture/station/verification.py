@@ -1,4 +1,4 @@
-"""What is wrong between the results of a station and its set files."""
+"""Compare the results of a station with its set files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,9 +15,10 @@ from .results.store import ResultStore, open_store
 
 
 def verify_station(folder: Path) -> Iterator[Finding]:
-    """Compare the results of a station with its set files, which `verify_file` reads whole.
+    """Compare the results of a station with the hashes and names of its set files.
 
-    Its configuration stands for the results: it is good, or a finding says what is wrong with them.
+    Findings about the results themselves are listed under ``station.toml``; without any, that file
+    is listed as good. `verify_file` checks the pixels of the sets.
     """
     try:
         config = StationFolder(folder).config
@@ -58,6 +59,6 @@ def _set_file(path: Path, entry: HistoryEntry) -> Iterator[Finding]:
     try:
         metadata, _ = read_header(path)
     except InputError:
-        return  # as a set it is a finding too
+        return  # `verify_file` reports a file that cannot be read
     if metadata.pixels_sha256 != entry.result.set_sha256:
         yield Finding(path, "altered", "its pixels are not those that the results name")

@@ -234,7 +234,7 @@ def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
     assert {each.note for each in approved_states(files)} == {None, "another note"}
     with pytest.raises(RecipeError, match="changed by somebody else"):
         approve(files, "Eve", first.sha256)
-    with pytest.raises(RecipeError, match="is no state that was approved"):
+    with pytest.raises(RecipeError, match="no approved state has hash"):
         roll_back(files, "0" * 64)
     assert roll_back(files, first.sha256) == read_recipe(files.file) == first
     # Of version 1, which was never approved, only the files are left.

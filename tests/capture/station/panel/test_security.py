@@ -464,7 +464,7 @@ def test_tls_files_that_cannot_be_used_are_named(
 
 
 def test_a_proxy_cannot_be_passed_by() -> None:
-    with pytest.raises(ValueError, match="others could pass by the proxy"):
+    with pytest.raises(ValueError, match="requests could bypass the proxy"):
         PanelConfig(host="0.0.0.0", behind_proxy=True)
 
 
