@@ -1,5 +1,7 @@
 """Approve a recipe by its hash, list the approved states, and roll back to one of them."""
 
+from collections.abc import Callable
+
 from capture.process.utc_time import utc_text
 from classify.errors import InputError
 from rig.config.toml_file import read_toml_as, validated
@@ -7,11 +9,19 @@ from rig.config.toml_file import read_toml_as, validated
 from .errors import RecipeError
 from .inspector import Inspector
 from .recipe import Approval, Recipe
-from .recipe_file import write_recipe
+from .recipe_file import read_recipe, write_recipe
 from .recipe_folder import RecipeFolder
 
+Record = Callable[[Recipe, Recipe], None]
+"""Is called with a recipe before and after, once nothing but the disk can prevent the change."""
 
-def approve(files: RecipeFolder, by: str, seen_sha256: str | None = None) -> Recipe:
+
+def approve(
+    files: RecipeFolder,
+    by: str,
+    seen_sha256: str | None = None,
+    record: Record = lambda *_: None,
+) -> Recipe:
     """Approve a recipe as it is, and keep a copy of it beside what was taught.
 
     Parameters
@@ -20,6 +30,8 @@ def approve(files: RecipeFolder, by: str, seen_sha256: str | None = None) -> Rec
         Who approves it.
     seen_sha256
         Hash of the recipe that this person has seen; None skips the comparison.
+    record
+        Records the change, and prevents it by an exception.
 
     Raises
     ------
@@ -35,6 +47,7 @@ def approve(files: RecipeFolder, by: str, seen_sha256: str | None = None) -> Rec
         values = {"by": by, "utc": utc_text(), "sha256": recipe.sha256}
         approval = validated(values, Approval, "approval")
         approved = recipe.model_copy(update={"approval": approval})
+        record(recipe, approved)
         write_recipe(files.version(recipe.version).approved(recipe.sha256), approved)
         write_recipe(files.file, approved)
         return approved
@@ -71,10 +84,11 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
     return sorted(found, key=lambda each: each.approval.utc if each.approval else "", reverse=True)
 
 
-def roll_back(files: RecipeFolder, sha256: str) -> Recipe:
+def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:
     """Replace the recipe by an earlier approved state, with its approval.
 
     Later versions stay on disk. The challenge set must be met again before the recipe runs.
+    `record` is that of `approve`.
 
     Raises
     ------
@@ -86,5 +100,6 @@ def roll_back(files: RecipeFolder, sha256: str) -> Recipe:
         if state is None:
             raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
         Inspector.of(state, files)  # raises if it could not run
+        record(read_recipe(files.file), state)
         write_recipe(files.file, state)
         return state

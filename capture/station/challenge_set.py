@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -22,6 +22,8 @@ from .verdict import Decision
 FILE = "challenge.toml"
 _LOCK = "challenge.lock"
 Expected = Literal["PASS", "FAIL", "UNKNOWN"]
+Record = Callable[[str, Expected | None, Expected | None], None]
+"""Is called with a file and its verdict before and after, before anything is written."""
 MOST_SETS = 10_000
 
 _HEAD = """\
@@ -76,8 +78,18 @@ def challenge_sets(folder: Path) -> dict[str, Expected]:
     return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
 
 
-def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) -> None:
+def add_to_challenge(
+    folder: Path,
+    paths: Sequence[Path],
+    expected: Expected,
+    record: Record = lambda *_: None,
+) -> None:
     """Copy sets into a challenge; one that is there already gets the new verdict.
+
+    Parameters
+    ----------
+    record
+        Records each change, and prevents all by an exception.
 
     Raises
     ------
@@ -88,22 +100,32 @@ def add_to_challenge(folder: Path, paths: Sequence[Path], expected: Expected) ->
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):
-        sets = challenge_sets(folder) | {path.name: expected for path in paths}
+        before = challenge_sets(folder)
+        sets = before | {path.name: expected for path in paths}
         checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
-        for path in paths:
-            pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
-            copy = folder / path.name
-            if copy.exists():
-                if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
-                    raise RecipeError(f"{copy}: is another set; rename {path} to add it")
-            else:
-                with durable_file(copy) as temporary:
+        missing = [path for path in paths if not _is_there(folder / path.name, path)]
+        for name in sets:
+            if before.get(name) != sets[name]:
+                record(name, before.get(name), sets[name])
+        for path in missing:
+            if not _is_there(folder / path.name, path):  # two of them may have one name
+                with durable_file(folder / path.name) as temporary:
                     shutil.copyfile(path, temporary)
         _write(folder, checked)
 
 
-def remove_from_challenge(folder: Path, file: str) -> None:
-    """Take a set out of a challenge; its file stays.
+def _is_there(copy: Path, path: Path) -> bool:
+    """Whether a set is in the challenge already; another set of its name is refused."""
+    pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
+    if not copy.exists():
+        return False
+    if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
+        raise RecipeError(f"{copy}: is another set; rename {path} to add it")
+    return True
+
+
+def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
+    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`.
 
     Raises
     ------
@@ -113,8 +135,10 @@ def remove_from_challenge(folder: Path, file: str) -> None:
     make_folder(folder)
     with folder_lock(folder, _LOCK):
         sets = challenge_sets(folder)
-        if sets.pop(file, None) is None:
+        before = sets.pop(file, None)
+        if before is None:
             raise InputError(f"{file[:100]!r} is not in the challenge set")
+        record(file, before, None)
         _write(folder, ChallengeSet(sets=sets))
 
 

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from rig.config.validation_message import messages_by_place
 
-from .approval import require_seen
+from .approval import Record, require_seen
 from .errors import RecipeError
 from .recipe import Recipe
 from .recipe_file import read_recipe, write_recipe
@@ -44,6 +44,9 @@ class SettingChange:
     key: str
     before: str | None
     after: str | None
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.before or 'nothing'} -> {self.after or 'nothing'}"
 
 
 def dotted(place: Place) -> str:
@@ -81,8 +84,15 @@ def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
     ]
 
 
-def save_settings(files: RecipeFolder, recipe: Recipe, seen_sha256: str) -> None:
+def save_settings(
+    files: RecipeFolder,
+    recipe: Recipe,
+    seen_sha256: str,
+    record: Record = lambda *_: None,
+) -> None:
     """Replace the recipe by a changed one, if it still has the hash that somebody has seen.
+
+    `record` is that of `approve`.
 
     Raises
     ------
@@ -92,7 +102,9 @@ def save_settings(files: RecipeFolder, recipe: Recipe, seen_sha256: str) -> None
         If another program is changing it, or it cannot be written.
     """
     with files.changing():
-        require_seen(read_recipe(files.file), seen_sha256)
+        before = read_recipe(files.file)
+        require_seen(before, seen_sha256)
+        record(before, recipe)
         write_recipe(files.file, recipe)
 
 

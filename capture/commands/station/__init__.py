@@ -10,6 +10,7 @@ station_app = command_group("Inspect parts with a rig, one after the other, and 
 station_app.command()(init.init)
 station_app.command()(teach.teach)
 station_app.command()(teach.approve)
+station_app.command()(teach.roll_back)
 station_app.command()(challenge.challenge)
 station_app.command()(run.run)
 station_app.command()(history.history)

@@ -11,7 +11,7 @@ from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, reported
 from classify.errors import InputError
 
-from .teach import RecipeName, Station
+from .teach import By, RecipeName, Station
 
 
 @reported
@@ -25,7 +25,12 @@ def challenge(
         Literal["PASS", "FAIL", "UNKNOWN"] | None,
         typer.Option(help="The verdict that the added sets must get."),
     ] = None,
+    remove: Annotated[
+        list[str] | None,
+        typer.Option(help="Part to take out instead; may be given again.", metavar="FILE"),
+    ] = None,
     recipe: RecipeName = None,
+    by: By = None,
     json: options.Json = False,
 ) -> None:
     """Replay the challenge set: stored parts, each with the verdict that it must get.
@@ -34,22 +39,27 @@ def challenge(
     exit status is 1 if one did not.
     """
     from capture.station.challenge import run_challenge
-    from capture.station.challenge_set import add_to_challenge
-    from capture.station.folder import StationFolder
     from capture.station.inspector import Inspector
-    from rig.config.rig import config_of
+    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
 
-    station = StationFolder(folder)
-    files = station.recipe_files(recipe)
     if (add is None) != (expect is None):
         raise InputError("give --add SET and --expect PASS, FAIL or UNKNOWN together")
-    if add is not None and expect is not None:
-        add_to_challenge(files.challenge, add, expect)
-        out.print(f"{files.challenge}: {len(add)} parts added that must be {expect}")
-        return
-    calibration = config_of(station.config.rig_in(folder)).calibration
-    inspector = Inspector.load(files, None if calibration is None else Path(calibration))
-    replay = run_challenge(files, inspector)
+    if add is not None and remove is not None:
+        raise InputError("--add and --remove: give one of them")
+    with recipe_on_the_terminal(folder, recipe, by) as changes:
+        where = changes.files.challenge
+        if add is not None and expect is not None:
+            changes.add_to_challenge(add, expect)
+            out.print(f"{where}: {len(add)} parts added that must be {expect}")
+            return
+        if remove is not None:
+            for file in remove:
+                changes.remove_from_challenge(file)
+            out.print(f"{where}: {len(remove)} parts taken out")
+            return
+    # The log of changes is left alone: a new version of ps4rig replays the challenge set beside the
+    # old one that runs, whose results it must not bring forward.
+    replay = run_challenge(changes.files, Inspector.load(changes.files, changes.calibration))
     if json:
         print_json(replay.model_dump(mode="json") | {"passed": not replay.regressions})
     else:

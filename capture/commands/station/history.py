@@ -91,11 +91,19 @@ def override(
     reason: Annotated[str, typer.Option(metavar="TEXT", help="Why.")],
 ) -> None:
     """Give a part another verdict; the station's own stays in the results beside it."""
-    from capture.process.utc_time import utc_text
+    from capture.station.folder import StationFolder
+    from capture.station.panel.access.on_the_terminal import changing_on_the_terminal
+    from capture.station.panel.overriding import override_part
+    from capture.station.results.history import Selection
 
-    with _results_of(folder) as store:
-        utc = utc_text(timespec="milliseconds")
-        store.override(part, decision=verdict, by=by, reason=reason, utc=utc)
+    with (
+        changing_on_the_terminal(StationFolder(folder), by) as (log, who),
+        _results_of(folder) as store,
+    ):
+        entry = next(store.parts(Selection(part_id=part)), None)
+        if entry is None:
+            raise InputError(f"part {part[:100]}: station {store.station} has no result of it")
+        override_part(store, log, who, entry, decision=verdict, by=by, reason=reason)
     out.print(f"{part}: {verdict}, by {by}: {reason}", soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""``ps4rig station teach`` and ``approve``."""
+"""``ps4rig station teach``, ``approve`` and ``roll-back``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,22 @@ from typing import Annotated
 import typer
 
 from capture.commands import options
-from capture.console import complain, out, print_json, reported
+from capture.console import complain, new_table, out, print_json, print_table, reported
+
+_DIGITS = 8  # of a hash that is shown
 
 Station = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 RecipeName = Annotated[
     str | None,
     typer.Option("--recipe", help="The recipe.", show_default="that of station.toml"),
+]
+By = Annotated[
+    str | None,
+    typer.Option(
+        help="Who changes it, for the log of changes.",
+        metavar="NAME",
+        show_default="the user of the system",
+    ),
 ]
 
 
@@ -33,6 +43,7 @@ def teach(
         str | None,
         typer.Option("--as", help="These are bad parts, of this texture.", metavar="TEXTURE"),
     ] = None,
+    by: By = None,
     json: options.Json = False,
 ) -> None:
     """Teach good and bad parts: a new version of the recipe, which somebody must approve.
@@ -40,13 +51,11 @@ def teach(
     The texture of good parts is the label of their set, or the name of the recipe.
     """
     from capture.sets.archive import find_sets
-    from capture.station.folder import StationFolder
-    from capture.station.teaching import teach as teach_sets
-    from capture.station.teaching_page import write_teaching_page
+    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
 
-    files = StationFolder(folder).recipe_files(recipe)
-    teaching = teach_sets(files, find_sets(sets) if sets else [], bad)
-    write_teaching_page(teaching)
+    with recipe_on_the_terminal(folder, recipe, by) as changes:
+        teaching = changes.teach(find_sets(sets) if sets else [], bad)
+    files = changes.files
     made = teaching.recipe
     if json:
         print_json(teaching.fields())
@@ -69,8 +78,54 @@ def approve(
     recipe: RecipeName = None,
 ) -> None:
     """Approve a recipe as it is now; any later change of it needs a new approval."""
-    from capture.station.approval import approve as approve_recipe
-    from capture.station.folder import StationFolder
+    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
 
-    approved = approve_recipe(StationFolder(folder).recipe_files(recipe), by)
+    with recipe_on_the_terminal(folder, recipe, by) as changes:
+        approved = changes.approve(by)
     out.print(f"recipe {approved.name}, version {approved.version}: approved by {by}")
+
+
+@reported
+def roll_back(
+    folder: Station,
+    sha256: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[HASH]",
+            help="The first 8 characters or more of its hash; without it the states are listed.",
+        ),
+    ] = None,
+    recipe: RecipeName = None,
+    by: By = None,
+) -> None:
+    """Go back to a state of a recipe that was approved earlier, with its approval.
+
+    What was taught later stays on disk. The challenge set must be met again before the recipe runs.
+    """
+    from capture.station.approval import approved_states
+    from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal, with_approval
+    from capture.station.recipe_file import read_recipe
+
+    with recipe_on_the_terminal(folder, recipe, by) as changes:
+        states = approved_states(changes.files)
+        if sha256 is not None:
+            named = [each.sha256 for each in states if _begins(each.sha256, sha256)]
+            back = changes.roll_back(named[0] if len(named) == 1 else sha256)
+            out.print(f"recipe {back.name}: {with_approval(back)}", soft_wrap=True)
+            return
+        present = read_recipe(changes.files.file).sha256
+    table = new_table("version", "hash", "approved by", "approved (UTC)", "")
+    for each in states:
+        if each.approval is not None:
+            table.add_row(
+                str(each.version),
+                each.sha256[:_DIGITS],
+                each.approval.by,
+                each.approval.utc,
+                "present" if each.sha256 == present else "",
+            )
+    print_table(table)
+
+
+def _begins(sha256: str, given: str) -> bool:
+    return len(given) >= _DIGITS and sha256.startswith(given)

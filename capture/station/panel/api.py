@@ -8,18 +8,17 @@ from itertools import chain, islice
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
 
-from capture.process.utc_time import utc_text
 from capture.station.results.change_log import newest_changes
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
 from capture.station.triggers import Accepted, Refused
-from capture.station.verdict import Decision
 from classify.errors import InputError
 
 from .access.roles import Role
 from .awaiting import awaited
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
+from .overriding import override_part
 from .part_pictures.stored_set import stored_set
 from .render import Answer
 from .routes import Call, PanelRoute
@@ -189,19 +188,18 @@ def override(call: Call) -> HistoryEntry:
     InputError
         If the verdict is neither PASS nor FAIL, or without a reason.
     """
-    entry, reason = entry_of(call), call.text("reason")
-    part_id, decision = entry.result.part_id, call.text("decision").upper()
-    if decision not in (Decision.PASS, Decision.FAIL):
-        raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
-    if not reason.strip():
-        raise InputError("reason: must not be empty")
-    after = f"{decision}: {reason.strip()}"
-    call.panel.changes.record(call.someone, f"part {part_id}", entry.decision, after)
-    utc = utc_text(timespec="milliseconds")
-    call.panel.results.store.override(
-        part_id, decision=Decision(decision), by=call.name, reason=reason, utc=utc
+    panel, entry = call.panel, entry_of(call)
+    decision = override_part(
+        panel.results.store,
+        panel.changes,
+        call.someone,
+        entry,
+        decision=call.text("decision"),
+        by=call.name,
+        reason=call.text("reason"),
     )
-    call.panel.live.announce(
+    part_id = entry.result.part_id
+    panel.live.announce(
         {"event": "override", "part_id": part_id, "decision": decision, "by": call.name}
     )
     return entry_of(call)

@@ -1,4 +1,4 @@
-"""`ResultsAccess`: the results of a running station for its panel."""
+"""`ResultsAccess`: the results of a station, for its panel and for commands beside it."""
 
 import threading
 
@@ -11,12 +11,8 @@ from classify.errors import InputError
 _PATIENCE_S = 5.0
 
 
-class NoResultsYet(ResultsUnavailable):
-    """The station has not run yet."""
-
-
 class ResultsAccess:
-    """Opens the results when they are asked for first: the run makes them at its start.
+    """Opens the results when they are asked for first; they may not be there yet.
 
     Parameters
     ----------
@@ -35,21 +31,26 @@ class ResultsAccess:
 
         Raises
         ------
-        NoResultsYet
-            Before the first run.
         ResultsUnavailable
-            If the database does not answer.
+            If nothing was recorded yet, or the database does not answer or cannot be used.
         """
+        return self._opened(create=False)
+
+    def made(self) -> ResultStore:
+        """Return the results, made if there are none and no sets of parts either; see `store`."""
+        return self._opened(create=not self._folder.has_sets())
+
+    def _opened(self, *, create: bool) -> ResultStore:
         with self._lock:
             if self._store is None:
                 config = self._folder.config
                 results = config.results_in(self._folder.path)
                 try:
                     self._store = open_store(
-                        results, config.name, alone=False, patience_s=_PATIENCE_S
+                        results, config.name, create=create, alone=False, patience_s=_PATIENCE_S
                     )
                 except InputError as error:
-                    raise NoResultsYet(f"there are no results yet: {error}") from error
+                    raise ResultsUnavailable(str(error)) from error
             return self._store
 
     def close(self) -> None:

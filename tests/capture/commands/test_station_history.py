@@ -111,7 +111,7 @@ def test_an_override_shows_both_verdicts(station: Station, folder: Path) -> None
     [
         (["override", "A-99", "--verdict", "PASS", "--by", "Jo", "--reason", "x"], "no result"),
         (["override", "A-17", "--verdict", "ERROR", "--by", "Jo", "--reason", "x"], "PASS or FAIL"),
-        (["override", "A-17", "--verdict", "PASS", "--by", "", "--reason", "x"], "a name and"),
+        (["override", "A-17", "--verdict", "PASS", "--by", "", "--reason", "x"], "--by ''"),
         (["history", "--since", "yesterday"], "--since yesterday"),
         (["history", "--until", "0001-01-01T00:00+14:00"], "--until 0001"),
         (["history", "--json", "--csv"], "one of them"),

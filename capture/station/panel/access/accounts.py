@@ -1,15 +1,14 @@
 """Changes of users and API clients, each recorded."""
 
-import getpass
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from capture.station.folder import StationFolder
-from capture.station.panel.results_access import ResultsAccess
 from classify.errors import InputError
 
 from .change_log import ChangeLog
+from .on_the_terminal import changing_on_the_terminal
 from .roles import Identity, Role
 from .tokens import Tokens, require_new_client
 from .users import Users, require_account
@@ -58,10 +57,5 @@ class Accounts:
 @contextmanager
 def accounts_on_the_terminal(folder: StationFolder) -> Iterator[Accounts]:
     """Yield the accounts for whoever may write into the folder of the station."""
-    user = "somebody"
-    with suppress(KeyError, OSError):  # a user without an entry in the system's list
-        user = getpass.getuser()
-    who = Identity(f"{user} on the terminal", Role.ADMINISTRATOR, "local")
-    with closing(ResultsAccess(folder)) as results:
-        changes = ChangeLog(folder, results)
+    with changing_on_the_terminal(folder) as (changes, who):
         yield Accounts(Users(folder.path), Tokens(folder.path), changes, who)

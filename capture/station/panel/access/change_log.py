@@ -1,17 +1,16 @@
 """`ChangeLog`: every change that a person or a program makes, before it is made."""
 
-from contextlib import suppress
-
 from capture.process.utc_time import utc_text
 from capture.station.folder import StationFolder
-from capture.station.panel.results_access import NoResultsYet, ResultsAccess
+from capture.station.panel.results_access import ResultsAccess
 from capture.station.results.change_log import ChangeRecord, record_change
+from capture.station.results.database import ResultsUnavailable
 
 from .roles import Identity
 
 
 class ChangeLog:
-    """Writes changes to the results and to ``station.log``; before the first run only to the log.
+    """Writes changes to the results, which the first change makes, and to ``station.log``.
 
     A change is recorded before it is made: a change without a row would be worse than a row of a
     change that failed.
@@ -38,8 +37,13 @@ class ChangeLog:
             before=before,
             after=after,
         )
-        with suppress(NoResultsYet):
-            record_change(self._results.store, change)
+        try:
+            record_change(self._results.made(), change)
+        except ResultsUnavailable as error:
+            raise ResultsUnavailable(
+                f"nothing was changed, because the change cannot be recorded: {error}",
+                may_pass=error.may_pass,
+            ) from error
         said = "nothing" if before is None else before
         line = f"{who.name} ({who.role}, {who.via}): {what}: {said} -> {after or 'nothing'}"
         # One line, whatever somebody gave as a reason.

@@ -1,6 +1,7 @@
 """`RecipeChanges`: what engineers do to a recipe, each change recorded."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,99 +13,83 @@ from capture.station.challenge_set import (
     challenge_sets,
     remove_from_challenge,
 )
+from capture.station.errors import said
+from capture.station.folder import StationFolder
+from capture.station.panel.access.change_log import ChangeLog
+from capture.station.panel.access.on_the_terminal import changing_on_the_terminal
 from capture.station.panel.access.roles import Identity
-from capture.station.panel.panel import Panel
-from capture.station.panel.part_pictures.stored_set import stored_set
-from capture.station.panel.security import Denied
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import read_recipe
 from capture.station.recipe_folder import RecipeFolder
 from capture.station.recipe_settings import save_settings, setting_changes, with_settings
 from capture.station.recipe_state import RecipeState, state_of
-from capture.station.results.history import Selection
-from capture.station.verdict import Decision
-from classify.errors import InputError
-from classify.labels import checked_label
+from capture.station.teaching import teach
+from capture.station.teaching_page import write_teaching_page
+from capture.station.teaching_result import Teaching
 from rig.config.rig import config_of
 
-from .background_jobs import Job, Work
-from .recipe_jobs import replay_parts, teach_parts
-
-# As many as a job can teach in its time; see `background_jobs`.
-MOST_PARTS = 300
-EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
 _DIGITS = 8
 
 
 @dataclass(frozen=True)
-class RecipeChanges:
-    """A recipe, for changes by `who`."""
+class LongChange:
+    """A change that takes a while, whose begin is recorded.
 
-    panel: Panel
+    Attributes
+    ----------
+    title
+        What it does, for people.
+    ended
+        Records its end, and what came of it; None is the recipe as it is then.
+    """
+
+    title: str
+    ended: Callable[[str | None], None]
+
+    def failed(self, cause: str) -> None:
+        """Record that it failed."""
+        self.ended(f"{self.title}: {cause}")
+
+    @contextmanager
+    def recording_failure(self) -> Iterator[None]:
+        """Record an exception of the block as the end of the change."""
+        try:
+            yield
+        except BaseException as error:
+            self.failed(said(error))
+            raise
+
+
+@dataclass(frozen=True)
+class RecipeChanges:
+    """A recipe, for changes by `who`.
+
+    Each raises `ResultsUnavailable`, and changes nothing, if it cannot be recorded.
+    """
+
+    folder: StationFolder
+    log: ChangeLog
     who: Identity
     files: RecipeFolder
 
     @property
+    def calibration(self) -> Path | None:
+        """Calibration of the rig; None for a rig without one."""
+        found = config_of(self.folder.config.rig_in(self.folder.path)).calibration
+        return None if found is None else Path(found)
+
+    @property
     def state(self) -> RecipeState:
         """What the recipe lacks; raises InputError if it cannot be read."""
-        return state_of(self.files, self._calibration())
+        return state_of(self.files, self.calibration)
 
-    def teach(self, part_ids: Sequence[str], texture: str, *, is_good: bool) -> Job:
-        """Start to teach parts, or the known ones again if none is given.
-
-        Raises
-        ------
-        InputError
-            If a part has no set, or the texture cannot be one.
-        JobRefused
-            If a job is running.
-        """
-        paths = self._sets(part_ids)
-        if paths:
-            texture = checked_label(texture)
-        elif not self.files.file.is_file():
-            raise InputError(f"recipe {self.files.name}: no parts are known; give some")
-        kind = "good" if is_good else "bad"
-        parts = f"{len(paths)} {kind} part{'s' * (len(paths) != 1)}"
-        what = f"{parts} of {texture}" if paths else "the known parts again"
-        after = f"teach {what}: {', '.join(part_ids)}" if paths else f"teach {what}"
-        title = f"Teach {what}"
-        arguments = (self.files, paths, texture, is_good)
-        return self._start("teach", title, after, teach_parts, arguments)
-
-    def replay(self) -> Job:
-        """Start a replay of the challenge set; raises JobRefused if a job is running."""
-        parts = len(challenge_sets(self.files.challenge))
-        title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
-        return self._start(
-            "challenge", title, title, replay_parts, (self.files, self._calibration())
-        )
-
-    def add_to_challenge(self, part_ids: Sequence[str], expected: str) -> None:
-        """Add parts to the challenge set.
-
-        Raises
-        ------
-        InputError
-            If a part has no set, or the verdict is none that can be expected.
-        """
-        wanted = next((each for each in EXPECTED if each == expected), None)
-        if wanted is None:
-            raise InputError(f"expected = {expected[:20]!r}: give {', '.join(EXPECTED)}")
-        paths, before = self._sets(part_ids), challenge_sets(self.files.challenge)
-        if not paths:
-            raise InputError("choose a part")
-        for path in paths:
-            self._record(f"challenge part {path.name}", before.get(path.name), wanted)
-        add_to_challenge(self.files.challenge, paths, wanted)
+    def add_to_challenge(self, paths: Sequence[Path], expected: Expected) -> None:
+        """Add sets to the challenge set; raises as `challenge_set.add_to_challenge`."""
+        add_to_challenge(self.files.challenge, paths, expected, self._record_part)
 
     def remove_from_challenge(self, file: str) -> None:
         """Take a part out of the challenge set; raises InputError if it is not there."""
-        before = challenge_sets(self.files.challenge).get(file)
-        if before is None:
-            raise InputError(f"{file[:100]!r} is not in the challenge set")
-        self._record(f"challenge part {file}", before, None)
-        remove_from_challenge(self.files.challenge, file)
+        remove_from_challenge(self.files.challenge, file, self._record_part)
 
     def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> Recipe:
         """Give the recipe other settings.
@@ -119,27 +104,28 @@ class RecipeChanges:
         before = read_recipe(self.files.file)
         require_seen(before, seen_sha256)
         after = with_settings(before, values)
-        changes = setting_changes(before, after)
-        if not changes:
+        if not setting_changes(before, after):
             return before
-        for change in changes:
-            self._record(change.key, change.before, change.after)
-        save_settings(self.files, after, seen_sha256)
+        save_settings(self.files, after, seen_sha256, self._record_settings)
         return after
 
-    def approve(self, seen_sha256: str) -> Recipe:
-        """Approve the recipe in the name of who asks.
+    def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
+        """Approve the recipe; the row has the settings that differ from the last approved state.
 
         Raises
         ------
         RecipeError
             If it cannot judge parts, or was changed since it was seen.
         """
-        before = read_recipe(self.files.file)
-        require_seen(before, seen_sha256)
-        after = f"{_named(before)}, approved by {self.who.name}"
-        self._record("", _with_approval(before), after)
-        return approve(self.files, self.who.name, seen_sha256)
+        last = next(iter(approved_states(self.files)), None)
+
+        def record(old: Recipe, new: Recipe) -> None:
+            differ = [] if last is None else setting_changes(last, new)
+            words = ", ".join(map(str, differ))
+            since = f"; since the last approval: {words}" if words else ""
+            self._record("", with_approval(old), f"{with_approval(new)}{since}")
+
+        return approve(self.files, by, seen_sha256, record)
 
     def roll_back(self, sha256: str) -> Recipe:
         """Go back to a state that was approved.
@@ -149,71 +135,79 @@ class RecipeChanges:
         RecipeError
             If there is none with this hash, or what was taught for it was changed since.
         """
-        state = next((each for each in approved_states(self.files) if each.sha256 == sha256), None)
-        after = sha256[:100] if state is None else _with_approval(state)
-        self._record("", _with_approval(read_recipe(self.files.file)), f"roll back to {after}")
-        return roll_back(self.files, sha256)
 
-    def _start(
-        self, kind: str, title: str, after: str, work: Work, arguments: tuple[Any, ...]
-    ) -> Job:
-        jobs, name = self.panel.jobs, self.files.name
-        jobs.require_free()
-        before, known = self._present(), self._recipe()
+        def record(old: Recipe, new: Recipe) -> None:
+            self._record("", with_approval(old), f"roll back to {with_approval(new)}")
+
+        return roll_back(self.files, sha256, record)
+
+    def begin_teaching(
+        self, names: Sequence[str], texture: str | None, *, is_good: bool
+    ) -> LongChange:
+        """Record that parts are about to be taught: the known ones again if none is named."""
+        kind = "good" if is_good else "bad"
+        what = f"{len(names)} {kind} part{'s' * (len(names) != 1)}" if names else "the known parts"
+        what += f" of {texture}" if names and texture else "" if names else " again"
+        listed = f": {', '.join(names)}" if names else ""
+        return self._begin(f"Teach {what}", f"teach {what}{listed}")
+
+    def begin_replay(self) -> LongChange:
+        """Record that the challenge set is about to be replayed."""
+        parts = len(challenge_sets(self.files.challenge))
+        title = f"Replay the challenge set, {parts} part{'s' * (parts != 1)}"
+        return self._begin(title, title)
+
+    def teach(self, paths: Sequence[Path], bad_texture: str | None) -> Teaching:
+        """Teach sets, and write the page of what was found; raises as `teaching.teach`."""
+        names = [path.name for path in paths]
+        change = self.begin_teaching(names, bad_texture, is_good=bad_texture is None)
+        with change.recording_failure():
+            teaching = teach(self.files, paths, bad_texture)
+            write_teaching_page(teaching)
+        change.ended(None)
+        return teaching
+
+    def _begin(self, title: str, after: str) -> LongChange:
+        known = self._recipe()
+        before = None if known is None else with_approval(known)
         self._record("", before, after)
 
-        def ended(job: Job) -> None:
-            found = f"{title}: {job.error}" if job.error else self._present()
-            if job.kind == "challenge" and not job.error:
-                met = job.result["parts"] - len(job.result["regressions"])
-                found = f"challenge: {met} of {job.result['parts']} parts got their verdict"
-            self._record("", before, found)
+        def ended(found: str | None) -> None:
             now = self._recipe()
+            self._record("", before, found or (None if now is None else with_approval(now)))
             if known is not None and now is not None:
-                for change in setting_changes(known, now):
-                    self._record(change.key, change.before, change.after)
+                self._record_settings(known, now)
 
-        job = Job(kind=kind, recipe=name, title=title, by=self.who.name)
-        return jobs.start(job, work, arguments, ended)
+        return LongChange(title, ended)
 
     def _recipe(self) -> Recipe | None:
         return read_recipe(self.files.file) if self.files.file.exists() else None
 
-    def _present(self) -> str | None:
-        recipe = self._recipe()
-        return None if recipe is None else _with_approval(recipe)
+    def _record_settings(self, before: Recipe, after: Recipe) -> None:
+        for change in setting_changes(before, after):
+            self._record(change.key, change.before, change.after)
+
+    def _record_part(self, file: str, before: str | None, after: str | None) -> None:
+        self._record(f"challenge part {file}", before, after)
 
     def _record(self, key: str, before: str | None, after: str | None) -> None:
         what = f"recipe {self.files.name}" + (f": {key}" if key else "")
-        self.panel.changes.record(self.who, what, before, after)
-
-    def _sets(self, part_ids: Sequence[str]) -> tuple[Path, ...]:
-        if len(part_ids) > MOST_PARTS:
-            raise InputError(f"{len(part_ids)} parts: give {MOST_PARTS} or fewer")
-        folder, store, paths = self.panel.folder, self.panel.results.store, []
-        for part_id in dict.fromkeys(part_ids):
-            entry = next(store.parts(Selection(part_id=part_id)), None)
-            if entry is None:
-                raise InputError(f"part {part_id[:100]}: there is no result of it")
-            if entry.result.exposed_utc is None or entry.result.verdict.decision is Decision.ERROR:
-                raise InputError(f"part {part_id}: is ERROR; its set cannot be relied on")
-            try:
-                paths.append(stored_set(folder, entry))
-            except Denied as error:
-                raise InputError(str(error)) from error
-        return tuple(paths)
-
-    def _calibration(self) -> Path | None:
-        folder = self.panel.folder
-        calibration = config_of(folder.config.rig_in(folder.path)).calibration
-        return None if calibration is None else Path(calibration)
+        self.log.record(self.who, what, before, after)
 
 
-def _named(recipe: Recipe) -> str:
-    return f"version {recipe.version}, {recipe.sha256[:_DIGITS]}"
+@contextmanager
+def recipe_on_the_terminal(
+    station: Path, recipe: str | None, by: str | None
+) -> Iterator[RecipeChanges]:
+    """Yield a recipe for changes by whoever may write into the folder of the station."""
+    folder = StationFolder(station)
+    files = folder.recipe_files(recipe)
+    with changing_on_the_terminal(folder, by) as (log, who):
+        yield RecipeChanges(folder, log, who, files)
 
 
-def _with_approval(recipe: Recipe) -> str:
+def with_approval(recipe: Recipe) -> str:
+    """Return version and hash of a recipe, and who approved it."""
     approval = recipe.approval
     by = f"approved by {approval.by}" if approval and recipe.is_approved else "not approved"
-    return f"{_named(recipe)}, {by}"
+    return f"version {recipe.version}, {recipe.sha256[:_DIGITS]}, {by}"

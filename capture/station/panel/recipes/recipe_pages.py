@@ -22,8 +22,9 @@ from capture.station.taught import read_taught
 from classify.errors import InputError, Ps4rigError
 from classify.regular_file import read_regular_file
 
-from .recipe_changes import EXPECTED, RecipeChanges
+from .recipe_changes import RecipeChanges
 from .recipe_form import RecipeForm, settings_of
+from .recipe_work import EXPECTED, add_parts_to_challenge, start_replay, start_teaching
 
 # Pictures are made for so many parts at once (`picture_maker.MOST_WAITING`).
 _SHOWN_PARTS = 20
@@ -38,8 +39,12 @@ _CHOSEN = "part."
 
 def changes_of(call: Call) -> RecipeChanges:
     """Return the recipe of the path, for changes by who asks; there may be none yet."""
-    files = call.panel.folder.recipe_files(call.path["name"])
-    return RecipeChanges(call.panel, call.someone, files)
+    return _changes_of(call, call.path["name"])
+
+
+def _changes_of(call: Call, name: str) -> RecipeChanges:
+    folder = call.panel.folder
+    return RecipeChanges(folder, call.panel.changes, call.someone, folder.recipe_files(name))
 
 
 def known_changes_of(call: Call) -> RecipeChanges:
@@ -69,8 +74,7 @@ def _list(call: Call) -> Response:
     rows: list[tuple[str, RecipeState | None, str]] = []
     for name in recipe_names(call):
         try:
-            files = call.panel.folder.recipe_files(name)
-            rows.append((name, RecipeChanges(call.panel, call.someone, files).state, ""))
+            rows.append((name, _changes_of(call, name).state, ""))
         except InputError as error:
             rows.append((name, None, str(error)))
     return page(
@@ -164,11 +168,12 @@ def _use_parts(call: Call) -> Response:
         if use in ("good", "bad"):
             if not part_ids:
                 raise InputError("choose a part")
-            changes.teach(part_ids, call.text("texture", "").strip(), is_good=use == "good")
+            texture = call.text("texture", "").strip()
+            start_teaching(call.panel, changes, part_ids, texture, is_good=use == "good")
         elif use == "again":
-            changes.teach([], "", is_good=True)
+            start_teaching(call.panel, changes, [], "", is_good=True)
         elif use == "challenge":
-            changes.add_to_challenge(part_ids, call.text("expected", ""))
+            add_parts_to_challenge(call.panel, changes, part_ids, call.text("expected", ""))
             return RedirectResponse(f"/recipes/{changes.files.name}", 303)
         else:
             raise InputError(f"use = {use[:20]!r}: give good, bad, again or challenge")
@@ -235,7 +240,7 @@ def _changed(change: Callable[[Call, RecipeChanges], Any]) -> Callable[[Call], R
 
 
 def _approve(call: Call, changes: RecipeChanges) -> None:
-    changes.approve(call.text("sha256"))
+    changes.approve(call.name, call.text("sha256"))
 
 
 def _roll_back(call: Call, changes: RecipeChanges) -> None:
@@ -244,7 +249,7 @@ def _roll_back(call: Call, changes: RecipeChanges) -> None:
 
 def _challenge(call: Call, changes: RecipeChanges) -> Any:
     file = call.text("remove", "")
-    return changes.remove_from_challenge(file) if file else changes.replay()
+    return changes.remove_from_challenge(file) if file else start_replay(call.panel, changes)
 
 
 def _report(call: Call) -> Response:

@@ -20,6 +20,7 @@ from classify.errors import InputError
 from .background_jobs import Job
 from .recipe_changes import RecipeChanges
 from .recipe_pages import changes_of, known_changes_of, recipe_names
+from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 
 _ONE = f"{V1}/recipes/{{name}}"
 _SEEN = {"sha256": "hash of the recipe as it was seen"}
@@ -37,12 +38,12 @@ def _recipes(call: Call) -> Response:
 
 
 def _recipe(call: Call) -> Response:
-    return Answer(_state(known_changes_of(call)))
+    return Answer(_state(call, known_changes_of(call)))
 
 
-def _state(changes: RecipeChanges) -> dict[str, Any]:
+def _state(call: Call, changes: RecipeChanges) -> dict[str, Any]:
     state = changes.state
-    loaded = changes.panel.live.snapshot().recipe
+    loaded = call.panel.live.snapshot().recipe
     return _fields(state.recipe) | {
         "is_approved": state.recipe.is_approved,
         "problem": state.problem,
@@ -76,19 +77,19 @@ def _save(call: Call) -> Response:
     except SettingsRefused as error:
         wrong = {dotted(place): message for place, message in error.messages.items()}
         return Answer({"error": str(error), "settings": wrong}, 400)
-    return Answer(_state(changes))
+    return Answer(_state(call, changes))
 
 
 def _approve(call: Call) -> Response:
     changes = known_changes_of(call)
-    changes.approve(call.text("sha256"))
-    return Answer(_state(changes))
+    changes.approve(call.name, call.text("sha256"))
+    return Answer(_state(call, changes))
 
 
 def _roll_back(call: Call) -> Response:
     changes = known_changes_of(call)
     changes.roll_back(call.text("sha256"))
-    return Answer(_state(changes))
+    return Answer(_state(call, changes))
 
 
 def _teach(call: Call) -> Response:
@@ -96,7 +97,9 @@ def _teach(call: Call) -> Response:
     if use not in ("good", "bad"):
         raise InputError(f"use = {use[:20]!r}: give good or bad")
     part_ids, texture = _part_ids(call), call.text("texture", "")
-    return _started(changes_of(call).teach(part_ids, texture, is_good=use == "good"))
+    return _started(
+        start_teaching(call.panel, changes_of(call), part_ids, texture, is_good=use == "good")
+    )
 
 
 def _part_ids(call: Call) -> list[str]:
@@ -124,12 +127,12 @@ def _challenge(call: Call) -> Response:
 
 
 def _replay(call: Call) -> Response:
-    return _started(known_changes_of(call).replay())
+    return _started(start_replay(call.panel, known_changes_of(call)))
 
 
 def _add(call: Call) -> Response:
     changes = changes_of(call)
-    changes.add_to_challenge(_part_ids(call), call.text("expected"))
+    add_parts_to_challenge(call.panel, changes, _part_ids(call), call.text("expected"))
     return Answer({"sets": challenge_sets(changes.files.challenge)}, 201)
 
 

@@ -131,7 +131,7 @@ def test_programs_change_approve_and_roll_back_recipes(line: RunningPanel) -> No
     back = client.post(f"{API}/rollback", seen).json
     assert (back["sha256"], back["is_approved"]) == (first["sha256"], True)
     assert client.post(f"{API}/rollback", {"sha256": "0" * 64}).status == 400
-    assert changes(line)[-2][3] == (
+    assert changes(line)[-1][3] == (
         f"roll back to version 2, {first['sha256'][:8]}, approved by client-engineer"
     )
     assert client.get("/api/v1/recipes").json["running"]["version"] == 2

@@ -1,0 +1,40 @@
+"""Changes by commands: whoever may write into the folder of a station may change it."""
+
+import getpass
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+
+from capture.station.folder import StationFolder
+from capture.station.panel.results_access import ResultsAccess
+from classify.errors import InputError
+
+from .change_log import ChangeLog
+from .roles import Identity, Role
+
+_LONGEST_NAME = 200  # as in the approval of a recipe
+
+
+@contextmanager
+def changing_on_the_terminal(
+    folder: StationFolder, by: str | None = None
+) -> Iterator[tuple[ChangeLog, Identity]]:
+    """Yield the log of changes, and who changes the station.
+
+    Parameters
+    ----------
+    by
+        Name that somebody gave; the log has the user of the system too, who cannot be invented.
+
+    Raises
+    ------
+    InputError
+        If the name is empty, too long or does not print.
+    """
+    user = "somebody"
+    with suppress(KeyError, OSError):  # a user without an entry in the system's list
+        user = getpass.getuser()
+    if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
+        raise InputError(f"--by {by[:20]!r}: give a name of 1 to {_LONGEST_NAME} characters")
+    name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
+    with closing(ResultsAccess(folder)) as results:
+        yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "local")

@@ -1,0 +1,40 @@
+"""Give a part another verdict: one way for pages, programs and commands, recorded by each."""
+
+from capture.process.utc_time import utc_text
+from capture.station.results.history import HistoryEntry
+from capture.station.results.store import ResultStore
+from capture.station.verdict import Decision
+from classify.errors import InputError
+
+from .access.change_log import ChangeLog
+from .access.roles import Identity
+
+
+def override_part(
+    store: ResultStore,
+    log: ChangeLog,
+    who: Identity,
+    entry: HistoryEntry,
+    *,
+    decision: str,
+    by: str,
+    reason: str,
+) -> Decision:
+    """Give a part another verdict; the station's own stays beside it.
+
+    Raises
+    ------
+    InputError
+        If the verdict is neither PASS nor FAIL, or name or reason is empty.
+    ResultsUnavailable
+        If the database does not answer.
+    """
+    part_id, given = entry.result.part_id, decision.upper()
+    if given not in (Decision.PASS, Decision.FAIL):
+        raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
+    if not reason.strip():
+        raise InputError("reason: must not be empty")
+    log.record(who, f"part {part_id}", entry.decision, f"{given}: {reason.strip()}")
+    utc = utc_text(timespec="milliseconds")
+    store.override(part_id, decision=Decision(given), by=by, reason=reason, utc=utc)
+    return Decision(given)

@@ -1,0 +1,110 @@
+"""What the panel does to a recipe with parts of the history: teaching, and the challenge set."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from capture.station.challenge_set import Expected
+from capture.station.panel.panel import Panel
+from capture.station.panel.part_pictures.stored_set import stored_set
+from capture.station.panel.security import Denied
+from capture.station.results.history import Selection
+from capture.station.verdict import Decision
+from classify.errors import InputError
+from classify.labels import checked_label
+
+from .background_jobs import Job, Work
+from .recipe_changes import LongChange, RecipeChanges
+from .recipe_jobs import replay_parts, teach_parts
+
+# As many as a job can teach in its time; see `background_jobs`.
+MOST_PARTS = 300
+EXPECTED: tuple[Expected, ...] = ("PASS", "FAIL", "UNKNOWN")
+
+
+def start_teaching(
+    panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], texture: str, *, is_good: bool
+) -> Job:
+    """Start to teach parts, or the known ones again if none is given.
+
+    Raises
+    ------
+    InputError
+        If a part has no set, or the texture cannot be one.
+    JobRefused
+        If a job is running.
+    """
+    paths = _sets(panel, part_ids)
+    if paths:
+        texture = checked_label(texture)
+    elif not changes.files.file.is_file():
+        raise InputError(f"recipe {changes.files.name}: no parts are known; give some")
+    panel.jobs.require_free()
+    change = changes.begin_teaching(part_ids, texture, is_good=is_good)
+    arguments = (changes.files, paths, texture, is_good)
+    return _start(panel, changes, "teach", change, teach_parts, arguments)
+
+
+def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
+    """Start a replay of the challenge set; raises JobRefused if a job is running."""
+    panel.jobs.require_free()
+    arguments = (changes.files, changes.calibration)
+    change = changes.begin_replay()
+    return _start(panel, changes, "challenge", change, replay_parts, arguments)
+
+
+def add_parts_to_challenge(
+    panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], expected: str
+) -> None:
+    """Add parts to the challenge set.
+
+    Raises
+    ------
+    InputError
+        If a part has no set, or the verdict is none that can be expected.
+    """
+    wanted = next((each for each in EXPECTED if each == expected), None)
+    if wanted is None:
+        raise InputError(f"expected = {expected[:20]!r}: give {', '.join(EXPECTED)}")
+    paths = _sets(panel, part_ids)
+    if not paths:
+        raise InputError("choose a part")
+    changes.add_to_challenge(paths, wanted)
+
+
+def _start(
+    panel: Panel,
+    changes: RecipeChanges,
+    kind: str,
+    change: LongChange,
+    work: Work,
+    arguments: tuple[Any, ...],
+) -> Job:
+    def ended(job: Job) -> None:
+        if job.error:
+            change.failed(job.error)
+        elif job.kind == "challenge":
+            parts, missed = job.result["parts"], len(job.result["regressions"])
+            change.ended(f"challenge: {parts - missed} of {parts} parts got their verdict")
+        else:
+            change.ended(None)
+
+    job = Job(kind=kind, recipe=changes.files.name, title=change.title, by=changes.who.name)
+    return panel.jobs.start(job, work, arguments, ended)
+
+
+def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
+    if len(part_ids) > MOST_PARTS:
+        raise InputError(f"{len(part_ids)} parts: give {MOST_PARTS} or fewer")
+    store, paths = panel.results.store, []
+    for part_id in dict.fromkeys(part_ids):
+        entry = next(store.parts(Selection(part_id=part_id)), None)
+        if entry is None:
+            raise InputError(f"part {part_id[:100]}: there is no result of it")
+        if entry.result.exposed_utc is None or entry.result.verdict.decision is Decision.ERROR:
+            raise InputError(f"part {part_id}: is ERROR; its set cannot be relied on")
+        try:
+            paths.append(stored_set(panel.folder, entry))
+        except Denied as error:
+            raise InputError(str(error)) from error
+    return tuple(paths)
