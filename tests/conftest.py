@@ -2,10 +2,13 @@
 
 import os
 import signal
+from collections.abc import Callable
+from functools import partial
 
 import hypothesis
 import pytest
 from _pytest.mark.expression import Expression
+from _pytest.terminal import TerminalReporter
 
 from .suites import NEEDS, missing
 
@@ -17,6 +20,8 @@ from .suites import NEEDS, missing
 hypothesis.settings.register_profile("search", deadline=None)
 hypothesis.settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("repeatable")
+
+_FIGURES = "figures"
 
 # Test frames are small: a second OpenBLAS thread gains nothing and waits for a busy core.
 # OpenBLAS reads this when it is loaded.
@@ -39,6 +44,20 @@ def pytest_configure(config: pytest.Config) -> None:
             raise pytest.UsageError(
                 f"the {suite} suite lacks {', '.join(lacks)}: run tests/install.sh {suite}"
             )
+
+
+@pytest.fixture
+def show_figures(record_property: Callable[[str, object], None]) -> Callable[[str], None]:
+    """Show what a test measured after the last test, also where pytest runs in two processes."""
+    return partial(record_property, _FIGURES)
+
+
+def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
+    """Show the figures of all tests."""
+    for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
+        for name, text in report.user_properties:
+            if name == _FIGURES:
+                terminalreporter.write_line(f"\n{report.nodeid}\n{text}")
 
 
 @pytest.fixture(autouse=True)

@@ -6,12 +6,13 @@ Where flat, dark, small images leave LED levels uncertain, five of the standard 
 records are allowed. One factor for all images of a set is free, because only a reference could tell
 how bright a surface is.
 
-    pytest tests/capture/acquisition/test_fault_matrix.py  # prints the table of the random sets
+    pytest -m slow tests/capture/acquisition/test_fault_matrix.py  # shows the table of random sets
 """
 
 import random
 import re
 from collections import Counter, defaultdict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -222,7 +223,7 @@ def random_set(seed: int) -> tuple[str, RigConfig]:
 
 
 @pytest.mark.slow
-def test_no_random_fault_makes_a_wrong_set(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_random_fault_makes_a_wrong_set(show_figures: Callable[[str], None]) -> None:
     ends: dict[str, Counter[str]] = defaultdict(Counter)
     wrong = []
     for seed in range(RANDOM_SETS):
@@ -232,9 +233,8 @@ def test_no_random_fault_makes_a_wrong_set(capsys: pytest.CaptureFixture[str]) -
         if end == "wrong":
             wrong.append((seed, kinds, round(error, 3), causes))
     columns = ("good", "retried", "rejected", "wrong")
-    # Printed also without -s, for the log of CI.
-    with capsys.disabled():
-        print(f"\n{'fault':18}" + "".join(f"{column:>10}" for column in columns))
-        for kinds, counts in [*sorted(ends.items()), ("all", sum(ends.values(), Counter()))]:
-            print(f"{kinds:18}" + "".join(f"{counts[column]:10}" for column in columns))
+    lines = [f"{'fault':18}" + "".join(f"{column:>10}" for column in columns)]
+    for kinds, counts in [*sorted(ends.items()), ("all", sum(ends.values(), Counter()))]:
+        lines.append(f"{kinds:18}" + "".join(f"{counts[column]:10}" for column in columns))
+    show_figures("\n".join(lines))
     assert wrong == []

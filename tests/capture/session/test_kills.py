@@ -73,7 +73,7 @@ def _resume(session: Path, rig: Path) -> None:
 
 @pytest.mark.slow
 def test_a_killed_session_loses_the_set_in_progress_at_most(
-    tmp_path: Path, spawn: Spawn, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, spawn: Spawn, show_figures: Callable[[str], None]
 ) -> None:
     rig = small_rig(tmp_path)
     choice = random.Random(20260101)
@@ -101,7 +101,6 @@ def test_a_killed_session_loses_the_set_in_progress_at_most(
         assert (done.returncode, error) == (0, ""), out
         assert assert_whole(session) == TEXTURES * ORIENTATIONS
         assert not list(session.rglob(".writing-*")), "a temporary file is left"
-    with capsys.disabled():
-        print(
-            f"\n{kills} kills over {rounds} sessions of {TEXTURES * ORIENTATIONS} sets: none lost"
-        )
+    show_figures(
+        f"{kills} kills over {rounds} sessions of {TEXTURES * ORIENTATIONS} sets: none lost"
+    )

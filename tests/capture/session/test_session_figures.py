@@ -40,7 +40,7 @@ def plan_of(name: str, textures: int, orientations: int) -> str:
 
 @pytest.mark.slow
 def test_a_session_of_many_sets_is_complete(
-    tmp_path: Path, spawn: Spawn, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, spawn: Spawn, show_figures: Callable[[str], None]
 ) -> None:
     rig, plan = tmp_path / "rig.toml", tmp_path / "many.toml"
     rig.write_text(
@@ -59,13 +59,12 @@ def test_a_session_of_many_sets_is_complete(
     assert len(session.journal.entries) == sets
     said = [each for entry in session.journal.entries if entry.measures
             for each in entry.measures.warnings]  # fmt: skip
-    with capsys.disabled():
-        print(
-            f"\n{TEXTURES} textures x {ORIENTATIONS} orientations of {SIDE_PX} x {SIDE_PX} px: "
-            f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of processor time, "
-            f"{1e3 * cpu_s / sets:.0f} ms of it a set, "
-            f"{session.bytes_of_sets() / 1e6:.0f} MB, {len(said)} warnings"
-        )
+    show_figures(
+        f"{TEXTURES} textures x {ORIENTATIONS} orientations of {SIDE_PX} x {SIDE_PX} px: "
+        f"{wall_s:.0f} s of wall time, {cpu_s:.0f} s of processor time, "
+        f"{1e3 * cpu_s / sets:.0f} ms of it a set, "
+        f"{session.bytes_of_sets() / 1e6:.0f} MB, {len(said)} warnings"
+    )
     # The simulated rig turns each part exactly.
     assert not [each for each in said if "the texture stands at" in each]
 
@@ -81,7 +80,7 @@ def is_wrong(captured: CapturedSet, config: RigConfig) -> bool:
 
 @pytest.mark.slow
 def test_a_session_on_a_rig_with_faults_accepts_no_wrong_set(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, show_figures: Callable[[str], None]
 ) -> None:
     counts: Counter[str] = Counter()
     wrong = []
@@ -104,8 +103,7 @@ def test_a_session_on_a_rig_with_faults_accepts_no_wrong_set(
         # What failed is missing, and nothing else, but for a rig that was lost.
         assert len(folder.missing()) >= failed
         counts["sessions with failures"] += failed > 0
-    with capsys.disabled():
-        print(f"\n{FAULTS} sessions on rigs with faults: {dict(counts)}, {len(wrong)} wrong")
+    show_figures(f"{FAULTS} sessions on rigs with faults: {dict(counts)}, {len(wrong)} wrong")
     assert counts["captured"] > FAULTS
     assert counts["missing"] > 0
     assert wrong == []

@@ -8,6 +8,7 @@ python -m tests.capture.station.kills --kills 50 --postgresql
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,7 @@ def test_a_killed_production_loses_and_doubles_nothing(options: list[str]) -> No
 
 @pytest.mark.slow
 def test_memory_stays_flat_and_no_fault_lets_a_wrong_part_pass(
-    capsys: pytest.CaptureFixture[str],
+    show_figures: Callable[[str], None],
 ) -> None:
     runs = {
         name: subprocess.Popen(
@@ -55,8 +56,7 @@ def test_memory_stays_flat_and_no_fault_lets_a_wrong_part_pass(
     try:
         for name, run in runs.items():
             printed, _ = run.communicate(timeout=3600)
-            with capsys.disabled():
-                print("", name, printed, sep="\n")
+            show_figures(f"{name}\n{printed}")
             assert run.returncode == 0, name
     finally:
         for run in runs.values():
