@@ -31,7 +31,7 @@ def collected(folder: Path, rig: RigConfig, parts: int) -> list[Event]:
 def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Path) -> None:
     folder = tmp_path / "line"
     make_station(folder)
-    with pytest.raises(InputError, match=r"no such recipe.*a run with --collect"):
+    with pytest.raises(InputError, match=r"no such recipe.*station run --collect"):
         _run_without_collecting(folder)
     events = collected(folder, VIRTUAL, 2)
     results = [each.result for each in events if isinstance(each, PartAnnounced)]
