@@ -48,7 +48,7 @@ def read_challenge(folder: Path) -> ChallengeSet:
     ConfigError
         If there is none, or its list is damaged.
     RecipeError
-        If it proves nothing: it takes a part that must pass, and one that must not.
+        If it has no part that must pass, or none that must not.
     """
     missing = (
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
@@ -66,7 +66,7 @@ def read_challenge(folder: Path) -> ChallengeSet:
 
 
 def challenge_sets(folder: Path) -> dict[str, Expected]:
-    """Return the files of a challenge and their verdicts; none if there is no challenge set.
+    """Return the files of a challenge and their verdicts; empty if there is no challenge set.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def add_to_challenge(
     expected: Expected,
     record: Record = lambda *_: None,
 ) -> None:
-    """Copy sets into a challenge; one that is there already gets the new verdict.
+    """Copy sets into a challenge; a set that it contains already gets the new verdict.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def add_to_challenge(
     Raises
     ------
     InputError
-        If a set cannot be read or copied, its name cannot be kept, or somebody else adds one now.
+        If a set cannot be read or copied, its name is invalid, or another program holds the lock.
     RecipeError
-        If another set of this name is there.
+        If the challenge contains another set of this name.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):
@@ -130,7 +130,7 @@ def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: N
     Raises
     ------
     InputError
-        If it is not there, or somebody else changes the challenge now.
+        If the challenge does not contain it, or another program holds the lock.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):

@@ -1,4 +1,4 @@
-"""Control charts of LED levels and distances: say that something drifts before parts fail by it."""
+"""Control charts of LED levels and distances: warn of a drift before parts fail because of it."""
 
 import math
 import statistics
@@ -12,19 +12,19 @@ from .judge import STOP_LED_LEVEL
 from .results.part_result import PartResult
 
 WARN_LED_LEVEL = 0.9
-"""Below this share of its taught level an LED is named; below `STOP_LED_LEVEL` parts are errors."""
+"""Share of its taught level below which an LED is named; below `STOP_LED_LEVEL` parts are ERROR."""
 
-# As usual since Shewhart.
+# Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
 GROUP, BASELINE_POINTS = 5, 20
-"""Parts of one point, and points of the baseline."""
+"""Number of parts of one point, and of points of the baseline."""
 BASELINE_PARTS = GROUP * BASELINE_POINTS
-"""Parts whose results make the baseline."""
+"""Number of parts of the baseline."""
 # The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
 _RANGE_OF_TWO = 1.128
-# Least standard deviation against the mean: rounding, and scenes of a simulation that do not vary.
+# Least standard deviation as a share of the mean, for values that hardly vary, as in a simulation.
 _LEAST_SPREAD = 1e-3
-# Western Electric (Statistical Quality Control Handbook, 1956): of the last so many points, so many
-# lie on one side beyond so many standard deviations.
+# Western Electric (Statistical Quality Control Handbook, 1956): number of last points, how many of
+# them lie on one side of the baseline, and beyond how many standard deviations.
 _RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
 _LOW = (
     f"least {WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
@@ -94,13 +94,13 @@ class RuleSeries:
 
 
 class NewWarnings:
-    """Tells which warnings begin: one that comes again within the longest rule is the same one."""
+    """Tells which warnings are new: one that returns within the longest rule is not."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}  # points since a warning last held
 
     def begun(self, holding: Sequence[str]) -> tuple[str, ...]:
-        """Return those of the warnings of a point that begin with it."""
+        """Return the new ones among the warnings that hold at a point."""
         begun = tuple(text for text in holding if text not in self._since)
         counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
         self._since = counts | dict.fromkeys(holding, 0)
@@ -114,7 +114,7 @@ class _Watched:
         self._series, self._warnings = RuleSeries(), NewWarnings()
 
     def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
-        """Add a point; return the warnings that begin with it, with further ones that hold."""
+        """Add a point at which `further` warnings hold too; return the new warnings."""
         return self._warnings.begun([*further, *self._series.add(point)])
 
 
@@ -129,7 +129,7 @@ class ControlChart:
     led_names
         Names of the LEDs, in the order of the lights.
     subscribers
-        Are told the warnings.
+        Get the warnings.
     """
 
     def __init__(self, led_names: Sequence[str], *subscribers: Subscriber) -> None:
@@ -147,7 +147,7 @@ class ControlChart:
                     subscriber(Warned(text))
 
     def add(self, result: PartResult) -> list[str]:
-        """Add a result; return the warnings that begin with it."""
+        """Add a result; return the new warnings."""
         if result.label is None or not is_measured(
             result.distance, result.led_levels, len(self._led_names)
         ):
@@ -171,11 +171,11 @@ class ControlChart:
 
 
 def mean_log_distance(distances: Iterable[float]) -> float:
-    """Return the point of the chart of distances, which are positive and scatter by shares."""
+    """Return the mean logarithm of distances, because their scatter is a share of their size."""
     return statistics.fmean(map(math.log, distances))
 
 
 def is_measured(distance: float | None, led_levels: Sequence[float], leds: int) -> bool:
-    """Whether a part that matched a texture belongs on the charts of so many LEDs."""
+    """Whether a part has a distance, and the levels of `leds` LEDs, all finite and positive."""
     values = [*led_levels, distance or 0.0]
     return len(led_levels) == leds and all(math.isfinite(value) and value > 0.0 for value in values)

@@ -1,4 +1,4 @@
-"""Control charts of parts that are in the results: the points and rules of `control_chart`."""
+"""Control charts of recorded parts, with the points and rules of `control_chart`."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -23,12 +23,12 @@ class ChartPoint:
     Attributes
     ----------
     number, part_id, triggered_utc
-        Of its last part.
+        Those of its last part.
     value
-        The mean: of levels, or the geometric one of distances.
+        Arithmetic mean of levels, geometric mean of distances.
     broken, begun
-        Which Western Electric rules it breaks, in words, and of which of them a running station
-        warns with this point.
+        Western Electric rules that it breaks, in words, and those of which a running station would
+        warn at this point.
     """
 
     number: int
@@ -48,10 +48,10 @@ class ChartHistory:
     points
         In the order of the parts.
     baseline_points
-        Number of the first points that make the baseline.
+        Number of first points that form the baseline.
     centre, lower, upper
-        The mean of the baseline, and three standard deviations from it; None as long as there are
-        too few points.
+        The mean of the baseline, and the limits at three standard deviations; None if there are too
+        few points.
     """
 
     points: tuple[ChartPoint, ...]
@@ -89,7 +89,7 @@ def _history(
     points: Sequence[float],
     value_of: Callable[[float], float] = lambda point: point,
 ) -> ChartHistory:
-    """Apply the rules to the points of groups; `value_of` gives what a chart shows of a point."""
+    """Apply the rules to the points of groups; `value_of` converts a point to the chart's unit."""
     series, warnings, shown = RuleSeries(), NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)

@@ -19,7 +19,7 @@ from .self_test import check_calibration_age, check_disk, check_results
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
-    """Make all checks, one after the other; a check that fails does not prevent the next.
+    """Yield all checks, one after the other; a failed check does not prevent the next one.
 
     The LEDs of the rig are lit. A running station holds the rig, which is then reported as a fault.
     """
@@ -78,7 +78,7 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
 
 
 def _check_extras(config: StationConfig) -> Iterator[Check]:
-    """Check that what the sections for the line need is installed."""
+    """Check that the packages for the configured PLC and broker are installed."""
     is_triggered = config.trigger == "modbus"
     for extra, package, is_asked in (
         ("modbus", "pymodbus", config.modbus is not None or is_triggered),

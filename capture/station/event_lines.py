@@ -1,4 +1,4 @@
-"""Events of a station as lines: of text for people and the log, of JSON for programs."""
+"""Events of a station as lines of text for people and the log, and as JSON for programs."""
 
 from typing import Any
 
@@ -20,12 +20,11 @@ from .results.part_result import PartResult
 from .states import Change, State
 from .verdict import Decision
 
-# Digits of a hash that people compare.
-_DIGITS = 8
+_DIGITS = 8  # of a hash, for people to compare
 
 
 def text_lines(event: Event) -> list[str]:
-    """Return what people are told of an event; often nothing."""
+    """Return an event as lines of text for people; many events have none."""
     match event:
         case RecipeLoaded(name, version, sha256):
             return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}"]
@@ -88,7 +87,7 @@ def json_fields(event: Event) -> dict[str, Any]:
 
 
 def log_to(folder: StationFolder, event: Event) -> None:
-    """Write an event into the log of a station."""
+    """Append an event to the log of a station."""
     for line in text_lines(event):
         folder.log(line)
 

@@ -1,4 +1,4 @@
-"""What happens at a station, as values that terminal, log, panel and PLC subscribe to."""
+"""Events of a station, to which terminal, log, panel and PLC subscribe."""
 
 import logging
 import queue
@@ -14,7 +14,7 @@ from .states import State
 from .verdict import Decision
 
 _log = logging.getLogger(__name__)
-# Some hundred parts: a subscriber that is so far behind hangs.
+# Events of some hundred parts: a subscriber so far behind hangs.
 _MOST_EVENTS = 1000
 
 
@@ -84,14 +84,14 @@ class PartAnnounced:
 
 @dataclass(frozen=True)
 class PartRecovered:
-    """A part that an earlier run began and did not end has its result, ERROR, now."""
+    """A part that an earlier run began and did not finish got the verdict ERROR."""
 
     result: PartResult
 
 
 @dataclass(frozen=True)
 class Warned:
-    """Something that a person should look at; parts are judged all the same."""
+    """Something that a person should look at; the station goes on."""
 
     text: str
 

@@ -1,4 +1,4 @@
-"""A gauge study of attributes: known parts, each presented several times, against the verdicts."""
+"""Attribute gauge study: known parts, each presented several times, compared with the verdicts."""
 
 import csv
 import io
@@ -39,7 +39,7 @@ class Presentation:
 
 @dataclass(frozen=True)
 class Share:
-    """A share of trials with its exact bound at 95 % confidence, from above or below."""
+    """A share of trials with its exact upper or lower bound at 95 % confidence."""
 
     events: int
     trials: int
@@ -60,10 +60,10 @@ class Share:
 
 @dataclass(frozen=True)
 class GaugeStudy:
-    """What a study shows.
+    """The outcome of a study.
 
-    Presentations of one part are no independent trials: what makes a part hard makes it so each
-    time. The bounds therefore count parts, with a part wrong once as a wrong one.
+    Presentations of one part are not independent trials: a difficult part is difficult each time.
+    The bounds therefore count parts, and a part that was wrong once counts as wrong.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class GaugeStudy:
 
     @property
     def rating(self) -> Rating:
-        """The rating of AIAG of what was found; unacceptable without good or without bad parts."""
+        """The rating by AIAG; unacceptable without good parts or without bad parts."""
         found = (self.effectiveness.value, self.misses.value, self.false_alarms.value)
         if any(value is None for value in found):
             return "unacceptable"
@@ -104,7 +104,7 @@ class GaugeStudy:
         return "unacceptable"
 
     def lines(self) -> list[str]:
-        """The report, one finding a line."""
+        """Return the report, one finding per line."""
         parts = self._parts()
         bad = sum(not is_good for is_good in parts.values())
         effective, missed, alarmed = ACCEPTABLE
@@ -123,7 +123,7 @@ class GaugeStudy:
         return lines
 
     def wrong(self) -> list[str]:
-        """Parts with a wrong verdict, how often it was, and the first of its reasons."""
+        """Return a line for each part with a wrong verdict: how often, and the first reason."""
         lines = []
         for part, is_good in self._wrong_parts().items():
             of_part = [each for each in self.presentations if each.part == part]
@@ -155,7 +155,7 @@ def read_known_parts(path: Path) -> dict[str, bool]:
     Raises
     ------
     InputError
-        If it cannot be read, or a line is another.
+        If it cannot be read, or a line has another form.
     """
     try:
         text = read_regular_file(path, _MAX_BYTES).decode("utf-8-sig")
@@ -182,8 +182,8 @@ def presentations_of(
 ) -> Sequence[Presentation]:
     """Return the presentations of known parts among recorded verdicts.
 
-    A part has its own identity at each presentation: that of the known part, or that with a dash
-    and more, such as ``K07-2``.
+    Each presentation has its own part id: that of the known part, or that with a dash and a suffix,
+    such as ``K07-2``.
     """
     found = []
     for part_id, verdict in recorded:

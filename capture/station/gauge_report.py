@@ -16,7 +16,7 @@ from .gauge import GaugeStudy, Rating, Share
 from .recipe import Sha256
 
 _MAX_BYTES = 1 << 22
-# Parts with a wrong verdict that a report names; a study of more is no better for it.
+# Number of parts with a wrong verdict that a report names.
 _MOST_WRONG = 200
 
 
@@ -46,7 +46,7 @@ class GaugeReport(_Record):
     utc, software_version
         When the study ended, and the version of ps4rig.
     recipe, recipe_sha256
-        The recipe that judged; without a hash where its results were recorded before.
+        The recipe that judged; the hash is None for results of an earlier run.
     simulated
         Whether the parts are those of a simulated rig.
     presentations

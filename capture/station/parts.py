@@ -21,27 +21,28 @@ Turned = Callable[[Worker], None]
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """What a station works with.
+    """The objects that a station works with.
 
     Attributes
     ----------
     camera
-        Its rig.
+        The rig.
     judge
         Makes the result of an exposed part.
     store
-        Its results.
+        The results.
     prepare
-        Checks all but the rig, before the station becomes ready; no part is in progress then.
+        Makes all checks but those of the rig before the station becomes ready, while no part is in
+        progress.
     clock
-        For times of records.
+        The clock for times in records.
     publisher
         Gets all events.
     sensor
-        The part sensor, if that triggers.
+        The part sensor, if it triggers the parts.
     turned
         Called by each worker several times a second while it waits, and between two steps of its
-        work; no more by one that hangs.
+        work. A worker that hangs does not call it.
     """
 
     camera: PartCamera

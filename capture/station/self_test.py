@@ -63,7 +63,7 @@ def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
 
 
 def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
-    """Return why no set may be written, or None if the floor stays free after it."""
+    """Return why no set may be written, or None if `floor_mb` stays free after the sets."""
     if free_bytes - sets_bytes >= floor_mb * 1_000_000:
         return None
     needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""
@@ -142,7 +142,7 @@ def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -
 def check_rig(rig: Rig, plate: CalibrationFile | None) -> list[Check]:
     """Check an open rig: dark with all LEDs off, light under each of them, and a white sheet.
 
-    A test with a fault is repeated: a passing disturbance seldom affects two.
+    A test with a fault is repeated: a short disturbance seldom affects two tests in a row.
 
     Parameters
     ----------

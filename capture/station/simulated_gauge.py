@@ -17,7 +17,7 @@ from .outcome import error_verdict
 from .simulated_parts import simulated_part
 from .verdict import Verdict
 
-# A hand puts a part back within this; see capture/session/measures.py.
+# How exactly a hand puts a part back; see `capture/session/measures.py`.
 _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
 # A third to a half of the parts of a study should be bad (AIAG).
 _SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1

@@ -1,4 +1,4 @@
-"""The clock of a station: UTC for records, with a note where it was set."""
+"""The clock of a station: UTC for records, with a note if somebody set it."""
 
 import threading
 import time
@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 from capture.process.utc_time import utc_text
 
-# Time servers slew a clock by 0.5 ms a second at most; a larger step was set by somebody.
+# Time servers slew a clock by at most 0.5 ms per second: a larger step was made by hand.
 _STEP_S = 2.0
 
 
@@ -16,7 +16,7 @@ def _utc() -> datetime:
 
 
 class StationClock:
-    """UTC for records; it is compared with the monotonic clock, by which durations are measured.
+    """UTC for records, compared with the monotonic clock, which measures durations.
 
     Parameters
     ----------

@@ -30,8 +30,8 @@ class _Record(BaseModel):
 class TaughtSet(_Record):
     """A captured set that was taught: its file in the folder ``sets``, the hash of its pixels.
 
-    The other fields are of a library that was taught all sets but this one: the texture that it
-    named, None for unknown, the nearest one, and the distance to that.
+    `found`, `nearest` and `distance` are of the match with a library of all other sets; `found` is
+    None for an unknown texture.
     """
 
     file: Name
@@ -42,7 +42,7 @@ class TaughtSet(_Record):
 
 
 class TaughtTexture(_Record):
-    """What the parts of one texture showed.
+    """What teaching measured on the parts of one texture.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Taught(_Record):
     Attributes
     ----------
     setting
-        Setting of the rig; a set of another setting cannot be judged.
+        Setting of the rig; a set with another setting cannot be judged.
     region
         Region of the recipe, within which everything was measured.
     has_calibration

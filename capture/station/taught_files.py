@@ -1,4 +1,4 @@
-"""Read what was taught for a recipe, and check that nothing of it was changed since."""
+"""Read what was taught for a recipe, and check that no file of it was changed since."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from .taught import Taught, read_taught
 
 
 def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
-    """Read what was taught for a recipe, and check that the recipe can be judged by it.
+    """Read what was taught for a recipe, and check that it covers the recipe.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def check_unchanged(recipe: Recipe, path: Path, found: str, taught: str) -> None
     Raises
     ------
     RecipeError
-        If it has not.
+        If its hash differs.
     """
     if found != taught:
         raise RecipeError(

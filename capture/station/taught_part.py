@@ -1,4 +1,4 @@
-"""`TaughtPart`: what teaching keeps in memory of one captured set."""
+"""`TaughtPart`: the measures of one captured set that teaching keeps in memory."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from .taught_sets import KeptSet
 
 @dataclass(frozen=True, eq=False)
 class TaughtPart:
-    """A set with what was measured on it; its surface is solved again when it is needed.
+    """A set with its measures; its surface is not kept and is solved again when it is needed.
 
     Attributes
     ----------
     row, test
-        What training and matching observe of it.
+        Its observations for training and for matching.
     lighting
-        Its lights, by its calibration where it has one.
+        Its lights, from its calibration if it has one.
     """
 
     kept: KeptSet

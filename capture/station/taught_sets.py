@@ -1,4 +1,4 @@
-"""The captured sets of a recipe: copied into its folder, read from there."""
+"""The taught sets of a recipe: copies of captured sets in its folder."""
 
 import shutil
 from collections.abc import Iterator, Sequence
@@ -16,8 +16,7 @@ from .recipe import Recipe
 from .recipe_folder import RecipeFolder
 from .taught import read_taught
 
-# Digits of the hash of the pixels in the name of a file.
-_DIGITS = 16
+_DIGITS = 16  # of the hash of the pixels in a file name
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class KeptSet:
 
 
 def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
-    """Yield the sets that a recipe was taught, but for those whose file was removed.
+    """Yield the sets that a recipe was taught, except those whose file was removed.
 
     Raises
     ------
@@ -49,12 +48,12 @@ def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
 def keep_sets(
     paths: Sequence[Path], folder: Path, texture: str | None, default: str
 ) -> list[KeptSet]:
-    """Copy sets with their calibrations into a folder; one that is there stays as it is.
+    """Copy sets with their calibrations into a folder; an existing copy is not replaced.
 
     Parameters
     ----------
     texture
-        Texture of all sets; None for the label of each, or `default` where it has none.
+        Texture of all sets; None takes the label of each set, or `default` for one without a label.
 
     Raises
     ------

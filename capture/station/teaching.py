@@ -44,12 +44,13 @@ def teach(
 ) -> Teaching:
     """Add sets to those that were taught, and make a new version of the recipe from all of them.
 
-    The file of the recipe is written last: until then the version before it holds.
+    The recipe's file is written last: until then the previous version is in use.
 
     Parameters
     ----------
     files
-        Where the recipe is, or will be. Sets whose file was removed from there are left out.
+        Files of the recipe, which need not exist yet. Taught sets whose file was removed are left
+        out.
     paths
         Captured sets.
     bad_texture
@@ -63,7 +64,7 @@ def teach(
     Raises
     ------
     RecipeError
-        If a texture is good and bad, has too few or too many good parts, or the sets are of several
+        If a texture is good and bad, has too few or too many good parts, or the sets have different
         settings.
     InputError
         If a set cannot be used.

@@ -1,4 +1,4 @@
-"""Limits of a texture from what its good parts showed, for the next good part to stay within."""
+"""Limits of a texture, from the measures of its good parts."""
 
 import math
 import statistics
@@ -9,14 +9,14 @@ from classify.confidence import tolerance_factor
 from .recipe import GeneralLimits, Limits
 
 # Least relative spread of Sdq and shadow between good parts: different patches of one simulated
-# texture differ by that much (tests/capture/station/test_teaching.py). Parts that are one part,
-# captured again, would else give limits that the next part exceeds.
+# texture differ by this much (`tests/capture/station/test_teaching.py`). Without it, captures of
+# one and the same part would give limits that the next part exceeds.
 _LEAST_SPREAD = 0.01
-# A share of pixels that is 0 on all good parts may be this on the next.
+# Added to limits of shares of pixels: a share that is 0 on all good parts may be this on the next.
 _LEAST_SHARE = 0.005
-# Cells of a defect map come in groups; twice what good parts show is something else.
+# Cells without a score come in groups: the limit is twice the largest area on a good part.
 _MORE_UNJUDGED = 2
-# Logarithm of a distance of 1000. A limit beyond, of three parts that differ much, is none; the
+# Logarithm of a distance of 1000. A larger limit, from three very different parts, is left out: the
 # library has its own.
 _NO_LIMIT = math.log(1000.0)
 
@@ -30,14 +30,14 @@ def limits_of_texture(
     """Return limits within which 99 % of good parts lie, with 95 % confidence.
 
     They are tolerance limits of a normal distribution, of the logarithm for distances. Few parts
-    give wide limits, since they leave open how much parts differ: see `tolerance_factor`.
+    give wide limits: see `tolerance_factor`.
 
     Parameters
     ----------
     distances
-        Of each good part to the texture, by a library without that part.
+        Distance of each good part to the texture, by a library without that part.
     sdqs, shadow_fractions, unmeasured_fractions
-        Of each of three good parts or more.
+        Measures of three or more good parts.
     """
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
@@ -59,14 +59,14 @@ def with_unjudged(limits: Limits, general: GeneralLimits, found_px: Sequence[int
 
 
 def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> GeneralLimits:
-    """Return general limits that let every texture be judged by its own."""
+    """Return general limits that no limit of a texture exceeds."""
     shares = [each.unmeasured_fraction or 0.0 for each in of_textures.values()]
     most = max([limits.unmeasured_fraction, *shares])
     return limits.model_copy(update={"unmeasured_fraction": most})
 
 
 def _limit(values: Sequence[float], least_spread: float = _LEAST_SPREAD) -> float:
-    """Upper tolerance limit of values that spread by a share of their mean or more."""
+    """Upper tolerance limit of values; their spread is at least `least_spread` of their mean."""
     mean = statistics.fmean(values)
     spread = max(statistics.stdev(values), least_spread * abs(mean))
     return mean + tolerance_factor(len(values)) * spread

@@ -1,4 +1,4 @@
-"""The page ``teaching.html``: what was taught, what overlaps, and what the parts promise."""
+"""The page ``teaching.html``: taught sets, limits, overlapping textures, expected error rates."""
 
 from collections.abc import Iterable, Iterator
 from html import escape
@@ -13,7 +13,7 @@ from .taught_part import solved
 from .taught_sets import KeptSet
 from .teaching_result import Overlap, Teaching
 
-# Pictures of an overlap; further sets are named in the table of all sets.
+# Sets of an overlap with pictures; the table of all sets names the others.
 _MOST_PICTURES = 4
 
 

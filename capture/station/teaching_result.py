@@ -1,4 +1,4 @@
-"""`Teaching`: what was taught, which textures overlap, and what so few parts promise."""
+"""`Teaching`: the outcome of teaching, with overlapping textures and expected error rates."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from .verdict import Decision
 # Measurement Systems Analysis, 4th edition: acceptable for an appraiser of attributes).
 MOST_MISSES, MOST_FALSE_ALARMS = 0.02, 0.05
 # Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
-# (`classify.confidence.tolerance_factor`): with 10 the spread between parts decides, not its doubt.
+# (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
 ENOUGH_PARTS = 10
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Sets of a texture that are as near to another one: taken for it, or too near to decide."""
+    """Sets of a texture that match another texture, or have too small a margin to it."""
 
     texture: str
     other: str
@@ -48,11 +48,11 @@ class Teaching:
     Attributes
     ----------
     recipe, taught, files
-        The new version of the recipe, what was measured for it, and where that is.
+        The new version of the recipe, what was measured for it, and its files.
     parts, matches
-        The sets, and their matches with a library of all others; None where none was left.
+        The sets, and the match of each with a library of all others; None where that is empty.
     inspections
-        Verdict of the new recipe on each set, by the same order. The recipe knows these sets.
+        Verdict of the new recipe on each set, in the same order. The recipe was taught these sets.
     false_alarm_bounds
         For each texture that passes, the largest share of good parts that the defect map rejects.
     measured
@@ -83,7 +83,7 @@ class Teaching:
         return (*overlaps, *self._few_parts(), *self.limit_remarks, *self._odd_verdicts())
 
     def fields(self) -> dict[str, Any]:
-        """Return what a program is told of the teaching, as fields of JSON."""
+        """Return the outcome as fields of JSON."""
         return {
             "recipe": self.recipe.name,
             "version": self.recipe.version,
@@ -99,7 +99,7 @@ class Teaching:
         }
 
     def promises(self) -> Iterator[str]:
-        """Say what the parts show, in the words of a gauge study."""
+        """Yield the error rates that the parts show, in the terms of a gauge study."""
         for texture in (*self.recipe.passes, *self.recipe.fails):
             found = [
                 match
@@ -129,7 +129,7 @@ class Teaching:
             )
 
     def _few_parts(self) -> Iterator[str]:
-        """Textures that overlap and have so few parts that their limits say little."""
+        """Remarks on textures that overlap and have fewer than `ENOUGH_PARTS` parts."""
         overlapping = dict.fromkeys(
             name for each in self.overlaps for name in (each.texture, each.other)
         )
@@ -160,7 +160,7 @@ def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Itera
             continue
         other = match.nearest if match.nearest != each.texture else match.runner_up
         undecided = match.margin is not None and match.margin < LEAST_MARGIN
-        # A texture of one set is not in the library that this set is matched with.
+        # The library without a set does not contain a texture that has this set alone.
         confused = match.nearest != each.texture and textures.count(each.texture) > 1
         if other is not None and (confused or undecided or match.label == other):
             pairs.setdefault((each.texture, other), []).append(each)

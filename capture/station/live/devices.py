@@ -14,7 +14,7 @@ Status = Literal["ok", "warning", "fault", "unknown", "off"]
 _GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")
 _OF_THE_RIG = ("camera", "lights")
 _NAMES = (*_OF_THE_RIG, "plc", "disk", "database")
-# Checks of the self-test, by the beginning of their names. Others are of the camera.
+# Devices of each check of the self-test, by the beginning of its name; others test the camera.
 _CHECKED = {
     "disk": ("disk",),
     "results": ("database",),
@@ -69,7 +69,7 @@ class DeviceStates:
         return tuple((self._tested | self._failed).values())
 
     def set(self, device: Device) -> bool:
-        """Replace the state of a device; return whether it is another one."""
+        """Replace the state of a device; return whether it changed."""
         is_new = self._tested.get(device.name) != device
         self._tested[device.name] = device
         return is_new

@@ -1,4 +1,4 @@
-"""`LiveStation`: what panel, API, PLC and MQTT see of a station, and how they trigger it."""
+"""`LiveStation`: the present state of a station for panel, API, PLC and MQTT, and its trigger."""
 
 import secrets
 import threading
@@ -30,7 +30,7 @@ from capture.station.verdict import Decision
 from .devices import Device, DeviceStates
 from .subscription import LiveEvent, Subscription
 
-# A part has four events: a browser that was away for a hundred parts misses none.
+# A part has four events: a browser that was disconnected for a hundred parts misses none.
 _KEPT_EVENTS = 400
 # The strip of the operator's page.
 _KEPT_REJECTED = 12
@@ -42,7 +42,7 @@ _POLL_S = 0.2
 
 @dataclass(frozen=True)
 class RejectedPart:
-    """A part that did not pass, and who has seen that; None if nobody has."""
+    """A part that did not pass, and who acknowledged that; None if nobody did."""
 
     result: PartResult
     acknowledged_by: str | None = None
