@@ -1,1 +1,1 @@
-"""Captured sets and their heights in the files of other programs."""
+"""Write captured sets and heights in file formats of other programs, and read them in napari."""

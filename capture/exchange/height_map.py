@@ -1,4 +1,4 @@
-"""The heights of a captured set in mm, with what files of measured surfaces say about them."""
+"""The heights of a captured set in mm, with the facts that files of measured surfaces hold."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class HeightMap:
     captured_at
         Time of the capture.
     metadata, method
-        Of the captured set, and the solver.
+        Metadata of the captured set, and the solver.
     """
 
     heights_mm: FloatMap
@@ -87,7 +87,7 @@ class HeightMap:
 
     @property
     def comment(self) -> str:
-        """What the set is, and where its heights come from."""
+        """The set and the source of its heights, as text for the file."""
         about = self.metadata
         said = (
             "SIMULATED." if about.simulated else None,

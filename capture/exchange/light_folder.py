@@ -20,7 +20,7 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
 
     Returns
     -------
-    The options with which `ps4rig import` makes the same pixels of it, quoted for a shell.
+    The options with which `ps4rig import` reads the same pixels back, quoted for a shell.
 
     Raises
     ------

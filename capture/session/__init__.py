@@ -1,1 +1,1 @@
-"""A planned lab session: plan, journal, runner. Events say what happens; who listens is unknown."""
+"""A planned lab session: plan, journal, and a runner that publishes events to any subscriber."""

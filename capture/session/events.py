@@ -1,4 +1,4 @@
-"""What happens in a session, as values that terminal and log subscribe to."""
+"""Events of a session, to which terminal and log subscribe, and questions to the operator."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,7 +26,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class StateChanged:
-    """The runner does something else now, for this planned set if there is one."""
+    """The runner entered another state; `planned` is the set that it concerns, if any."""
 
     state: State
     planned: PlannedSet | None
@@ -34,7 +34,7 @@ class StateChanged:
 
 @dataclass(frozen=True)
 class SetCaptured:
-    """A set is in its file and in the journal."""
+    """A set was captured and is in its file and in the journal."""
 
     entry: SetEntry
 
@@ -49,7 +49,7 @@ class SetFailed:
 
 @dataclass(frozen=True)
 class SetAdopted:
-    """A file of an earlier run, which ended before its entry was written, is in the journal now."""
+    """A file that an earlier run wrote but did not enter into the journal was entered."""
 
     entry: SetEntry
 
@@ -64,7 +64,7 @@ class SetDamaged:
 
 @dataclass(frozen=True)
 class RigCompared:
-    """The rig was compared with its calibration, or not: then the one check is unknown."""
+    """The rig was compared with its calibration; if it was not, the only check is unknown."""
 
     checks: tuple[Check, ...]
 
@@ -97,9 +97,9 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True)
 class PlaceSpecimen:
-    """Put the specimen below the camera; REPEAT captures the placement before once more.
+    """Put the specimen below the camera; REPEAT captures the previous placement once more.
 
-    `look` opens the rig, unless it is open, for live images until the answer.
+    `look` returns the rig for live images until the answer, and opens it if necessary.
     """
 
     planned: PlannedSet
@@ -110,7 +110,7 @@ class PlaceSpecimen:
 class PlaceSheet:
     """Put a white matt sheet below the camera; SKIP does not compare the rig with its calibration.
 
-    `cause` is why the calibration did not hold for the sheet before, None at first.
+    `cause` is why the calibration did not hold at the previous try, None at the first one.
     """
 
     cause: str | None
@@ -127,7 +127,7 @@ class DecideFailure:
 
 @dataclass(frozen=True)
 class DecideWarnings:
-    """A set is good but for `warnings`; GO keeps it."""
+    """A set has `warnings`; GO keeps it all the same."""
 
     planned: PlannedSet
     warnings: tuple[str, ...]
@@ -138,9 +138,9 @@ Ask = Callable[[Question], Answer]
 
 
 def without_questions(question: Question) -> Answer:
-    """Answer for nobody: keep what was captured, leave what failed, stop without a rig.
+    """Answer in a run without an operator: keep sets, leave failed ones, stop without a rig.
 
-    Nobody puts a sheet below a real camera: the rig is not compared with its calibration.
+    Nobody can put a sheet below a real camera: the rig is not compared with its calibration.
     """
     if isinstance(question, DecideFailure):
         return Answer.STOP if question.lost_rig else Answer.LEAVE

@@ -7,7 +7,7 @@ from rig.doctor.light_images import capture_light_images, rate_exposure
 
 # Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
 _ROUNDS = 6
-# Shorter is beyond what cameras can set.
+# Cameras cannot set a shorter exposure.
 _SHORTEST_MS = 0.01
 
 

@@ -35,7 +35,7 @@ _SPARE_BYTES = 64_000
 
 
 class SessionFolder:
-    """A session on disk. Only `session_folder` makes one that may be written.
+    """A session on disk, for reading; `session_folder` opens one for writing.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class SessionFolder:
         self.journal: Journal = read_journal(path / JOURNAL)
 
     def missing(self, plan: SessionPlan | None = None) -> list[PlannedSet]:
-        """Planned sets that were neither captured nor left out, and those whose file is gone.
+        """Planned sets that were neither captured nor left out, and those whose file is missing.
 
-        `plan` is used instead of that of the session.
+        `plan` replaces the plan of the session.
         """
         return [each for each in (plan or self.plan).sets() if not self._is_done(each)]
 
@@ -140,7 +140,7 @@ class SessionFolder:
                 yield planned, "its pixels are not those that the journal names"
 
     def enter_corrections(self, planned: PlannedSet, metadata: SetMetadata) -> None:
-        """Enter what ``ps4rig info --set`` changed in a captured set, if that is new."""
+        """Enter what ``ps4rig info --set`` changed in a captured set since its entry."""
         entry, corrected = self.journal.entry_of(planned), corrections_of(metadata)
         if entry is not None and entry.corrected != corrected:
             changed = entry.model_copy(update={"corrected": corrected})
@@ -154,10 +154,10 @@ class SessionFolder:
         self.update(self.journal.without_entry_of(planned))
 
     def orphans(self) -> Iterator[tuple[PlannedSet, CapturedSet]]:
-        """Whole files of planned sets that a killed run could not enter into the journal.
+        """Intact files of planned sets that a killed run could not enter into the journal.
 
-        A file that cannot be read, is of another specimen, orientation or number of lights, or has
-        the pixels of a set in the journal is none of them.
+        A file is left out if it cannot be read, is of another specimen, orientation or number of
+        lights, or has the pixels of a set in the journal.
         """
         for planned in self.plan.sets():
             path, entry = self.file_of(planned), self.journal.entry_of(planned)
@@ -172,7 +172,8 @@ class SessionFolder:
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
         """Whether a file is of a planned set and this rig, with pixels that are not in the journal.
 
-        In place of a set in the journal it must be of a run: it may be copied from elsewhere.
+        If the journal has an entry for the planned set, the file must be captured during a run:
+        otherwise somebody copied it from elsewhere.
         """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
         lights = len(metadata.lighting.directions)
@@ -285,7 +286,7 @@ def use_plan(plan_path: Path, folder: SessionFolder) -> None:
 
 
 def _lacks_its_journal(folder: Path) -> bool:
-    """Whether a folder holds nothing but files of a session, whose journal is missing.
+    """Whether a folder contains only files of a session, whose journal is missing.
 
     `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
     """

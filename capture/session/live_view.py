@@ -16,7 +16,7 @@ from .placement_guide import PlacementGuide
 
 
 class LiveView:
-    """What the page shows: live images, the outline to reach, and the set before.
+    """Contents of the page: live images, the outline of the asked placement, the last set.
 
     Attributes
     ----------

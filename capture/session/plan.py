@@ -79,7 +79,7 @@ Label = Annotated[str, AfterValidator(_usable_label)]
 
 
 class Specimen(Section):
-    """A piece to capture.
+    """A specimen to capture.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Specimen(Section):
     note
         Anything to remember.
     surface
-        With a simulated rig: the surface below the camera.
+        The surface below the camera of a simulated rig.
     """
 
     id: Name
@@ -141,7 +141,7 @@ class SessionPlan(Section):
         Command that turns the specimen, with ``{angle}`` in place of the degrees. It runs without a
         shell before each placement, and must end within `turntable_timeout_s`.
     specimen
-        The pieces, in the order of their capture.
+        The specimens, in the order of their capture.
     """
 
     name: Name
@@ -262,7 +262,7 @@ average = 1                  # frames that each image averages
 # turntable = "turn-to {angle}"   # a program that turns the specimen; it runs without a shell
 # turntable_timeout_s = 60
 
-# One block for each piece. The id becomes part of the names of files.
+# One block for each specimen. The id becomes part of the names of files.
 [[specimen]]
 id = "rock-1"
 label = "rock"               # texture class; the id if left out

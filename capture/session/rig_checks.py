@@ -1,4 +1,4 @@
-"""Whether a rig suits the plan of a session, and the sets that it has."""
+"""Check that a rig suits the plan of a session and its captured sets."""
 
 from pathlib import Path
 
@@ -12,13 +12,13 @@ from .plan import SEARCH, SessionPlan
 
 
 def check_rig(folder: SessionFolder, config: RigConfig) -> None:
-    """Check that a rig can capture what is missing of a session.
+    """Check that a rig can capture the missing sets of a session.
 
     Raises
     ------
     InputError
-        If the plan needs another rig, or the captured sets are those of another number of lights,
-        or of frames of another size.
+        If the plan needs another rig, or the captured sets have another number of lights or another
+        size of frames.
     """
     check_plan(folder.plan, folder.path / PLAN, config)
     _check_lights(folder, config)

@@ -50,14 +50,14 @@ from .turntable import turn_specimen
 
 @dataclass(frozen=True)
 class Finish:
-    """How a run ended; `reason` says why, where that is not evident."""
+    """How a run ended, and the reason if it is not evident."""
 
     finish: FinishReason
     reason: str | None = None
     error: Ps4rigError | None = None
 
 
-class _Stopped(Exception):  # noqa: N818 - not an error: the operator said so
+class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
     """Leaves the loop over the sets."""
 
     def __init__(self, finish: Finish) -> None:
@@ -211,7 +211,7 @@ class _Runner:
                 case Answer.STOP:
                     raise _Stopped(Finish("stopped"))
                 case Answer.REPEAT:
-                    # Once more what stands below the camera, if anything was captured there.
+                    # The previous placement once more, if there was one.
                     if last is not None:
                         turn_specimen(self._folder.plan, last[0].orientation_deg)
                         self._capture_placement(last)

@@ -1,4 +1,4 @@
-"""What is wrong with the files of a folder: missing, altered, old, or without a calibration."""
+"""Verify the files of a folder: missing, altered, of an old schema, without calibration."""
 
 import sys
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ _SUFFIXES = (SET_SUFFIX, _LIBRARY_SUFFIX, DEFECTS_SUFFIX, CALIBRATION_SUFFIX)
 
 @dataclass(frozen=True)
 class Finding:
-    """A file and what was found; `said` says more, and is empty where the file is good."""
+    """The state of a file; `said` gives details, and is empty for a good file."""
 
     path: Path
     state: State
@@ -45,7 +45,7 @@ class Finding:
 def files_below(folder: Path, *names: str) -> list[Path]:
     """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
 
-    Files that a session has replaced, such as damaged ones, belong to nothing any more.
+    Files that a session has replaced, such as damaged ones, are left out.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
     Raises
     ------
     InputError
-        If it is no folder, or holds none of them.
+        If it is no folder, or contains none of them.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
@@ -75,7 +75,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
 
 
 def verify_file(path: Path) -> Iterator[Finding]:
-    """Read a file whole and check its hashes; of a session, check that its sets are there."""
+    """Read a file and check its hashes; for a journal, check that the sets of its session exist."""
     try:
         if path.name == JOURNAL:
             yield from _session(path.parent)
@@ -119,7 +119,7 @@ def _session(folder: Path) -> Iterator[Finding]:
         try:
             metadata, _ = read_header(path)
         except InputError:
-            continue  # as a set it is a finding too
+            continue  # the file itself is a finding too
         if metadata.pixels_sha256 != entry.pixels_sha256:
             yield Finding(path, "altered", "its pixels are not those that the journal names")
     for path in sorted((folder / "sets").glob(f"*{SET_SUFFIX}")):

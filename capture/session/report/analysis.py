@@ -23,7 +23,7 @@ from classify.library.dissimilarity import (
 )
 
 Matrix = npt.NDArray[np.float64]
-# A set so many times farther from its own specimen than its sets usually are does not repeat them.
+# Multiple of the median distance of sets to the first set of their specimen; beyond it: a remark.
 _FAR = 3.0
 
 
@@ -75,7 +75,7 @@ class SessionAnalysis:
     separation
         None with fewer than two specimens that have a texture.
     remarks
-        What a person should look at: (file, what is wrong).
+        (file, remark) for a person to look at.
     """
 
     entries: list[SetEntry]
@@ -148,7 +148,7 @@ def _separation(
             else _surface(LoadedSet.of(folder / entry.file))
         )
         found = library.distances(surface)
-        # A set has no distance to itself that says anything about another capture.
+        # The distance of the first set to itself says nothing about repeated captures.
         own = {entry.specimen: math.nan} if is_first else {}
         rows.append([(found | own)[name] for name in names])
         if on_progress is not None:
