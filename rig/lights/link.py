@@ -1,14 +1,13 @@
 """One open line to a light controller: its identity, and one reply to each command."""
 
 import secrets
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 
 from firmware_sim.firmware import MAX_SEQUENCE
 from rig.errors import LightControllerError
 
-from .serial_line import SerialLine
+from .serial_line import Patience, SerialLine
 from .timeouts import DEFAULT_TIMEOUTS, LinkTimeouts
 from .wire import BANNER, Garbled, Reply, decode_reply, encode_command
 
@@ -92,7 +91,7 @@ class ControllerLink:
     def end_line(self) -> None:
         """End the half line that an interrupted write may have left, and take its reply."""
         self._line.write(b"\n")
-        self._line.read_line(time.monotonic() + self._reply_s)
+        self._line.read_line(Patience(self._reply_s))
 
     def close(self) -> None:
         """Release the port; never raises, and may be called again."""
@@ -100,14 +99,15 @@ class ControllerLink:
 
     def _identify(self, timeout_s: float) -> ControllerIdentity:
         """Ask for the identity until it comes, since opening the port may restart the board."""
-        deadline_s = time.monotonic() + timeout_s
+        left_s = timeout_s
         # Ends a half line that a previous program may have left in the controller.
         self._line.write(b"\n")
         last_line = b""
-        while (now_s := time.monotonic()) < deadline_s:
+        while left_s > 0.0:
             sequence = self._send("*IDN?")
-            try_until_s = min(deadline_s, now_s + self._reply_s)
-            while (line := self._line.read_line(try_until_s)) is not None:
+            patience = Patience(min(left_s, self._reply_s))
+            left_s -= patience.left_s
+            while (line := self._line.read_line(patience)) is not None:
                 last_line = line
                 if line.startswith(BANNER):
                     break  # it has just started, and earlier commands are lost: ask again
@@ -115,6 +115,7 @@ class ControllerLink:
                     reply = decode_reply(line)
                     if reply.sequence == sequence and reply.ok:
                         return self._checked_identity(reply.text)
+            left_s += patience.left_s
         if last_line:
             text = last_line[:40].decode("ascii", "replace")
             raise LightControllerError(
@@ -149,8 +150,8 @@ class ControllerLink:
         return self._sequence
 
     def _reply_to(self, command: str, sequence: int) -> Reply:
-        deadline_s = time.monotonic() + self._reply_s
-        while (line := self._line.read_line(deadline_s)) is not None:
+        patience = Patience(self._reply_s)
+        while (line := self._line.read_line(patience)) is not None:
             if line.startswith(BANNER):
                 raise LightControllerError(
                     f"{self.port}: the controller restarted before it answered {command!r}"

@@ -12,7 +12,7 @@ from rig.errors import ConfigError, LightControllerError
 
 from .port_holders import port_holders
 
-_READ_SLICE_S = 0.05  # longest blocking read, and so the error of a deadline
+READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
 _CONNECT_S = 5.0  # on this machine it takes less than 1 ms; over a network a lost packet costs 3 s
 _TCP_SCHEME = "socket"
 _TCP_READ_BYTES = 4096
@@ -81,7 +81,7 @@ class _SerialPort:
         self._serial: Any = pyserial().serial_for_url(
             port,
             baudrate=baud,
-            timeout=_READ_SLICE_S,
+            timeout=READ_SLICE_S,
             write_timeout=write_timeout_s,
             exclusive=True,
         )
@@ -119,7 +119,7 @@ class _TcpPort:
         self._write_timeout_s = write_timeout_s
 
     def receive(self) -> bytes:
-        self._socket.settimeout(_READ_SLICE_S)
+        self._socket.settimeout(READ_SLICE_S)
         try:
             data = self._socket.recv(_TCP_READ_BYTES)
         except TimeoutError:

@@ -1,4 +1,4 @@
-"""Whole lines over a serial port, each with a deadline.
+"""Whole lines over a serial port, each waited for with patience.
 
 Bytes are collected until a line is complete; pyserial's own `readline` may return half a line.
 """
@@ -7,9 +7,27 @@ import time
 
 from rig.errors import LightControllerError
 
-from .ports import open_port
+from .ports import READ_SLICE_S, open_port
 
 _MAX_LINE_BYTES = 512  # replies have at most 100 bytes
+
+
+class Patience:
+    """How long an answer is still waited for.
+
+    Time in which the program did not run, as on a busy computer, does not count: the answer may
+    have arrived meanwhile, and a simulated controller did not run either.
+    """
+
+    def __init__(self, left_s: float) -> None:
+        self.left_s = left_s
+        self._counted_s = time.monotonic()
+
+    def count(self) -> None:
+        """Count the time since the last call, in which one read took a slice at most."""
+        now_s = time.monotonic()
+        self.left_s -= min(now_s - self._counted_s, READ_SLICE_S)
+        self._counted_s = now_s
 
 
 class SerialLine:
@@ -27,8 +45,8 @@ class SerialLine:
         except OSError as error:
             raise self._lost(error) from error
 
-    def read_line(self, deadline_s: float) -> bytes | None:
-        """Return the next line without its end, or None at `deadline_s` of `time.monotonic`.
+    def read_line(self, patience: Patience) -> bytes | None:
+        """Return the next line without its end, or None at the end of `patience`.
 
         Raises
         ------
@@ -47,12 +65,13 @@ class SerialLine:
                     f"{self.port}: {_MAX_LINE_BYTES} bytes without a line end; this is not a "
                     "light controller, or the baud rate is wrong"
                 )
-            if time.monotonic() >= deadline_s:
+            if patience.left_s <= 0.0:
                 return None
             try:
                 self._buffer += self._open.receive()
             except OSError as error:
                 raise self._lost(error) from error
+            patience.count()
 
     def close(self) -> None:
         """Release the port; never raise."""
