@@ -19,12 +19,19 @@ _OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
     "--remote-debugging-pipe", "--no-first-run", "--disable-background-networking",
 )  # fmt: skip
+# What it answers about a page from which it navigates just then.
+_LEFT = ("Inspected target navigated or closed", "Execution context was destroyed.",
+         "Cannot find context with specified id")  # fmt: skip
 # A page of many links and fields.
 _MOST_TABS = 200
 KEYS = {
     "F8": 119, "F9": 120, "Tab": 9, "Enter": 13, "Space": 32,
     "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40,
 }  # fmt: skip
+
+
+class PageLeftError(Exception):
+    """A page was left for another one before it answered."""
 
 
 class Chromium:
@@ -46,6 +53,8 @@ class Chromium:
         while True:
             answer = self._read()
             if answer.get("id") == number:
+                if answer.get("error", {}).get("message") in _LEFT:
+                    raise PageLeftError(answer)
                 assert "error" not in answer, answer
                 return dict(answer["result"])
             self.events.append(answer)
@@ -109,10 +118,17 @@ class Page:
         """The text of the element with an id."""
         return str(self.value(f"document.getElementById({id_!r}).textContent"))
 
-    def until(self, script: str) -> None:
+    def is_true(self, script: str) -> bool:
+        """Whether an expression of JavaScript is true, which it is not between two pages."""
+        try:
+            return bool(self.value(script))
+        except PageLeftError:
+            return False
+
+    def until(self, script: str, wait_s: float = WAIT_S) -> None:
         """Wait until an expression of JavaScript is true."""
-        given_up_s = time.monotonic() + WAIT_S
-        while not self.value(script):
+        given_up_s = time.monotonic() + wait_s
+        while not self.is_true(script):
             assert time.monotonic() < given_up_s, f"never true: {script}"
             time.sleep(0.02)
 

@@ -52,11 +52,9 @@ def ids(surface: str) -> list[str]:
 
 def until_the_job_ends(page: Page) -> str:
     """Wait for the end of the job that the page shows; return what the page says."""
-    ends_s = time.monotonic() + JOB_S
-    is_over = f"{LOADED} && location.pathname == '/job' && !document.getElementById('progress')"
-    while not page.value(is_over):
-        assert time.monotonic() < ends_s
-        time.sleep(0.5)
+    page.until(
+        f"{LOADED} && location.pathname == '/job' && !document.getElementById('progress')", JOB_S
+    )
     return str(page.value("document.querySelector('main').innerText"))
 
 
