@@ -14,7 +14,6 @@ from classify.errors import InputError
 from classify.images.stack import Images, checked_ambient, checked_stack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
-from classify.threads import map_in_threads
 
 from .algebra import drop_one_constants
 
@@ -165,8 +164,30 @@ def _scales(
         yield [plane[middle] for plane in planes], usable[middle]
         if min(rows, columns) < 2 * _COARSEST_PX:
             return
-        planes = map_in_threads(lambda plane: _halved(plane, _mean), planes)
+        planes = [_means(plane) for plane in planes]
         usable = _halved(usable, np.logical_and)
+
+
+def _means(plane: npt.NDArray[Any]) -> FloatArray:
+    """Half of the rows and columns, as means; the kernel takes a third of the time of `_halved`."""
+    rows, columns = plane.shape
+    if rows % 2 or columns % 2:
+        return _halved(plane, _mean)
+    half = np.empty((rows // 2, columns // 2), np.float32)
+    _mean_of_four(plane, half)
+    return half
+
+
+@kernel
+def _mean_of_four(plane: npt.NDArray[Any], half: FloatArray) -> None:
+    columns = plane.shape[1]
+    share = np.float32(0.5)
+    line = np.empty(columns, np.float32)
+    for r in range(len(half)):
+        for c in range(columns):
+            line[c] = share * (np.float32(plane[2 * r, c]) + np.float32(plane[2 * r + 1, c]))
+        for c in range(half.shape[1]):
+            half[r, c] = share * (line[2 * c] + line[2 * c + 1])
 
 
 def _halved(plane: npt.NDArray[Any], join: Join) -> npt.NDArray[Any]:
@@ -202,13 +223,22 @@ def _misfits(values: FloatArray, usable: BoolArray, weights: FloatArray) -> npt.
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     shares = shares.astype(np.float32)
     means = shares.mean(axis=(1, 2), where=lit)
-
-    def of_order(weight: FloatArray) -> tuple[float, float]:
-        residual, curl = _mean_misfits(shares, means, lit, inner, weight)
-        return residual, curl
-
+    # All orders in one call: after each the thread would wait for the interpreter.
+    misfits = np.empty((len(weights), 2))
+    _misfits_of_orders(shares, means, lit, inner, weights, misfits)
     # An even image has neither residual nor curl.
-    return np.log(np.maximum(map_in_threads(of_order, [*weights]), _LEAST_MISFIT)).T
+    return np.log(np.maximum(misfits, _LEAST_MISFIT)).T
+
+
+@kernel
+def _misfits_of_orders(
+    shares: FloatArray, means: FloatArray, lit: BoolArray, inner: BoolArray, weights: FloatArray,
+    misfits: npt.NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write the `_mean_misfits` under each of the `weights` (n, 4, 4) to `misfits` (n, 2)."""
+    for order in range(len(weights)):
+        residual, curl = _mean_misfits(shares, means, lit, inner, weights[order])
+        misfits[order, 0], misfits[order, 1] = residual, curl
 
 
 @kernel
