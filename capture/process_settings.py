@@ -1,6 +1,7 @@
 """Memory and thread settings of a process that works on many frames."""
 
 import ctypes
+import gc
 import os
 import sys
 
@@ -49,3 +50,16 @@ def settle_process() -> None:
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
         if mallopt is not None:
             mallopt(option, size)
+
+
+def settle_station() -> None:
+    """Settle the process of a station whose modules are loaded.
+
+    Modules live as long as the station: to look through them for garbage takes 0.1 s. The threads
+    of OpenCV wait for one another in busy loops, which takes the processor from the threads that
+    judge a part (capture/station/README.md has the gain).
+    """
+    import cv2
+
+    gc.freeze()
+    cv2.setNumThreads(1)

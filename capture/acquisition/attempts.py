@@ -1,8 +1,8 @@
 """`capture_set`: attempts at a set until its light images pass all checks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -42,6 +42,8 @@ MAX_AVERAGE = 1024
 # A passing disturbance (a lost line, a torn frame) seldom affects two attempts; see the table that
 # test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
+# Of a set whose pixels are not hashed yet; it cannot be saved.
+_NO_HASH = ""
 # Read once: to read it takes longer than to switch a light.
 _SOFTWARE_VERSION = version("ps4rig")
 
@@ -54,6 +56,7 @@ def capture_set(
     calibration: CalibrationFile | None = None,
     is_target: bool = False,
     part: ArrivedPart | None = None,
+    exposed: Callable[[CapturedSet], None] = lambda _: None,
 ) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
@@ -79,6 +82,10 @@ def capture_set(
     part
         Part that the sensor saw, from `wait_for_part`, with `average` 1. There is one attempt: at a
         second one another part may be there. A retake is compared, and so finds out if it moved.
+    exposed
+        Is given the images of each attempt before their checks, to start work on them; it must
+        return at once. That set has no checks and no hash. The set that is returned has the same
+        arrays, and the same metadata otherwise.
 
     Raises
     ------
@@ -106,7 +113,9 @@ def capture_set(
         except HardwareError as error:
             raise failures[0] if failures else error from None
         try:
-            captured = _attempt(rig, label, average, calibration, is_target, failures, part)
+            captured = _attempt(
+                rig, label, average, calibration, is_target, failures, part, exposed
+            )
             rig.lights.off()
             return captured
         except (SetRejected, HardwareError) as error:
@@ -128,6 +137,7 @@ def _attempt(
     is_target: bool,
     failures: Sequence[Ps4rigError],
     part: ArrivedPart | None,
+    exposed: Callable[[CapturedSet], None],
 ) -> CapturedSet:
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
@@ -147,11 +157,6 @@ def _attempt(
         image_noise(camera.noise, info.bit_depth, full_scale, average),
     )
     known = Calibration() if calibration is None else calibration.calibration
-
-    def retake() -> npt.NDArray[np.uint16]:
-        return _stack(_light_images(_capture(rig, average, history, retake=True)))
-
-    checks = check_target(images) if is_target else check_set(images, known, retake)
     placement = None if rig.simulation is None else rig.simulation.placement
     metadata = SetMetadata(
         label=label,
@@ -168,14 +173,21 @@ def _attempt(
         synchronisation=config.lights.synchronisation,
         camera=camera,
         controller=ControllerRecord(**asdict(rig.lights.identity)),
-        checks=checks,
         failed_attempts=tuple(map(str, failures)),
         calibration_ids=() if calibration is None else (calibration.hash,),
         mm_per_px=known.mm_per_px,
         software_version=_SOFTWARE_VERSION,
-        pixels_sha256=images.pixels_sha256,
+        pixels_sha256=_NO_HASH,
     )
-    return CapturedSet(images.images, images.ambient, metadata)
+    unchecked = CapturedSet(images.images, images.ambient, metadata)
+    exposed(unchecked)
+
+    def retake() -> npt.NDArray[np.uint16]:
+        return _stack(_light_images(_capture(rig, average, history, retake=True)))
+
+    checks = check_target(images) if is_target else check_set(images, known, retake)
+    found = {"checks": checks, "pixels_sha256": images.pixels_sha256}
+    return replace(unchecked, metadata=metadata.model_copy(update=found))
 
 
 def _capture(

@@ -41,7 +41,7 @@ def check_set(
     calibrated = images.calibrated(known)
     # Beside the other checks, because they take half of the time; nothing is rejected before its
     # turn.
-    order, hashed = beside(lambda: order_of(calibrated)), beside(lambda: images.pixels_sha256)
+    hashed = beside(lambda: images.pixels_sha256)
     ambient_change = check_ambient(images)
     check_images(images)
     check_different(images)
@@ -52,7 +52,7 @@ def check_set(
         check_retake(images, retake())
         if found is None or found.levels is None:
             check_signals(calibrated)
-    light_order = check_order(order(), calibrated.lighting)
+    light_order = check_order(order_of(calibrated), calibrated.lighting)
     hashed()
     levels = None if found is None else found.levels
     return ChecksRecord(

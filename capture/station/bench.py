@@ -3,7 +3,6 @@
 The sets are captured before, because the simulated camera would take the time of the judge.
 """
 
-import gc
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from capture.acquisition.attempts import capture_set
 from capture.acquisition.set_checks import check_set
 from capture.batch.tasks import PLANAR
 from capture.calibration.setting import Setting
+from capture.process_settings import settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from classify import TextureLibrary
@@ -127,12 +127,18 @@ class _Watcher:
 
 
 class _StoredSets:
-    """A rig that delivers sets captured before, in the time that their exposures would take."""
+    """A rig that delivers sets captured before, in the time that their exposures would take.
+
+    Parameters
+    ----------
+    exposed
+        As of `StationRig`.
+    """
 
     is_simulated = True
 
-    def __init__(self, sets: Sequence[CapturedSet]) -> None:
-        self._sets = sets
+    def __init__(self, sets: Sequence[CapturedSet], exposed: Callable[[CapturedSet], None]) -> None:
+        self._sets, self._exposed = sets, exposed
 
     def open(self) -> None:
         """There is nothing to open."""
@@ -145,6 +151,7 @@ class _StoredSets:
         """Return the next set after the time of its exposures and the checks of a capture."""
         time.sleep(_EXPOSURES_S)
         captured, exposed_s = self._sets[number % len(self._sets)], time.monotonic()
+        self._exposed(captured)
         _check_as_captured(captured)
         return captured, exposed_s
 
@@ -202,13 +209,14 @@ def run_bench(
             written.pop(0).unlink()
 
     prepared("judging parts")
-    gc.freeze()
+    settle_station()
     with (
         open_store(config.results_in(folder), config.name, create=True) as store,
         Publisher(watcher, *subscribers) as publisher,
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
-        given = Parts(_StoredSets(good[LEAST_PARTS:]), judge, store, list, clock, publisher)
+        camera = _StoredSets(good[LEAST_PARTS:], inspector.begin)
+        given = Parts(camera, judge, store, list, clock, publisher)
         began_s = time.monotonic()
         Station(folder, config, given, parts).run(TimerTrigger(0.0))
         duration_s = time.monotonic() - began_s

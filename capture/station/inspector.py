@@ -3,7 +3,7 @@
 import math
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -22,6 +22,7 @@ from capture.sets.captured_set import CapturedSet
 from classify import Match, SurfaceEstimate, TextureLibrary
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.defects.defect_model import DefectModel
+from classify.threads import beside
 
 from .fingerprint import Fingerprint
 from .judge import Finding, Measures, invalid, verdict_of
@@ -86,6 +87,23 @@ class Inspection:
         return fields
 
 
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """Images that are solved while they are checked; `surface` waits and returns the result."""
+
+    unchecked: CapturedSet
+    surface: Callable[[], MeasuredSurface]
+
+    def is_of(self, captured: CapturedSet) -> bool:
+        """Whether a set that has passed its checks has these images."""
+        unchecked = self.unchecked
+        return (
+            captured.images is unchecked.images
+            and captured.ambient is unchecked.ambient
+            and captured.mask is unchecked.mask
+        )
+
+
 class Inspector:
     """Judges parts by one recipe, whose files are loaded and hashed once.
 
@@ -119,6 +137,7 @@ class Inspector:
         self._library = library
         self._defect_models = defect_models
         self.calibration = calibration
+        self._begun: _Begun | None = None
         self._signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
@@ -152,6 +171,14 @@ class Inspector:
             found = FoundCalibration(calibration, read_calibration(calibration), ())
         return cls(recipe, taught, library, models, found)
 
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Start to solve images that are still checked, in another thread; return at once.
+
+        `inspect` takes the surface if it is given the same arrays, and drops it otherwise: then
+        the set was captured again, or other parts came between.
+        """
+        self._begun = _Begun(unchecked, beside(lambda: self._measured(unchecked)))
+
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
 
@@ -163,9 +190,11 @@ class Inspector:
             return Inspection(verdict_of(self.recipe, Measures(), faults))
         timings_ms: dict[str, float] = {}
         with _timed(timings_ms, "solve"):
-            measured = MeasuredSurface.of(
-                captured, self.recipe.region, self.calibration, self._library.method
-            )
+            begun = self._begun
+            if begun is not None and begun.is_of(captured):
+                measured = begun.surface()
+            else:
+                measured = self._measured(captured)
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
                 saturated_fraction=measured.share(measured.saturated),
@@ -194,6 +223,11 @@ class Inspector:
         verdict = verdict_of(self.recipe, measures)
         return Inspection(
             verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
+        )
+
+    def _measured(self, captured: CapturedSet) -> MeasuredSurface:
+        return MeasuredSurface.of(
+            captured, self.recipe.region, self.calibration, self._library.method
         )
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:

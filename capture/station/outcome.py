@@ -43,6 +43,9 @@ class Inspected(Protocol):
 class PartInspector(Protocol):
     """Judges a captured set; it raises where it cannot."""
 
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Start work on images that are still checked; return at once."""
+
     def inspect(self, captured: CapturedSet) -> Inspected:
         """Judge one part."""
 

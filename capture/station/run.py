@@ -93,7 +93,7 @@ def run_station(
     make = _collecting if options.is_collecting else _judging
     judging = make(folder.recipe_files(), path, publisher)
     recipe = judging.recipe
-    rig = StationRig(config, rig_config, recipe)
+    rig = StationRig(config, rig_config, recipe, judging.inspector.begin)
 
     def warn(text: str) -> None:
         publisher.publish(Warned(text))

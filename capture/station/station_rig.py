@@ -57,11 +57,19 @@ class StationRig:
         The rig.
     recipe
         Its exposure and gain replace those of the rig.
+    exposed
+        Is given the images of each part before their checks, as of `capture_set`.
     """
 
-    def __init__(self, config: StationConfig, rig_config: RigConfig, recipe: Recipe) -> None:
+    def __init__(
+        self,
+        config: StationConfig,
+        rig_config: RigConfig,
+        recipe: Recipe,
+        exposed: Callable[[CapturedSet], None] = lambda _: None,
+    ) -> None:
         wanted = recipe.light.model_dump(exclude_none=True)
-        self._config = config
+        self._config, self._exposed = config, exposed
         self._rig_config = rig_config.with_changes(camera=wanted) if wanted else rig_config
         self._rig: Rig | None = None
         self._part: ArrivedPart | None = None
@@ -144,7 +152,7 @@ class StationRig:
         part, self._part = self._part, None
         if part is None:
             self._place(number)
-        captured = capture_set(rig, calibration=self.calibration, part=part)
+        captured = capture_set(rig, calibration=self.calibration, part=part, exposed=self._exposed)
         if rig.simulation is not None and self._rig_config.simulation.clock == "virtual":
             return captured, time.monotonic()
         frames = [frame for image in captured.metadata.images for frame in image.frames]

@@ -61,11 +61,11 @@ def run(
     With --collect each part is UNKNOWN, and neither recipe nor challenge set is needed. Teach its
     parts in the panel, or by station teach.
     """
-    import gc
     import os
     from contextlib import ExitStack
     from functools import partial
 
+    from capture.process_settings import settle_station
     from capture.station.control_chart import ControlChart
     from capture.station.event_lines import log_to
     from capture.station.events import Publisher
@@ -120,8 +120,7 @@ def run(
             )
             if line is not None:
                 faces.enter_context(modbus_of(line, config.modbus))
-            # Modules live as long as the station: to look through them for garbage takes 0.1 s.
-            gc.freeze()
+            settle_station()
             stopped = run_station(
                 opened,
                 rig_config,

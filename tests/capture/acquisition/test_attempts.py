@@ -321,6 +321,25 @@ def test_frames_lost_before_the_switch_are_not_counted(rig: Rig) -> None:
     assert all(record.lost_frames == 0 for record in capture_set(rig).metadata.images)
 
 
+def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None:
+    exposed: list[CapturedSet] = []
+
+    def exchange() -> None:
+        assert rig.simulation is not None
+        rig.simulation.place(Placement(surface="malv"))
+
+    captured = capture_set(under(rig, 1, exchange), exposed=exposed.append)
+    assert len(exposed) == len(captured.metadata.failed_attempts) + 1 == 2
+    assert captured.images is exposed[-1].images
+    assert captured.ambient is exposed[-1].ambient
+    assert all(each.metadata.checks is None for each in exposed)
+    with pytest.raises(InputError, match="pixels_sha256"):
+        exposed[-1].save("unchecked.ome.tif")
+    checked = {"checks": captured.metadata.checks, "pixels_sha256": captured.metadata.pixels_sha256}
+    assert exposed[-1].metadata.model_copy(update=checked) == captured.metadata
+    assert captured.metadata.checks is not None
+
+
 def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
     def hang() -> None:
         assert rig.simulation is not None
