@@ -22,6 +22,8 @@ _OPTIONS = (
 # What it answers about a page from which it navigates just then.
 _LEFT = ("Inspected target navigated or closed", "Execution context was destroyed.",
          "Cannot find context with specified id")  # fmt: skip
+# Children inherit it.
+_ON_IDLE_PROCESSORS = ("chrt", "--idle", "0")
 # A page of many links and fields.
 _MOST_TABS = 200
 KEYS = {
@@ -178,14 +180,17 @@ class Page:
 
 
 @contextmanager
-def chromium(profile: Path, *, niceness: int = 0) -> Iterator[Chromium]:
-    """Run a browser with an empty profile; one of niceness 19 takes what others leave."""
+def chromium(profile: Path, *, is_elsewhere: bool = False) -> Iterator[Chromium]:
+    """Run a browser with an empty profile.
+
+    One that `is_elsewhere` stands for a browser on another machine: all its processes have the
+    scheduling policy SCHED_IDLE, and run while no process of another policy wants the processor.
+    """
     (its_commands, commands), (answers, its_answers) = os.pipe(), os.pipe()
     start = _START.format(commands=its_commands, answers=its_answers)
     process = subprocess.Popen(
         (
-            "nice",
-            f"--adjustment={niceness}",
+            *(_ON_IDLE_PROCESSORS if is_elsewhere else ()),
             "bash",
             "-c",
             start,

@@ -12,6 +12,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import NoReturn, TypeVar
 
+from capture.process.priority import yield_processors
+
 from .one_thread import call_in_one_thread
 
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
@@ -28,13 +30,20 @@ class LocalPool:
     The processes are spawned: a forked process would inherit locks that threads of numba and
     OpenCV hold. They end when this process ends, even if it is killed: each waits for the end of a
     pipe that only this process holds open.
+
+    Parameters
+    ----------
+    workers
+        Number of processes.
+    yields
+        Whether they compute only while no other process wants the processor.
     """
 
     attempts = 3
     died: tuple[type[Exception], ...] = (BrokenExecutor,)
 
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
+    def __init__(self, workers: int, *, yields: bool = False) -> None:
+        self.workers, self._yields = workers, yields
         # So that the other workers have items while the first item in order takes long.
         self.in_flight = 4 * workers
         self._start()
@@ -64,7 +73,10 @@ class LocalPool:
         far_end, self._lifeline = context.Pipe(duplex=False)
         with terminal_signals_blocked():
             self._executor = ProcessPoolExecutor(
-                self.workers, mp_context=context, initializer=begin_worker, initargs=(far_end,)
+                self.workers,
+                mp_context=context,
+                initializer=begin_worker,
+                initargs=(far_end, self._yields),
             )
 
 
@@ -87,8 +99,13 @@ def terminal_signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(lifeline: Connection) -> None:
-    """Prepare a worker process: it ends with the process that holds the other end of `lifeline`."""
+def begin_worker(lifeline: Connection, yields: bool = False) -> None:
+    """Prepare a worker process: it ends with the process that holds the other end of `lifeline`.
+
+    One that `yields` computes only while no other process wants the processor.
+    """
+    if yields:
+        yield_processors()
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
     signal.signal(signal.SIGTERM, _end)
     if not hasattr(signal, "pthread_sigmask"):

@@ -46,8 +46,8 @@ _EXPOSURES_S = 5 / 30.0
 _GOOD, _OTHER = "rock", "sand"
 # Distance of patches on the simulated surface: they share no pixel at any size that is tried.
 _STEP_PX = 1500.0
-# Sets that stay in the folder; a bench of a thousand parts would write 10 GB.
-_KEPT_SETS = 4
+# Sets that stay in the folder, for pictures of the last parts; a thousand parts would write 10 GB.
+_KEPT_SETS = 16
 _STATUS = Path("/proc/self/status")
 _NO_HASH = "0" * 64
 

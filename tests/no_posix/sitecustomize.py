@@ -29,8 +29,9 @@ POSIX_ONLY = """
     fchdir fchmod fchown fdatasync fork forkpty getegid geteuid getgid getgroups getloadavg getpgid
     getpgrp getpriority getresuid getsid getuid killpg lchown lockf mkfifo mknod nice openpty
     pathconf pipe2 posix_fadvise posix_fallocate pread preadv pwrite pwritev readv register_at_fork
-    sched_getaffinity sched_setaffinity sched_yield setegid seteuid setgid setpriority
-    setsid setuid sync tcgetpgrp tcsetpgrp ttyname wait wait3 wait4 writev
+    SCHED_IDLE sched_getaffinity sched_param sched_setaffinity sched_setscheduler sched_yield
+    setegid seteuid setgid setpriority setsid setuid sync tcgetpgrp tcsetpgrp ttyname wait wait3
+    wait4 writev
 """
 for name in dir(signal):
     is_function = name.islower() and name[0] != "_" and callable(getattr(signal, name))

@@ -157,7 +157,6 @@ class LiveStation:
         self._total_latency_ms = 0.0
         self._announced: Counter[Decision] = Counter()
         self._refused = 0
-        self._in_progress = 0
         self._inspected: str | None = None
         self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
         self._devices = DeviceStates(database)
@@ -182,10 +181,8 @@ class LiveStation:
                 case TriggerRefused():
                     self._refused += 1
                 case PartBegun(part_id, _):
-                    self._in_progress += 1
                     self._inspected = part_id
                 case PartAnnounced(result, latency_ms):
-                    self._in_progress -= 1
                     if self._inspected == result.part_id:
                         self._inspected = None
                     self._last, self._latency_ms = result, latency_ms
@@ -247,12 +244,6 @@ class LiveStation:
         with self._lock:
             target = self._target
         return target is not None and target.wait_until_ready(max(ends_s - self._now_s(), 0.0))
-
-    @property
-    def parts_in_progress(self) -> int:
-        """Number of parts that were begun and have no announced result."""
-        with self._lock:
-            return self._in_progress
 
     def set_device(self, device: Device) -> None:
         """Show the state of a device that the station does not know, such as the PLC."""

@@ -1,9 +1,11 @@
 """`Subscription`: a bounded queue of events that never delays the station."""
 
+import json
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 # Some fifty parts; a subscriber that is further behind reads the state anew.
@@ -27,6 +29,11 @@ class LiveEvent:
     id: int
     utc: str
     fields: Mapping[str, Any]
+
+    @cached_property
+    def as_json(self) -> str:
+        """The fields and ``utc`` as one line of JSON, made once for all who want it."""
+        return json.dumps({"utc": self.utc, **self.fields}, allow_nan=False)
 
 
 class Subscription:

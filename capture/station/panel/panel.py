@@ -69,5 +69,5 @@ class Panel:
             tokens=Tokens(folder.path),
             sessions=Sessions(users),
             triggers=KeyedTriggers(live, results),
-            pictures=PictureMaker(folder, live),
+            pictures=PictureMaker(folder),
         )

@@ -1,8 +1,9 @@
 """Pictures of stored parts, by HTTP."""
 
 import asyncio
+import base64
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import asdict
-from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
@@ -12,7 +13,7 @@ from classify.errors import InputError
 
 from .access.roles import Role
 from .api import V1, entry_of
-from .part_pictures.painting import SIZES
+from .part_pictures.painting import SIZES, PaintedPicture
 from .part_pictures.picture_maker import PartPictures
 from .part_pictures.stored_set import stored_set
 from .render import Answer
@@ -28,9 +29,10 @@ _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + ";
 
 async def _about(call: Call) -> Response:
     """Answer with the names of the pictures of a part, and its outlined defects."""
-    entry, path = await run_in_threadpool(_stored, call)
-    made = await _made(call, entry, path)
-    part_id, size = entry.result.part_id, _size(call)
+    size, has_content = _size(call), _has_content(call)
+    entry = await run_in_threadpool(entry_of, call)
+    made = await _made(call, entry)
+    part_id = entry.result.part_id
     return Answer(
         {
             "part_id": part_id,
@@ -43,6 +45,7 @@ async def _about(call: Call) -> Response:
                     "caption": each.caption,
                     "url": f"{V1}/parts/{part_id}/pictures/{name}?size={size}",
                 }
+                | (_content(each) if has_content else {})
                 for name, each in made.pictures.items()
             ],
             "defects": [
@@ -55,13 +58,14 @@ async def _about(call: Call) -> Response:
 
 
 async def _picture(call: Call) -> Response:
-    entry, path = await run_in_threadpool(_stored, call)
+    entry = await run_in_threadpool(entry_of, call)
     name, size, result = call.path["name"], _size(call), entry.result
     tag = f'"{result.set_sha256}-{result.number}-{size}-{name}"'
     headers = {"ETag": tag, "Cache-Control": _KEPT}
-    made = await _made(call, entry, path) if not _is_known(call, tag) else None
-    if made is None:
+    if _is_known(call, tag):
+        await run_in_threadpool(stored_set, call.panel.folder, entry)
         return Response(status_code=304, headers=headers)
+    made = await _made(call, entry)
     if name not in made.pictures:
         known = ", ".join(made.pictures)
         raise Denied(404, f"part {result.part_id}: there is no picture {name[:40]!r}; give {known}")
@@ -74,11 +78,6 @@ def _is_known(call: Call, tag: str) -> bool:
     return tag in (each.strip().removeprefix("W/") for each in known.split(","))
 
 
-def _stored(call: Call) -> tuple[HistoryEntry, Path]:
-    entry = entry_of(call)
-    return entry, stored_set(call.panel.folder, entry)
-
-
 def _size(call: Call) -> str:
     size = call.query.get("size", "small")
     if size not in SIZES:
@@ -86,9 +85,26 @@ def _size(call: Call) -> str:
     return size
 
 
-async def _made(call: Call, entry: HistoryEntry, path: Path) -> PartPictures:
-    part = f"part {entry.result.part_id}"
-    future = call.panel.pictures.ask(entry.result, path, _size(call))
+def _has_content(call: Call) -> bool:
+    content = call.query.get("content", "no")
+    if content not in ("yes", "no"):
+        raise InputError(f"content = {content[:20]!r}: give yes or no")
+    return content == "yes"
+
+
+def _content(picture: PaintedPicture) -> dict[str, str]:
+    content = base64.b64encode(picture.content).decode()
+    return {"media_type": picture.media_type, "content": content}
+
+
+async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
+    part, size = f"part {entry.result.part_id}", _size(call)
+
+    def asked() -> Future[PartPictures] | None:
+        path = stored_set(call.panel.folder, entry)
+        return call.panel.pictures.ask(entry.result, path, size)
+
+    future = await run_in_threadpool(asked)
     if future is None:
         raise Denied(503, f"{part}: too many parts wait for pictures", {"Retry-After": "2"})
     try:
@@ -96,6 +112,9 @@ async def _made(call: Call, entry: HistoryEntry, path: Path) -> PartPictures:
         return await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(future)), LONGEST_WAIT_S)
     except TimeoutError:
         raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
+    except BrokenExecutor:
+        text = f"{part}: the process that makes pictures has died"
+        raise Denied(503, text, {"Retry-After": "2"}) from None
     except InputError as error:
         raise Denied(409, f"{part}: no pictures can be made: {error}") from error
 
@@ -104,7 +123,7 @@ ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures", Role.OPERATOR, _about,
         "Which pictures of a part there are, with captions; and its defects with outlines.",
-        query={"size": _SIZE},
+        query={"size": _SIZE, "content": "yes: with the pictures, as media_type and base64"},
     ),
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,

@@ -14,7 +14,8 @@ from classify.surface.estimate import FloatMap
 
 from .part_view import PartView
 
-SIZES = {"small": pictures.PICTURE_PX, "large": 2 * pictures.PICTURE_PX}
+# The main picture of the operator's page has 390 px on a screen of 1920 x 1080.
+SIZES = {"small": 384, "large": 2 * pictures.PICTURE_PX}
 """Longer side of pictures, in px."""
 
 _JPEG, _PNG = "image/jpeg", "image/png"

@@ -1,14 +1,15 @@
 """`PictureMaker`: pictures of stored parts, made one part at a time, and kept for a while."""
 
 import threading
-import time
 from collections import OrderedDict
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Future
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
+from capture.batch.local_pool import LocalPool
 from capture.station.folder import StationFolder
-from capture.station.live.live_station import LiveStation
 from capture.station.results.part_result import PartResult
 
 from .painting import PaintedPicture, painted
@@ -18,10 +19,16 @@ from .part_view import Outline, part_view
 KEPT_BYTES = 64 << 20
 # Parts that are asked for and not made yet: the twelve of the strip, of two browsers.
 MOST_WAITING = 24
-# Making pictures waits so long for a moment without a part in the station: longer than an
-# inspection, so that only a line that never pauses shares its processors.
-PATIENCE_S = 1.0
-_POLL_S = 0.01
+
+
+@dataclass(frozen=True)
+class PictureTask:
+    """Pictures of a part to be made; its attributes are those of `PictureMaker.ask`."""
+
+    folder: StationFolder
+    result: PartResult
+    path: Path
+    size: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,26 +60,51 @@ class PartPictures:
 _Key = tuple[str, str | None, str]
 
 
+class PictureWorker(Protocol):
+    """What makes pictures, one part after the other; see `LocalPool`."""
+
+    def submit(
+        self, function: Callable[[PictureTask], PartPictures], item: PictureTask
+    ) -> Future[PartPictures]:
+        """Have the pictures of a part made."""
+
+    def renew(self) -> None:
+        """Go on after the process has died."""
+
+    def abort(self) -> None:
+        """End at once."""
+
+
+def _yielding_process() -> PictureWorker:
+    return LocalPool(1, yields=True)
+
+
 class PictureMaker:
-    """Makes pictures of stored parts in one thread, so that the station is never delayed by more.
+    """Has pictures of stored parts made in another process, which yields to the station.
 
     Parameters
     ----------
     folder
         The station.
-    live
-        The running station, whose parts have precedence.
+    start
+        Starts the process, when pictures are asked for first.
     """
 
-    def __init__(self, folder: StationFolder, live: LiveStation) -> None:
-        self._folder, self._live = folder, live
+    def __init__(
+        self, folder: StationFolder, start: Callable[[], PictureWorker] = _yielding_process
+    ) -> None:
+        self._folder, self._start = folder, start
         self._lock = threading.Lock()
-        self._thread = ThreadPoolExecutor(1, "pictures")
+        self._worker: PictureWorker | None = None
+        self._is_closed = False
         self._waiting: dict[_Key, Future[PartPictures]] = {}
         self._kept: OrderedDict[_Key, PartPictures] = OrderedDict()
 
     def ask(self, result: PartResult, path: Path, size: str) -> Future[PartPictures] | None:
-        """Return the pictures of a part, in future; None if `MOST_WAITING` parts wait already.
+        """Return the pictures of a part, in future; None if too many parts wait already.
+
+        The future raises `BrokenExecutor` if the process dies; it is started again for the next
+        part.
 
         Parameters
         ----------
@@ -90,30 +122,42 @@ class PictureMaker:
                 return done
             if (waiting := self._waiting.get(key)) is not None:
                 return waiting
-            if len(self._waiting) >= MOST_WAITING:
+            if self._is_closed or len(self._waiting) >= MOST_WAITING:
                 return None
-            future = self._thread.submit(self._made, key, result, path)
+            future = self._submitted(PictureTask(self._folder, result, path, size))
             self._waiting[key] = future
-        future.add_done_callback(lambda _: self._forget(key))
+        future.add_done_callback(lambda made: self._keep(key, made))
         return future
 
     def close(self) -> None:
-        """End the thread after the part that it works on."""
-        self._thread.shutdown(cancel_futures=True)
-
-    def _forget(self, key: _Key) -> None:
+        """End the process."""
         with self._lock:
-            self._waiting.pop(key, None)
+            self._is_closed = True
+            worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.abort()
 
-    def _made(self, key: _Key, result: PartResult, path: Path) -> PartPictures:
-        ends_s = time.monotonic() + PATIENCE_S
-        while self._live.parts_in_progress > 0 and time.monotonic() < ends_s:
-            time.sleep(_POLL_S)
-        view = part_view(self._folder, result, path)
-        rows, columns = view.captured.images.shape[1:]
-        made = PartPictures(columns, rows, painted(view, key[2]), view.outlines, view.notes)
+    def _submitted(self, task: PictureTask) -> Future[PartPictures]:
+        if self._worker is None:
+            self._worker = self._start()
+        try:
+            return self._worker.submit(made_pictures, task)
+        except BrokenExecutor:
+            self._worker.renew()
+            return self._worker.submit(made_pictures, task)
+
+    def _keep(self, key: _Key, made: Future[PartPictures]) -> None:
         with self._lock:
-            self._kept[key] = made
+            del self._waiting[key]
+            if made.cancelled() or made.exception() is not None:
+                return
+            self._kept[key] = made.result()
             while sum(each.size_bytes for each in self._kept.values()) > KEPT_BYTES:
                 self._kept.popitem(last=False)
-        return made
+
+
+def made_pictures(task: PictureTask) -> PartPictures:
+    """Make the pictures of a part; called in the other process."""
+    view = part_view(task.folder, task.result, task.path)
+    rows, columns = view.captured.images.shape[1:]
+    return PartPictures(columns, rows, painted(view, task.size), view.outlines, view.notes)

@@ -1,4 +1,5 @@
 // The operator's page: follows the events of the station, and never shows an old verdict as a new one.
+import { ANSWER_MS } from "/static/requests.js";
 import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
 
 const SILENCE_MS = 20000; // the state is asked for each 5 s
@@ -16,6 +17,7 @@ let state = "";
 let inspected = null; // the part that has no verdict yet
 let heardMs = Date.now();
 let isConnected = true;
+let source = null; // of the events; null while the page is hidden
 
 function setText(id, text) {
   const element = byId(id);
@@ -150,41 +152,50 @@ function heard() {
   byId("lost").hidden = true;
 }
 
+function disconnect() {
+  if (!isConnected) return;
+  isConnected = false;
+  showVerdict(true);
+  showRejected();
+  byId("trigger").disabled = true;
+}
+
 function lost() {
-  if (isConnected) {
-    isConnected = false;
-    showVerdict(true);
-    showRejected();
-    byId("trigger").disabled = true;
-  }
+  disconnect();
   const lostPage = byId("lost");
   lostPage.textContent = `No connection to the station for ${Math.round((Date.now() - heardMs) / 1000)} s. What is below is old.`;
   lostPage.hidden = false;
 }
 
 function follow() {
-  const source = new EventSource("/api/v1/events");
+  heardMs = Date.now();
+  const stream = new EventSource("/api/v1/events");
+  source = stream;
   for (const [kind, take] of Object.entries(takes)) {
-    source.addEventListener(kind, (message) => {
+    stream.addEventListener(kind, (message) => {
       const wasLost = !isConnected;
       heard();
       take(JSON.parse(message.data));
       if (wasLost && kind !== "snapshot") refresh(true);
     });
   }
-  source.addEventListener("error", () => {
+  stream.addEventListener("error", () => {
     lost();
     // A refused stream, such as after the session's end, is not tried again by the browser.
-    if (source.readyState === EventSource.CLOSED) setTimeout(() => window.location.reload(), 5000);
+    if (stream.readyState === EventSource.CLOSED) setTimeout(() => window.location.reload(), 5000);
   });
 }
 
 async function refresh(isWhole = false) {
   try {
-    const answer = await fetch("/api/v1/state", { headers: { Accept: "application/json" } });
+    const answer = await fetch("/api/v1/state", {
+      headers: { Accept: "application/json" },
+      signal: AbortSignal.timeout(REFRESH_MS), // before the next one
+    });
     if (answer.status === 401) window.location.reload();
     if (!answer.ok) return;
     const all = await answer.json();
+    if (source === null) return;
     const wasLost = !isConnected;
     heard();
     const isBehind = due > (last?.number ?? 0);
@@ -202,6 +213,7 @@ async function change(path) {
     const answer = await fetch(path, {
       method: "POST",
       headers: { "X-CSRF-Token": csrf, Accept: "application/json" },
+      signal: AbortSignal.timeout(ANSWER_MS),
     });
     if (!answer.ok) setText("message", (await answer.json()).error);
   } catch {
@@ -229,7 +241,19 @@ document.addEventListener("keydown", (event) => {
 setInterval(() => {
   showAge();
   showAges();
-  if (Date.now() - heardMs > SILENCE_MS) lost();
+  if (source !== null && Date.now() - heardMs > SILENCE_MS) lost();
 }, 1000);
-setInterval(() => refresh(), REFRESH_MS);
-follow();
+setInterval(() => {
+  if (source !== null) refresh();
+}, REFRESH_MS);
+// A hidden page costs the station nothing; the stream begins with the whole state.
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden) {
+    follow();
+    return;
+  }
+  source?.close();
+  source = null;
+  disconnect();
+});
+if (!document.hidden) follow();

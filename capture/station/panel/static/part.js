@@ -1,8 +1,8 @@
 // The page of a part: its pictures, a light that the mouse moves, and outlines of its defects.
 import { Relit } from "/static/relit.js";
+import { asked, pause, picturesOf, retrying, waitMs } from "/static/requests.js";
 
 const STEP_DEG = 5; // of an arrow key
-const TRIES = 30; // a second apart, while pictures of other parts are made
 const byId = (id) => document.getElementById(id);
 const holder = byId("pictures");
 const canvas = byId("relit");
@@ -10,24 +10,30 @@ let relit = null;
 let defects = [];
 let isDue = false;
 
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-async function described(partId) {
-  for (let tries = 1; ; tries += 1) {
-    const path = `/api/v1/parts/${encodeURIComponent(partId)}/pictures?size=large`;
-    const answer = await fetch(path, { headers: { Accept: "application/json" } });
-    const about = await answer.json();
-    if (answer.ok) return about;
-    if (answer.status !== 503 || tries === TRIES) throw new Error(about.error);
-    await pause(1000);
-  }
-}
-
 async function loaded(url) {
   const image = new Image();
   image.src = url;
   await image.decode();
   return image;
+}
+
+// The description of the pictures, and those that the relit view is computed from.
+async function made(partId) {
+  const about = await (await asked(`${picturesOf(partId)}?size=large`)).json();
+  const url = Object.fromEntries(about.pictures.map((each) => [each.name, each.url]));
+  return [about, url, await loaded(url.slopes), await loaded(url.albedo)];
+}
+
+async function madeInTheEnd(partId) {
+  for (let failures = 1; ; failures += 1) {
+    try {
+      return await made(partId);
+    } catch (error) {
+      byId("no-pictures").textContent = `No pictures: ${error.message}`;
+      if (error.isFinal) return null;
+    }
+    await pause(waitMs(failures));
+  }
 }
 
 function drawSoon() {
@@ -48,7 +54,7 @@ function view(title, caption, tileUrl, url) {
   button.dataset.view = title;
   button.setAttribute("aria-pressed", "false");
   label.textContent = title;
-  const tile = new Image();
+  const tile = retrying(new Image());
   tile.alt = "";
   tile.loading = "lazy";
   tile.src = tileUrl;
@@ -128,9 +134,9 @@ function follow(about) {
 }
 
 async function show(partId) {
-  const about = await described(partId);
-  const url = Object.fromEntries(about.pictures.map((each) => [each.name, each.url]));
-  const [slopes, albedo] = await Promise.all([loaded(url.slopes), loaded(url.albedo)]);
+  const found = await madeInTheEnd(partId);
+  if (found === null) return;
+  const [about, url, slopes, albedo] = found;
   defects = about.defects;
   relit = new Relit(canvas, slopes, albedo);
   byId("outlines").setAttribute("viewBox", `0 0 ${about.width_px} ${about.height_px}`);
@@ -150,8 +156,5 @@ async function show(partId) {
   drawSoon();
 }
 
-if (holder.dataset.part) {
-  show(holder.dataset.part).catch((error) => {
-    byId("no-pictures").textContent = `No pictures: ${error.message}`;
-  });
-}
+retrying(byId("shown"));
+if (holder.dataset.part) show(holder.dataset.part);

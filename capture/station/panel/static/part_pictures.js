@@ -1,19 +1,26 @@
 // Pictures of the last part, and thumbnails of rejected ones, one request after the other: a trigger
 // never waits behind them for a connection. A picture that is older than its part is blanked.
+import { asked, picturesOf, shownIn, waitMs } from "/static/requests.js";
+
 const LEFT_OUT = ["normals"]; // for the page of the part
-const PAUSE_MS = 1000; // between two parts of a fast line; people do not see more
+const REST_MS = 1500; // until the last part of a fast line counts as the last
+const THUMBNAIL_MS = 250; // between two thumbnails
 const byId = (id) => document.getElementById(id);
 
 let wanted = null; // the last part
+let tried = null; // the part whose pictures were asked for last
+let triedMs = 0;
 let shown = null; // the part of the pictures, which may be older
 let problem = "";
+let failures = 0; // attempts since the last success
+let isGivenUp = false; // another attempt for the wanted part cannot succeed
 let isOld = false; // another part is in the station, or the station is silent
-let isDue = false;
 let isWorking = false;
-let startedMs = 0;
+let isDue = false;
+let timer = null;
+let thumbnailMs = 0;
 const figures = new Map(); // by name of the picture
 const thumbnails = new Map(); // by part
-let waiting = []; // thumbnails to load
 
 export function age(utc) {
   const seconds = Math.max(0, Math.round((Date.now() - Date.parse(utc)) / 1000));
@@ -22,28 +29,19 @@ export function age(utc) {
   return hours === 0 ? `${Math.floor(seconds / 60)} min` : `${hours} h`;
 }
 
-const partPath = (partId) => `/api/v1/parts/${encodeURIComponent(partId)}/pictures`;
 // The picture that says most of a part.
 const telling = (part) => (part.defects.length > 0 ? "defects" : "relief");
-const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-
-// After the verdict is on the screen; in a hidden page not before it is seen.
-function soon() {
-  if (isDue) return;
-  isDue = true;
-  requestAnimationFrame(() => setTimeout(() => {
-    isDue = false;
-    work();
-  }));
-}
+const now = () => performance.now();
+const second = (part) => Math.floor(Date.parse(part.decided_utc) / 1000);
 
 export function showPictures(part) {
   if (part === null || part.part_id === wanted?.part_id) return;
   wanted = part;
   isOld = false;
-  problem = part.set_file === null ? "no set was captured" : "";
+  isGivenUp = part.set_file === null;
+  problem = isGivenUp ? "no set was captured" : "";
   showAges();
-  soon();
+  plan();
 }
 
 export function blankPictures(isBlank) {
@@ -62,62 +60,91 @@ export function showAges() {
   byId("pictures").setAttribute("aria-busy", String(!isFresh && problem === "" && wanted !== null));
 }
 
+// Returns the element of a rejected part, which stays the same.
 export function thumbnail(part) {
-  let image = thumbnails.get(part.part_id);
-  if (image === undefined) {
-    image = new Image(96, 96);
+  let found = thumbnails.get(part.part_id);
+  if (found === undefined) {
+    const image = new Image(96, 96);
     image.alt = "";
     image.className = "thumbnail";
     image.hidden = true;
-    thumbnails.set(part.part_id, image);
-    if (part.set_file !== null) waiting.push([part.part_id, telling(part)]);
-    soon();
+    found = { part, image, failures: 0, dueMs: part.set_file === null ? Infinity : 0 };
+    thumbnails.set(part.part_id, found);
+    plan();
   }
-  return image;
+  return found.image;
 }
 
 export function forgetThumbnails(parts) {
   const kept = new Set(parts.map((part) => part.part_id));
   for (const partId of thumbnails.keys()) if (!kept.has(partId)) thumbnails.delete(partId);
-  waiting = waiting.filter(([partId]) => kept.has(partId));
+}
+
+// When the pictures of the last part are due. All pages choose the same parts, so that the station
+// makes their pictures once: the first that is judged in a second, and the last before a pause.
+function lastDueMs() {
+  if (wanted === null || isGivenUp || shown?.part_id === wanted.part_id) return Infinity;
+  if (failures > 0) return triedMs + waitMs(failures);
+  return tried === null || second(wanted) !== second(tried) ? 0 : triedMs + REST_MS;
+}
+
+function next() {
+  let [dueMs, load] = [lastDueMs(), loadLast];
+  for (const each of thumbnails.values()) {
+    const thumbnailDueMs = Math.max(each.dueMs, thumbnailMs + THUMBNAIL_MS);
+    if (thumbnailDueMs < dueMs) [dueMs, load] = [thumbnailDueMs, () => loadThumbnail(each)];
+  }
+  return [dueMs, load];
+}
+
+// Work after the verdict is on the screen. A hidden page asks for nothing.
+function plan() {
+  clearTimeout(timer);
+  const [dueMs] = next();
+  if (isWorking || isDue || document.hidden || dueMs === Infinity) return;
+  timer = setTimeout(() => {
+    isDue = true;
+    requestAnimationFrame(() => setTimeout(work));
+  }, Math.max(0, dueMs - now()));
 }
 
 async function work() {
-  if (isWorking) return;
-  isWorking = true;
-  try {
-    for (;;) {
-      if (wanted !== null && problem === "" && shown?.part_id !== wanted.part_id) await loadLast();
-      else if (waiting.length > 0) await loadThumbnail(...waiting.shift());
-      else return;
-    }
-  } finally {
+  isDue = false;
+  const [dueMs, load] = next();
+  if (dueMs <= now()) {
+    isWorking = true;
+    await load();
     isWorking = false;
   }
+  plan();
 }
 
 async function loadLast() {
-  await pause(Math.max(0, startedMs + PAUSE_MS - Date.now()));
-  startedMs = Date.now();
   const part = wanted;
   const isWanted = () => part.part_id === wanted.part_id;
+  [tried, triedMs] = [part, now()];
   try {
-    const answer = await fetch(partPath(part.part_id), { headers: { Accept: "application/json" } });
+    const answer = await asked(`${picturesOf(part.part_id)}?content=yes`);
     const about = await answer.json();
-    if (answer.status === 503) return; // tried again after the pause
-    if (!answer.ok) throw new Error(about.error);
+    failures = 0;
+    if (!isWanted()) return;
     const images = [];
-    for (const each of about.pictures.filter((picture) => !LEFT_OUT.includes(picture.name))) {
-      if (!isWanted()) return;
-      images.push([each, await loaded(each.url)]);
+    for (const each of about.pictures) {
+      if (LEFT_OUT.includes(each.name)) continue;
+      const content = Uint8Array.from(atob(each.content), (character) => character.charCodeAt(0));
+      const blob = new Blob([content], { type: each.media_type });
+      images.push([each, await shownIn(new Image(), blob)]);
     }
     if (!isWanted()) return;
-    shown = part;
+    [shown, problem] = [part, ""];
     const names = about.pictures.map((each) => each.name);
     for (const [name, figure] of figures) if (!names.includes(name)) forget(name, figure);
     for (const [each, image] of images) place(each, image, part);
   } catch (error) {
-    if (isWanted()) problem = error.message;
+    failures = error.isFinal ? 0 : failures + 1;
+    if (!isWanted()) return;
+    isGivenUp = Boolean(error.isFinal);
+    problem = error.message;
   }
   showAges();
 }
@@ -125,13 +152,6 @@ async function loadLast() {
 function forget(name, figure) {
   figure.remove();
   figures.delete(name);
-}
-
-async function loaded(url) {
-  const image = new Image();
-  image.src = url;
-  await image.decode();
-  return image;
 }
 
 function place(about, image, part) {
@@ -157,13 +177,17 @@ function place(about, image, part) {
   figure.querySelector("figcaption").textContent = about.title;
 }
 
-async function loadThumbnail(partId, name) {
-  const image = thumbnails.get(partId);
-  image.src = `${partPath(partId)}/${name}`;
+async function loadThumbnail(each) {
+  thumbnailMs = now();
   try {
-    await image.decode();
-    image.hidden = false;
-  } catch {
-    image.hidden = true; // its page says why
+    const answer = await asked(`${picturesOf(each.part.part_id)}/${telling(each.part)}`);
+    await shownIn(each.image, await answer.blob());
+    each.image.hidden = false;
+    each.dueMs = Infinity;
+  } catch (error) {
+    each.failures += 1;
+    each.dueMs = error.isFinal ? Infinity : now() + waitMs(each.failures); // its page says why
   }
 }
+
+document.addEventListener("visibilitychange", plan);

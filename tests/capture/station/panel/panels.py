@@ -4,8 +4,9 @@ import http.client
 import json
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -18,6 +19,11 @@ from capture.station.live.live_station import LiveStation
 from capture.station.panel.access.roles import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
+from capture.station.panel.part_pictures.picture_maker import (
+    PartPictures,
+    PictureMaker,
+    PictureTask,
+)
 from capture.station.panel.server import serving_panel
 from capture.station.run import run_station
 from capture.station.triggers import TriggerSource
@@ -104,6 +110,24 @@ class Client:
         return self.ask("POST", path, form={CSRF_FIELD: self.csrf, **fields})
 
 
+class PictureThread:
+    """Makes pictures in this process, at once: the program's own process takes seconds to start."""
+
+    def __init__(self) -> None:
+        self._executor = ThreadPoolExecutor(1, "pictures")
+
+    def submit(
+        self, function: Callable[[PictureTask], PartPictures], item: PictureTask
+    ) -> Future[PartPictures]:
+        return self._executor.submit(function, item)
+
+    def renew(self) -> None:
+        raise AssertionError("a thread does not die")
+
+    def abort(self) -> None:
+        self._executor.shutdown(cancel_futures=True)
+
+
 @dataclass
 class ServedPanel:
     """A panel and its address."""
@@ -158,7 +182,10 @@ def running_panel(
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
         station.listen = live.tell
-        panel = Panel.of(station.folder, live, settings)
+        panel = replace(
+            Panel.of(station.folder, live, settings),
+            pictures=PictureMaker(station.folder, PictureThread),
+        )
         with _running(panel, station.run) as url:
             yield RunningPanel(panel, url, bench=station)
 

@@ -81,7 +81,7 @@ def watched(folder: Path, parts: int, browsers: int) -> Watched:
         url = stack.enter_context(serving_panel(panel))
         pages = []
         if browsers:
-            browser = stack.enter_context(chromium(folder.parent / "profile", niceness=19))
+            browser = stack.enter_context(chromium(folder.parent / "profile", is_elsewhere=True))
             pages = [browser.page(url, alone=True) for _ in range(browsers)]
             for page in pages:
                 page.call("HeapProfiler.enable")

@@ -1,6 +1,11 @@
 """Pictures of stored parts by HTTP, of a station whose rig is fake."""
 
+import base64
+import multiprocessing
+import os
 import threading
+from concurrent.futures import BrokenExecutor
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import quote
@@ -12,12 +17,16 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture
-from capture.station.panel.part_pictures.picture_maker import MOST_WAITING
+from capture.station.panel.part_pictures.picture_maker import (
+    MOST_WAITING,
+    PartPictures,
+    PictureMaker,
+)
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
+from classify.errors import InputError
 from rig.set_file import pixels_sha256
 from tests.capture.station.panel.panels import RunningPanel
-from tests.capture.station.stations import PASSED, Said
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
@@ -180,21 +189,56 @@ def test_the_memory_of_kept_pictures_is_bounded(
     assert len(made) == 4
 
 
-def test_pictures_are_made_when_no_part_is_in_the_station(
+@pytest.mark.slow
+def test_pictures_come_from_a_process_that_yields_and_is_started_again_after_its_death(
+    panel: RunningPanel,
+) -> None:
+    (part_id,) = panel.parts(1)
+    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
+    path, maker = set_file(panel, part_id), PictureMaker(panel.bench.folder)
+
+    def made(part: str, path: Path = path) -> PartPictures:
+        future = maker.ask(replace(result, part_id=part), path, "small")
+        assert future is not None
+        return future.result(60)
+
+    try:
+        assert made("first").pictures.keys() == NAMES
+        (process,) = multiprocessing.active_children()
+        assert process.pid is not None
+        assert os.sched_getscheduler(process.pid) == os.SCHED_IDLE
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+        with pytest.raises(InputError, match="no such file"):
+            made("gone", path.with_name("x"))
+        process.kill()
+        process.join()
+        with suppress(BrokenExecutor):  # unless the death was noticed before
+            made("second")
+        assert made("third").pictures.keys() == NAMES
+    finally:
+        maker.close()
+    assert multiprocessing.active_children() == []
+    assert maker.ask(replace(result, part_id="late"), path, "small") is None
+
+
+def test_the_description_brings_the_pictures_along_if_asked(panel: RunningPanel) -> None:
+    (part_id,) = panel.parts(1)
+    address = f"/api/v1/parts/{part_id}/pictures"
+    assert "content" not in panel.local.get(address).json["pictures"][0]
+    for each in panel.local.get(f"{address}?content=yes").json["pictures"]:
+        assert each["media_type"] == "image/jpeg"
+        assert base64.b64decode(each["content"]) == panel.local.get(each["url"]).body
+    assert panel.local.get(f"{address}?content=all").status == 400
+
+
+def test_a_process_that_dies_is_an_answer_to_be_tried_again(
     panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture_maker, "PATIENCE_S", 60.0)
+    def dies(_: object) -> None:
+        raise BrokenExecutor("killed")
+
+    monkeypatch.setattr(picture_maker, "made_pictures", dies)
     (part_id,) = panel.parts(1)
-    judging = threading.Event()
-    panel.bench.inspector.inspect = lambda _: judging.wait(60) and Said(PASSED)
-    panel.until_ready()
-    second = panel.local.post("/api/v1/trigger").json["part_id"]
-    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
-    future = panel.panel.pictures.ask(result, set_file(panel, part_id), "small")
-    assert future is not None
-    with pytest.raises(TimeoutError):
-        future.result(0.2)
-    judging.set()
-    assert future.result(60).pictures.keys() == NAMES
-    assert panel.local.get(f"/api/v1/parts/{second}?wait_s=30").status == 200
-    assert panel.live.parts_in_progress == 0
+    answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
+    assert (answer.status, answer.headers["retry-after"]) == (503, "2")
+    assert "has died" in answer.json["error"]
