@@ -5,7 +5,8 @@ import shutil
 import socket
 import ssl
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -424,27 +425,71 @@ def test_a_panel_for_other_machines_needs_https_and_users(
         pass
 
 
-def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: CapturedSet) -> None:
-    make_station(tmp_path / "a")
+@contextmanager
+def panel_with_tls(folder: Path, captured: CapturedSet) -> Iterator[RunningPanel]:
+    make_station(folder)
     for name in ("panel.crt", "panel.key"):
-        shutil.copy(CERTIFICATE / name, tmp_path / "a")
-    Users(tmp_path / "a").put("ada", Role.ADMINISTRATOR, PASSWORD)
+        shutil.copy(CERTIFICATE / name, folder)
+    Users(folder).put("ada", Role.ADMINISTRATOR, PASSWORD)
     settings = PanelConfig(port=0, host="0.0.0.0", tls_cert="panel.crt", tls_key="panel.key")
-    with running_panel(tmp_path / "a", captured, settings) as panel:
-        port = urlsplit(panel.url).port
-        assert panel.url == f"https://0.0.0.0:{port}/"
-        trusted = ssl.create_default_context(cafile=CERTIFICATE / "panel.crt")
-        connection = http.client.HTTPSConnection("127.0.0.1", port, context=trusted, timeout=30)
+    with running_panel(folder, captured, settings) as panel:
+        yield panel
+
+
+def by_https(panel: RunningPanel) -> http.client.HTTPResponse:
+    trusted = ssl.create_default_context(cafile=CERTIFICATE / "panel.crt")
+    port = urlsplit(panel.url).port
+    connection = http.client.HTTPSConnection("127.0.0.1", port, context=trusted, timeout=30)
+    try:
         connection.request("GET", "/login")
         answer = connection.getresponse()
+        answer.read()
+        return answer
+    finally:
+        connection.close()
+
+
+def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: CapturedSet) -> None:
+    with panel_with_tls(tmp_path / "a", captured) as panel:
+        port = urlsplit(panel.url).port
+        assert panel.url == f"https://0.0.0.0:{port}/"
+        answer = by_https(panel)
         assert answer.status == 200
         assert answer.headers["strict-transport-security"] == "max-age=31536000"
-        connection.close()
         plain = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
         plain.request("GET", "/login")
         with pytest.raises((OSError, http.client.HTTPException)):
             plain.getresponse()
         plain.close()
+
+
+def test_a_handshake_has_a_deadline(
+    tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would be a minute. By the deadline of heads, `by_https` has ended its own."""
+    monkeypatch.setattr(server, "HEAD_S", 2.0)
+    with panel_with_tls(tmp_path / "a", captured) as panel, connected(panel) as raw:
+        with suppress(ConnectionError):
+            assert raw.recv(1) == b""
+        assert by_https(panel).status == 200
+
+
+def test_handshakes_count_as_connections(tmp_path: Path, captured: CapturedSet) -> None:
+    with panel_with_tls(tmp_path / "a", captured) as panel:
+        idle = [connected(panel) for _ in range(MAX_CONNECTIONS)]
+        try:
+            with pytest.raises((OSError, http.client.HTTPException)):
+                by_https(panel)
+        finally:
+            for each in idle:
+                each.close()
+        given_up_s = time.monotonic() + LONG_S
+        while True:
+            try:
+                assert by_https(panel).status == 200
+                break
+            except OSError:
+                assert time.monotonic() < given_up_s
 
 
 @pytest.mark.parametrize("text", ["", "no PEM", None])
