@@ -23,6 +23,7 @@ from .part_pictures.stored_set import stored_set
 from .render import Answer
 from .routes import Call, PanelRoute
 from .security import Denied
+from .triggering import OtherPart
 
 MOST_PARTS = 500
 PARTS = 50
@@ -64,7 +65,10 @@ def _state(call: Call) -> Response:
 
 def _trigger(call: Call) -> Response:
     part_id = call.text("part_id", "") or None
-    answer = call.panel.triggers.submit(call.request.headers.get("idempotency-key"), part_id)
+    try:
+        answer = call.panel.triggers.submit(call.request.headers.get("idempotency-key"), part_id)
+    except OtherPart as error:
+        raise Denied(422, str(error)) from error
     if isinstance(answer, Refused):
         return Answer({"accepted": False, "error": answer.reason}, 409)
     is_new = isinstance(answer, Accepted)
@@ -225,7 +229,8 @@ ROUTES = (
     PanelRoute("GET", f"{V1}/state", Role.OPERATOR, _state, "State, last result, devices, counts."),
     PanelRoute(
         "POST", f"{V1}/trigger", Role.OPERATOR, _trigger,
-        "Trigger a part: 202 accepted, 200 accepted before with this Idempotency-Key, 409 refused.",
+        "Trigger a part: 202 accepted, 200 accepted before with this Idempotency-Key, 409 refused, "
+        "422 if the key was accepted for another part.",
         fields={"part_id": "identity of the part; without it the station makes one"},
     ),
     PanelRoute(

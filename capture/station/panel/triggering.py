@@ -9,7 +9,7 @@ from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import Selection
 from capture.station.triggers import Accepted, Refused, Trigger
-from classify.errors import InputError
+from classify.errors import InputError, Ps4rigError
 
 from .results_access import ResultsAccess
 
@@ -32,6 +32,10 @@ class Repeated:
     number: int | None
 
 
+class OtherPart(Ps4rigError):  # noqa: N818 - what a client asked, no error of the program
+    """A key that was accepted for one part comes with another part."""
+
+
 class KeyedTriggers:
     """Passes triggers to the station, each key once.
 
@@ -43,7 +47,8 @@ class KeyedTriggers:
         self._live, self._results = live, results
         self._lock = threading.Lock()
         self._slots = threading.BoundedSemaphore(MOST_WAITING)
-        self._accepted: OrderedDict[str, Accepted] = OrderedDict()
+        # By the key: the answer, and the part id that the client gave.
+        self._accepted: OrderedDict[str, tuple[Accepted, str | None]] = OrderedDict()
 
     def submit(self, key: str | None, part_id: str | None) -> Accepted | Refused | Repeated:
         """Pass a trigger on; with a key that was accepted before, return its part.
@@ -52,6 +57,8 @@ class KeyedTriggers:
         ------
         InputError
             If the key is empty or too long.
+        OtherPart
+            If the key was accepted with another part id.
         ResultsUnavailable
             If the database does not answer, or `MOST_WAITING` triggers wait for it already.
         """
@@ -69,19 +76,29 @@ class KeyedTriggers:
             raise InputError(f"Idempotency-Key: give 1 to {LONGEST_KEY} characters")
         # One at a time: of two requests with one key, the second waits for the first.
         with self._lock:
-            known = self._accepted.get(key)
-            if known is not None:
+            if key in self._accepted:
+                known, given = self._accepted[key]
+                _require_same(given, part_id, known.part_id)
                 return Repeated(known.part_id, known.number)
             made = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
-            if part_id is None:
-                store = self._results.store
-                if store.known([made]):
-                    entry = next(store.parts(Selection(part_id=made)), None)
-                    return Repeated(made, None if entry is None else entry.result.number)
+            store = self._results.store
+            if store.known([made]):
+                _require_same(None, part_id, made)
+                entry = next(store.parts(Selection(part_id=made)), None)
+                return Repeated(made, None if entry is None else entry.result.number)
             answer = self._live.submit(Trigger("http", part_id or made))
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):
-                self._accepted[key] = answer
+                self._accepted[key] = answer, part_id
                 if len(self._accepted) > _KEPT_KEYS:
                     self._accepted.popitem(last=False)
             return answer
+
+
+def _require_same(given: str | None, part_id: str | None, known: str) -> None:
+    if part_id != given:
+        words = "without a part id" if part_id is None else f"for part {part_id[:100]!r}"
+        raise OtherPart(
+            f"Idempotency-Key: was accepted for part {known} and comes again {words}; give each "
+            "part its own key"
+        )

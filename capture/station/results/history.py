@@ -1,16 +1,17 @@
 """What a station has recorded, with what people said of it later: selected, counted, read."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from sqlalchemy import ColumnElement, Connection, func, select
+from sqlalchemy import ColumnElement, Connection, Select, func, select
 
 from capture.station.verdict import Decision
 
 from .part_result import PartResult
-from .rows import result_of
+from .rows import result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
 ROWS_AT_A_TIME = 500  # that are in memory
@@ -135,24 +136,52 @@ IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
 
 
 def entries(
-    connection: Connection, station: str, selection: Selection, newest: int | None
+    reading: Callable[[], AbstractContextManager[Connection]],
+    station: str,
+    selection: Selection,
+    newest: int | None,
 ) -> Iterator[HistoryEntry]:
-    """Yield parts by number, read as they are asked for; see `ResultStore.parts`."""
+    """Yield parts by number, in pages that are read as they are asked for; `ResultStore.parts`.
+
+    Each page is a transaction of its own: a transaction that waits for a slow reader would keep
+    SQLite from emptying its log, and PostgreSQL from removing old rows.
+    """
+    if newest is not None:
+        with reading() as connection:
+            page = _page(connection, _selected(station, selection), newest, is_newest=True)
+        yield from reversed(page)
+        return
+    with reading() as connection:
+        numbers = select(func.max(results.c.number)).where(results.c.station == station)
+        last = connection.scalar(numbers) or 0
+    selected = _selected(station, selection).where(results.c.number <= last)
+    above = 0
+    while True:
+        with reading() as connection:
+            page = _page(connection, selected.where(results.c.number > above), ROWS_AT_A_TIME)
+        yield from page
+        if len(page) < ROWS_AT_A_TIME:
+            return
+        above = page[-1].result.number
+
+
+def _selected(station: str, selection: Selection) -> Select[Any]:
     said = [_LAST.c[name].label(f"override_{name}") for name in ("decision", "by", "reason", "utc")]
     joined = JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
-    statement = (
+    return (
         select(results, *said, removed_sets.c.utc.label("set_removed_utc"))
         .select_from(joined)
         .where(*conditions(station, selection))
     )
-    if newest is not None:
-        last = statement.order_by(results.c.number.desc()).limit(newest).subquery()
-        statement = select(last).order_by(last.c.number)
-    else:
-        statement = statement.order_by(results.c.number)
-    rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(statement)
-    for row in rows.mappings():
-        yield _entry(dict(row))
+
+
+def _page(
+    connection: Connection, selected: Select[Any], most: int, *, is_newest: bool = False
+) -> list[HistoryEntry]:
+    """Return the first selected parts by number, or the last ones, the newest first."""
+    order = results.c.number.desc() if is_newest else results.c.number
+    rows = connection.execute(selected.order_by(order).limit(most))
+    return [_entry(dict(row)) for row in rows.mappings()]
 
 
 def counters(connection: Connection, station: str, selection: Selection) -> Counters:
@@ -200,7 +229,8 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         (results.c.part_id, selection.part_id),
     ):
         if value is not None:
-            yield column == value
+            # As it was stored: what no database can hold selects nothing, and is no error.
+            yield column == (storable(value) if isinstance(value, str) else value)
     if selection.below_number is not None:
         yield results.c.number < selection.below_number
 

@@ -276,9 +276,8 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        statement = select(begun_parts.c.part_id).where(
-            begun_parts.c.station == self.station, begun_parts.c.part_id.in_(list(part_ids))
-        )
+        column, texts = begun_parts.c.part_id, [storable(part_id) for part_id in part_ids]
+        statement = select(column).where(begun_parts.c.station == self.station, column.in_(texts))
         with self.reading() as connection:
             return set(connection.scalars(statement))
 
@@ -287,7 +286,8 @@ class ResultStore:
     ) -> Iterator[HistoryEntry]:
         """Yield the selected parts with what was said of them later, by number.
 
-        They are read as they are asked for, however many there are.
+        They are read in pages as they are asked for, however many there are, up to the number that
+        is the last one at the begin. What is said of a part meanwhile may be there or not.
 
         Parameters
         ----------
@@ -301,8 +301,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        with self.reading() as connection:
-            yield from entries(connection, self.station, selection, newest)
+        return entries(self.reading, self.station, selection, newest)
 
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
         """Count the selected parts, those of a simulated rig apart.

@@ -91,6 +91,35 @@ def test_a_key_is_known_after_a_restart(tmp_path: Path, captured: CapturedSet) -
     assert answers[0].json | {"repeated": True} == answers[1].json
 
 
+@pytest.mark.parametrize(("first", "second"), [("A-1", "A-2"), ("A-1", None), (None, "A-2")])
+def test_a_key_with_another_part_is_refused(
+    panel: RunningPanel, first: str | None, second: str | None
+) -> None:
+    panel.until_ready()
+    given, other = ({} if each is None else {"part_id": each} for each in (first, second))
+    accepted = panel.local.post("/api/v1/trigger", given, Idempotency_Key="order 7")
+    refused = panel.local.post("/api/v1/trigger", other, Idempotency_Key="order 7")
+    assert (accepted.status, refused.status) == (202, 422)
+    assert f"was accepted for part {accepted.json['part_id']}" in refused.json["error"]
+    again = panel.local.post("/api/v1/trigger", given, Idempotency_Key="order 7")
+    assert (again.status, again.json["repeated"]) == (200, True)
+    panel.local.get(f"{again.headers['location']}?wait_s=30")
+    assert len(panel.bench.rows()) == 1
+
+
+def test_a_key_of_an_earlier_run_with_another_part_is_refused(
+    tmp_path: Path, captured: CapturedSet
+) -> None:
+    for fields, status in (({}, 202), ({"part_id": "A-2"}, 422)):
+        with running_panel(tmp_path / "line-1", captured) as panel:
+            panel.until_ready()
+            answer = panel.local.post("/api/v1/trigger", fields, Idempotency_Key="order 7")
+            assert answer.status == status
+            if status == 202:
+                panel.local.get(f"{answer.headers['location']}?wait_s=30")
+            assert len(panel.bench.rows()) == 1
+
+
 def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
     assert isinstance(panel.panel.triggers.submit("order 8", "part-1"), Refused)
     panel.until_ready()

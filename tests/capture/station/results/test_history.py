@@ -1,0 +1,65 @@
+"""The history is read in pages, whatever a client asks for and however slowly it reads."""
+
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from capture.station.results.history import ROWS_AT_A_TIME, Selection
+from capture.station.results.store import ResultStore, open_store
+from capture.station.verdict import Decision
+
+from .many import fill, many
+from .parts import inspect
+
+
+def test_a_slow_reader_keeps_no_transaction(tmp_path: Path) -> None:
+    """SQLite empties its log into the file only when nobody reads what is before it."""
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        fill(store, many("line-1", 2 * ROWS_AT_A_TIME))
+        entries = store.parts()
+        next(entries)
+        inspect(store)
+        with store.reading() as connection:
+            connection.execute(text("ROLLBACK"))
+            checkpoint = "PRAGMA wal_checkpoint(TRUNCATE)"
+            is_busy, _, _ = connection.execute(text(checkpoint)).one()
+            connection.execute(text("BEGIN"))
+        assert is_busy == 0
+        assert len(list(entries)) == 2 * ROWS_AT_A_TIME - 1
+
+
+@pytest.mark.parametrize("count", [0, 1, ROWS_AT_A_TIME, 2 * ROWS_AT_A_TIME + 1])
+def test_all_pages_together_have_every_part_once(tmp_path: Path, count: int) -> None:
+    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
+        if count:
+            fill(store, many("line-1", count))
+        numbers = [entry.result.number for entry in store.parts()]
+        assert numbers == list(range(1, count + 1))
+        newest = [entry.result.number for entry in store.parts(newest=3)]
+        assert newest == numbers[-3:]
+        labelled = [each.result.number for each in store.parts(Selection(label="sand"))]
+        assert all(number % 5 == 0 for number in labelled)
+        below = [each.result.number for each in store.parts(Selection(below_number=700))]
+        assert below == numbers[:699]
+
+
+def test_parts_that_come_while_pages_are_read_are_left_out(store: ResultStore) -> None:
+    fill(store, many(store.station, ROWS_AT_A_TIME + 1))
+    entries = store.parts()
+    first = next(entries)
+    inspect(store, Decision.FAIL)
+    assert [first.result.number] + [entry.result.number for entry in entries] == list(
+        range(1, ROWS_AT_A_TIME + 2)
+    )
+
+
+@pytest.mark.parametrize(
+    "value", ["a\0b", "\0", "\ud800", "\u202e", 10_000 * "x", "' OR 1=1 --", ""]
+)
+def test_what_no_database_can_hold_selects_nothing(store: ResultStore, value: str) -> None:
+    inspect(store)
+    for selection in (Selection(part_id=value), Selection(label=value), Selection(recipe=value)):
+        assert list(store.parts(selection)) == []
+        assert store.counters(selection).production.parts == 0
+    assert store.known([value]) == set()
