@@ -111,7 +111,6 @@ class DriftModel:
         self._tangents = positions[:, :2] / positions[:, 2:]
         self._strengths = self._all_strengths(x, y)
         nuisances = np.array(list(self._nuisances()))
-        self._nuisance_count = len(nuisances)
         lights, blocks = self._strengths.shape
         shared = np.kron(np.ones((lights, lights)), np.eye(blocks))
         own = np.eye(lights * blocks)

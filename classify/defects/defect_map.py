@@ -28,10 +28,11 @@ class DefectMap:
     relief, albedo
         Share of single spots and lines in the relief and in the logarithm of the albedo.
     texture
-        Share of the local statistics of both, the mean of two of a kind: another texture, or none.
+        Share of the local statistics of both, the mean of those of octaves and windows: another
+        texture, or none.
     score
-        The sum of all shares, which may exceed the limit although none does. Models of version 1
-        have the largest of the kinds instead.
+        The sum of all shares, which may exceed the limit although none of them does. Models of
+        version 1 have the largest of the kinds instead.
     shape
         Rows and columns of the frame, px.
     """

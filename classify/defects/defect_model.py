@@ -14,7 +14,7 @@ from classify.surface.estimate import SurfaceEstimate
 
 from . import ps4def
 from .defect_map import DefectMap
-from .departures import Departures
+from .departures import DEPARTURES, Departures
 from .evidence import QUANTILES, Evidence
 from .fields import part_fields
 from .gaussian import Gaussian
@@ -42,8 +42,8 @@ _SHAPES = {
         "octaves_whitening": (OCTAVE_STATISTICS,) * 2,
         "windows_mean": (WINDOW_STATISTICS,),
         "windows_whitening": (WINDOW_STATISTICS,) * 2,
-        "quantiles": (4, QUANTILES),
-        "excess": (4,),
+        "quantiles": (DEPARTURES, QUANTILES),
+        "excess": (DEPARTURES,),
         "limit": (1,),
     },
 }

@@ -14,7 +14,7 @@ from .observation import Observation
 from .window_statistics import smoothed
 
 DEPARTURES = 4
-"""Ways of a cell to be unlike good parts."""
+"""Number of departures of a cell: relief, albedo, octaves and windows."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
         # Bytes are resized faster; a quarter of this one is a whole number.
         share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
         near = gaussian_mean(share, _FILL_PX)
-        # What is not valid has the mean of the frame.
+        # Pixels that are not valid have the mean of the frame.
         gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
         means = (plane[gap] for plane in (fields.p, fields.q, fields.albedo))
         for plane, mean in zip(planes, means, strict=True):

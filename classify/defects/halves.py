@@ -10,9 +10,10 @@ from .gaussian import PowerSums
 def unlike_halves(sums: Sequence[PowerSums]) -> tuple[list[int], list[int]]:
     """Split parts into halves that differ as much as possible, from sums of their statistics.
 
-    Parts of one place or of one batch are alike. Left out one by one, each is known from the others
-    beside it, and seems nearer to them than any part of another place. The halves are split along
-    the first principal component of the means of the parts' statistics.
+    Parts of one place or of one batch are alike. If each part is left out alone, the others of its
+    place stay in the model, and its departures come out smaller than those of a part of another
+    place. The parts are therefore split along the first principal component of the means of their
+    statistics.
 
     Parameters
     ----------

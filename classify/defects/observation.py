@@ -16,7 +16,7 @@ from .window_statistics import window_statistics
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """A part in front of a model: pyramids of its whitened relief and albedo."""
+    """A part under the gains of a model: pyramids of its whitened relief and albedo."""
 
     fields: PartFields
     orientation_deg: float

@@ -1,7 +1,7 @@
 """Whitening: relief and albedo divided by the spectrum of their texture.
 
 A filter that divides by the root of the power spectrum turns a stationary texture into white noise
-of variance 1. What is no part of the texture then stands out as far as it can (the matched filter
+of variance 1, in which a defect has the largest possible signal-to-noise ratio (the matched filter
 of North 1943, without the shape of the defect).
 """
 

@@ -139,7 +139,10 @@ class DefectiveSurface:
     def _filling(
         self, defect: Defect, along: Image, across: Image, near: Window, placed: Placed
     ) -> SurfacePatch:
-        """What is in the place of the texture: its mean plane, with the foreign relief on it."""
+        """The mean plane of the texture with the foreign relief on it, which replaces the texture.
+
+        For a missing texture the plane stays flat.
+        """
         size_px, rotate_deg, shift_px, margin_px, magnification = placed
         level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
         p, q = _rotated(p, q, -defect.angle_deg)  # along and across

@@ -52,7 +52,6 @@ class SessionTerminal:
 
     def __init__(self, folder: SessionFolder, *, quiet: bool, view: LiveView | None = None) -> None:
         self._folder, self._quiet, self._view = folder, quiet, view
-        self._last_count = 0
         self._started_s = time.monotonic()
         console = Console(stderr=True)
         self._bar = Progress(

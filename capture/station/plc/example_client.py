@@ -1,4 +1,4 @@
-"""A program that plays the PLC: `python -m capture.station.plc.example_client HOST PORT`.
+"""An example of a PLC's program: `python -m capture.station.plc.example_client HOST PORT`.
 
 It needs ``pip install 'ps4rig[modbus]'``.
 """
@@ -18,9 +18,9 @@ _RECONNECT_S = 0.2
 def run_ladder(
     host: str, port: int, next_part: Callable[[], str | None], judged: Callable[[Judged], None]
 ) -> None:
-    """Trigger part after part, and tell their verdicts, until no part comes any more.
+    """Trigger part after part and report their verdicts, until `next_part` returns None.
 
-    A lost connection is opened again, for ever. The station may be started anew meanwhile.
+    A lost connection is opened again without limit; the station may be restarted meanwhile.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """`Handshake`: the station's side of the handshake with a PLC, without I/O.
 
-A trigger is known by the id that the PLC gives it, a result by the number of its part. Neither is
-used twice in a session, so that an answer or a result of an earlier one is recognised.
+A trigger is identified by the id that the PLC gives it, a result by the number of its part. Neither
+is used twice in a session, so that an earlier answer or result is recognised.
 """
 
 from collections import deque
@@ -42,7 +42,7 @@ from .registers import (
 )
 
 SOURCE = "modbus"
-# A PLC with so many unacknowledged results does not run its program.
+# Number of unacknowledged results beyond which the PLC does not run its program.
 MOST_WAITING = 16
 _CODES = {
     Refusal.NOT_READY: ErrorCode.NOT_READY,
@@ -67,7 +67,7 @@ class TriggerRequest:
     trigger_id, part_id
         As the PLC gave them; None lets the station make the id of the part.
     refusal
-        Why the handshake refused it: it has to be recorded. None if the station has to answer.
+        Why the handshake refused it, to be recorded; None if the station must answer.
     """
 
     trigger_id: int
@@ -76,7 +76,7 @@ class TriggerRequest:
 
 
 class Handshake:
-    """What the station shows to a PLC, and what it does with what the PLC writes.
+    """The registers that the station shows to a PLC, and its reactions to what the PLC writes.
 
     Not thread-safe.
 
@@ -95,7 +95,7 @@ class Handshake:
     Attributes
     ----------
     heartbeat
-        What the PLC reads as such; to be counted up.
+        The station's heartbeat register; the caller counts it up.
     is_open
         Whether triggers reach the station; until then they are refused.
     """

@@ -13,7 +13,7 @@ from capture.station.triggers import Trigger
 
 from .handshake import SOURCE, Handshake, TriggerRequest
 
-# Many scans of the program of a PLC.
+# At the end of a run: many scans of a PLC's program.
 _LAST_S = 3.0
 # The station's heartbeat counts up twice a second.
 TICK_S = 0.5

@@ -33,7 +33,7 @@ class MqttPublisher:
     Parameters
     ----------
     settings
-        Where to.
+        Broker and topic.
     log
         Called with a line when the connection changes or messages were dropped. It must not
         raise.

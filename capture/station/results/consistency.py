@@ -1,4 +1,4 @@
-"""Contradictions within the results of a station, which no run of the program leaves behind."""
+"""Find contradictions in the results of a station, which only damage can cause."""
 
 from collections.abc import Iterator
 
@@ -9,7 +9,7 @@ from .store import ResultStore
 
 
 def contradictions(store: ResultStore) -> Iterator[str]:
-    """Say what is wrong with the rows of a station: missing numbers, a damaged SQLite file.
+    """Yield a line for each contradiction: missing numbers, a damaged SQLite file.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 
 from classify.errors import InputError, Ps4rigError
 
-# A database that someone else has locked for 10 s is the issue's own case; twice that is waited.
+# Twice as long as another program may lock the database without an error (README.md: 10 s).
 PATIENCE_S = 20.0
 _CONNECT_TIMEOUT_S = 5
 _PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
@@ -137,7 +137,7 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
             connect_args={
                 "connect_timeout": _CONNECT_TIMEOUT_S,
                 "options": settings,
-                # A server that vanished without a word is noticed after 5 + 3 * 5 s.
+                # A server that vanished without closing is noticed after 5 + 3 * 5 s.
                 "keepalives_idle": 5,
                 "keepalives_interval": 5,
                 "keepalives_count": 3,
@@ -189,7 +189,7 @@ def _lock_for(cursor: Any, url: URL, station: str) -> None:
 def unavailable_if_failing(url: URL) -> Iterator[None]:
     """Turn errors of the database into `ResultsUnavailable`, with the address and the cause.
 
-    What contradicts the tables, such as a second result of a part, stays an `IntegrityError`.
+    A row that contradicts the tables, such as a second result of a part, stays an `IntegrityError`.
     """
     try:
         yield

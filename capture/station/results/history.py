@@ -1,4 +1,4 @@
-"""What a station has recorded, with what people said of it later: selected, counted, read."""
+"""Select, count and read recorded parts, with their overrides and removed set files."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
@@ -14,12 +14,12 @@ from .part_result import PartResult
 from .rows import result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
-ROWS_AT_A_TIME = 500  # that are in memory
+ROWS_AT_A_TIME = 500  # in memory
 
 
 @dataclass(frozen=True)
 class Override:
-    """A verdict that a person gave a part; it holds in place of the station's."""
+    """A verdict that a person gave a part; it replaces that of the station."""
 
     decision: Decision
     by: str
@@ -29,7 +29,7 @@ class Override:
 
 @dataclass(frozen=True)
 class HistoryEntry:
-    """A part with what was said of it later.
+    """A recorded part with its last override and the removal of its set file.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class HistoryEntry:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which parts of a station; None selects all.
+    """A selection of the parts of a station; None selects all.
 
     Attributes
     ----------
@@ -97,9 +97,9 @@ class Tally:
     Attributes
     ----------
     by_station
-        As the station decided.
+        By the verdicts of the station.
     in_force
-        As it holds, with overrides in place of the station's verdicts.
+        By the verdicts in force, with overrides in place of the station's verdicts.
     refused_triggers
         Triggers that were not served.
     """
@@ -116,7 +116,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Counters:
-    """Numbers of parts; what a simulated rig gave is no production."""
+    """Numbers of parts of production, and of a simulated rig."""
 
     production: Tally
     simulated: Tally
@@ -206,7 +206,7 @@ def counters(connection: Connection, station: str, selection: Selection) -> Coun
 
 
 def _refused(connection: Connection, station: str, selection: Selection) -> dict[bool, int]:
-    """Count refused triggers within the times; what else is selected does not concern them."""
+    """Count refused triggers within the times; other criteria do not apply to them."""
     simulated = refused_triggers.c.simulated
     statement = (
         select(simulated, func.count())
@@ -218,7 +218,7 @@ def _refused(connection: Connection, station: str, selection: Selection) -> dict
 
 
 def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bool]]:
-    """Yield what holds for the rows of `JOINED` that are selected."""
+    """Yield the conditions of the selected rows of `JOINED`."""
     yield results.c.station == station
     yield from _within(results.c.triggered_utc, selection)
     for column, value in (

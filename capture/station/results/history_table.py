@@ -20,7 +20,7 @@ COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIR
 
 
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
-    """Return the columns of the table ``results`` of a part, and what was said of it later.
+    """Return the columns of the table ``results`` of a part, its override and its removed set.
 
     ``verdict`` is the one that holds, and ``station_verdict`` that of the station. ``override`` is
     None, or has ``decision``, ``by``, ``reason`` and ``utc``.
@@ -41,7 +41,7 @@ def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
 
 
 def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
-    """Yield the lines of `write_csv`, so that they never are in memory as a whole."""
+    """Yield the lines of `write_csv`, so that they are never all in memory."""
     yield csv_line(COLUMNS)
     for entry in entries:
         yield csv_line(map(_cell, record_of(entry).values()))
@@ -55,7 +55,7 @@ def csv_line(cells: Iterable[Any]) -> str:
 
 
 def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:
-    """Yield the JSON of a history in pieces, so that it never is in memory as a whole."""
+    """Yield the JSON of a history in pieces, so that it is never in memory as a whole."""
     about = {
         "station": station,
         **counts_of(counters),

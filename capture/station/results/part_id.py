@@ -1,4 +1,4 @@
-"""Identities of parts: given by the trigger, or made from the number of the part."""
+"""Part ids: given with the trigger, or made from the number of the part."""
 
 import re
 
@@ -8,7 +8,7 @@ from classify.errors import InputError
 
 from .schema import begun_parts
 
-# They are names of files too, on every system, so neither a leading dot nor a blank.
+# They are also file names on every system: no leading dot, no blank.
 _GIVEN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 # Devices of Windows, whatever follows their name.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)

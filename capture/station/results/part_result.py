@@ -18,7 +18,7 @@ _MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
 @dataclass(frozen=True)
 class DefectRecord:
-    """A place where the part departs from its texture; pixels of the light images, rows downwards.
+    """An outlined defect of a part; pixels of the light images, rows downwards.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class DefectRecord:
 
 @dataclass(frozen=True)
 class PartResult:
-    """What the station knows of one part.
+    """The result of one part.
 
     Attributes
     ----------
@@ -61,13 +61,13 @@ class PartResult:
     verdict
         The verdict.
     operator
-        Name of the operator, None if nobody said one.
+        Name of the operator, None if none was given.
     simulated
         Whether the set comes from a simulated rig.
     software_version
         Version of ps4rig.
     recipe, recipe_version, recipe_sha256, library_sha256, calibration_sha256
-        What judged the part; None where none was in use.
+        Recipe, library and calibration that judged the part; None if not in use.
     set_file, set_sha256
         The captured set, relative to the station's folder, and the hash of its pixels; None where
         no set was captured.
@@ -84,7 +84,7 @@ class PartResult:
     timings_ms
         Duration of each step by name, and ``exposed_to_announced`` where it is known.
     notes
-        What else is to be known of the part, such as a clock that was set back.
+        Remarks on the part, such as a clock that was set back.
 
     Raises
     ------

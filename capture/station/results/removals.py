@@ -16,7 +16,7 @@ from .utc import require_utc
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
     """Yield part id and set file of parts that passed, by number, whose file was not removed.
 
-    Parts that a person gave another verdict, even PASS once more, are none of them.
+    Parts with an override are left out, also if the override is PASS.
 
     Parameters
     ----------

@@ -8,12 +8,12 @@ from capture.station.verdict import Cause, Decision, Verdict
 
 from .part_result import MEASURES, DefectRecord, PartResult
 
-# Far longer than a sentence. An exception may carry a whole document, and there is a row a part.
+# Characters of a text; an exception may carry a whole document, and each part has a row.
 MAX_TEXT = 2000
 
 
 def storable(text: str) -> str:
-    """Return a text that every database takes.
+    """Return a text that every database can hold.
 
     What UTF-8 or PostgreSQL cannot hold (lone surrogates of file names, NUL) becomes an escape
     sequence, and a text beyond `MAX_TEXT` characters ends in an ellipsis.

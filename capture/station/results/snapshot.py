@@ -30,7 +30,7 @@ _DUMP_TIMEOUT_S = 3600.0
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What a copy of the results holds.
+    """Contents of a copy of the results.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Snapshot:
 
 
 def copy_results(address: str, station: str, target: Path) -> Snapshot:
-    """Copy a database of results to a file, as it is at one moment; writers are not held up.
+    """Copy a database of results to a file, as it is at one moment, without blocking writers.
 
     SQLite's backup copies a file within one transaction. PostgreSQL's pg_dump writes all tables of
     the database, with the rows of other stations, for pg_restore.
@@ -109,7 +109,7 @@ def _dump(url: URL, station: str, target: Path) -> Snapshot:
 
 
 def _variables(url: URL) -> dict[str, str]:
-    """The address as variables of libpq: arguments can be read by other users of the machine."""
+    """The address as variables of libpq, because other users can read a program's arguments."""
     given = {
         "PGHOST": url.host,
         "PGPORT": None if url.port is None else str(url.port),

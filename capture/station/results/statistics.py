@@ -23,8 +23,8 @@ MOST_MEASURED = 2000
 """Parts of the control charts: 400 points, about as many as a screen shows apart."""
 MOST_CHOICES = 100
 """Names that a form offers; a station knows a few dozen textures."""
-# Counts of an hour up to two days, of a day up to three months, of a month beyond: by the number of
-# letters of the time that are the same within a period.
+# Periods are hours up to a span of two days, days up to three months, and months beyond. A period
+# is a prefix of the time: greatest span in days, length of the prefix.
 _LENGTHS = ((2.0, len("2026-11-22T17")), (92.0, len("2026-11-22")))
 _MONTH = len("2026-11")
 
@@ -83,7 +83,7 @@ class CauseCount:
 
 @dataclass(frozen=True)
 class Choices:
-    """What parts of a station can be selected by.
+    """Values by which parts of a station can be selected.
 
     Attributes
     ----------

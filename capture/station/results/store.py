@@ -1,4 +1,4 @@
-"""`ResultStore`: parts that a station has begun, their results, and what people said of them."""
+"""`ResultStore`: the begun parts of a station, their results, overrides and refused triggers."""
 
 import uuid
 from collections.abc import Iterable, Iterator
@@ -51,7 +51,7 @@ from .writer import Writer
 
 @dataclass(frozen=True)
 class BegunPart:
-    """A part whose trigger was taken; every one gets a result, and only one.
+    """A part whose trigger was accepted; each gets exactly one result.
 
     Attributes
     ----------
@@ -70,8 +70,8 @@ class ResultStore:
     """The results of one station; `open_store` makes it.
 
     All methods may be called from any thread. Each writes in one transaction, which is on disk when
-    the method returns, and is not done twice if the caller repeats it after `ResultsUnavailable`
-    with the same values; `begin`, `refuse` and `override` repeat it themselves.
+    the method returns. A caller may repeat `add` after `ResultsUnavailable`: it does not write
+    twice. `begin`, `refuse` and `override` repeat their transactions themselves.
     """
 
     def __init__(self, url: URL, station: str, writer: Writer, reader: Engine) -> None:
@@ -110,7 +110,7 @@ class ResultStore:
     def begin(
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None
     ) -> BegunPart:
-        """Record that a trigger was taken, before the first exposure; give the part its number.
+        """Record an accepted trigger before the first exposure, and give the part its number.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class ResultStore:
         ResultsUnavailable
             If the database does not answer.
         """
-        with unavailable_if_failing(self.url), self._reader.connect() as connection:
+        with self.reading() as connection:
             return self._last(connection, begun_parts.c.number)
 
     def unfinished(self) -> list[BegunPart]:
@@ -294,7 +294,7 @@ class ResultStore:
         selection
             Which parts.
         newest
-            Only so many, the last ones.
+            Number of last parts to yield; None yields all.
 
         Raises
         ------
@@ -315,9 +315,9 @@ class ResultStore:
             return counters(connection, self.station, selection)
 
     def lock_station(self, connection: Connection, utc: str) -> None:
-        """Give numbers to one writer of this station at a time, until the end of a transaction.
+        """Lock the numbers of this station for one writer, until the end of a transaction.
 
-        A transaction that writes to SQLite has the whole file locked from its begin.
+        On SQLite a writing transaction locks the whole file from its begin.
         """
         row = select(stations).where(stations.c.station == self.station)
         if connection.execute(row.with_for_update()).first() is None:
@@ -346,6 +346,7 @@ def _begun_part(row: Row[Any]) -> BegunPart:
 
 
 def has_request(connection: Connection, table: Table, request: Any) -> bool:
+    """Whether an earlier attempt of the same transaction was committed."""
     statement = select(table.c.request).where(table.c.request == request)
     return connection.execute(statement).first() is not None
 
@@ -390,7 +391,7 @@ def open_store(
         reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
     store = ResultStore(url, station, Writer(url, writer, patience_s), reader)
     try:
-        # A program that only reads needs no leave to write.
+        # A program that only reads may have no permission to write.
         if alone or not store.has_present_version():
             store.migrate(create=create)
     except BaseException:

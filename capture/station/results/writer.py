@@ -29,7 +29,7 @@ class Writer:
     def write(self, work: Callable[[Connection], T]) -> T:
         """Do `work` in a transaction; repeat it while a PostgreSQL server cannot be reached.
 
-        `work` must look first whether an attempt before it was committed: a connection may be lost
+        `work` must first look whether an earlier attempt was committed: a connection may be lost
         between the commit and its answer.
 
         Raises
