@@ -1,6 +1,7 @@
 """Which captured sets of a station stay on its disk."""
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -24,6 +25,8 @@ _LOCK = "sets.lock"
 _PATIENCE_S, _RETRY_S = 60.0, 0.1
 # Files in one transaction: an interrupted removal repeats at most so many.
 _BATCH = 200
+# Days with parts that stay at least: that of a clock that was set ahead, and the one before.
+_LEAST_DAYS = 2
 
 
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
@@ -45,8 +48,8 @@ def remove_old_sets(
 ) -> int:
     """Remove set files that the retention does not keep; return how many.
 
-    It removes the set files of parts that passed more than `Retention.pass_days` ago, are not in
-    the sample and have no override. Results stay. A row that records the removal is written before
+    It removes the set files of parts that passed until `removed_until`, are not in the sample and
+    have no override. Results stay. A row that records the removal is written before
     the file is removed: a missing file without such a row was lost. After a kill between the two,
     the next call removes the file.
 
@@ -67,9 +70,9 @@ def remove_old_sets(
     ResultsUnavailable
         If the database does not answer.
     """
-    until_utc = _text(now - timedelta(days=retention.pass_days))
     make_folder(folder / PARTS)
     with folder_lock(folder / PARTS, _LOCK):
+        until_utc = removed_until(folder, retention, now)
         removed = _remove(folder, last_removals(store))
         unwanted = (
             (part_id, str(inside_parts(set_file)))
@@ -80,6 +83,17 @@ def remove_old_sets(
             record_removals(store, batch, _text(now))
             removed += _remove(folder, list(batch.values()))
     return removed
+
+
+def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
+    """Return the time of the last trigger whose set may be removed.
+
+    It is `Retention.pass_days` ago, and before the last ``pass_days / 2`` days that had parts. A
+    clock that was set far ahead adds one such day, so that the sets of yesterday stay.
+    """
+    days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
+    staying = days[: max(_LEAST_DAYS, math.ceil(retention.pass_days / 2))]
+    return min([_text(now - timedelta(days=retention.pass_days)), *staying])
 
 
 @contextmanager

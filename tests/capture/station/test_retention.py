@@ -12,6 +12,7 @@ from capture.station.retention import is_sample, remove_old_sets
 from capture.station.verdict import Decision
 from classify.errors import InputError
 
+from .days_with_parts import make_days
 from .results.parts import inspect
 
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
@@ -38,6 +39,7 @@ def test_only_old_sets_of_parts_that_passed_are_removed(store: ResultStore, tmp_
     kept = [make_part(store, tmp_path, decision, 30) for decision in list(Decision)[1:]]
     kept += [make_part(store, tmp_path, Decision.PASS, 6.9)]
     old = [make_part(store, tmp_path, Decision.PASS, days) for days in (7.1, 400)]
+    make_days(tmp_path, NOW)
     assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW) == 2
     assert [path.exists() for path in kept] == [True] * 4
     assert [path.exists() for path in old] == [False] * 2
@@ -54,8 +56,26 @@ def test_a_part_that_a_person_judged_keeps_its_set(
     path = make_part(store, tmp_path, Decision.PASS, 30)
     utc = utc_text(NOW, timespec="milliseconds")
     store.override("part-000001", decision=decision, by="Kim", reason="looked at it", utc=utc)
+    make_days(tmp_path, NOW)
     assert remove_old_sets(tmp_path, store, NO_SAMPLE, NOW) == 0
     assert path.exists()
+
+
+@pytest.mark.parametrize("days_ahead", [8, 31, 3650])
+def test_a_clock_that_is_set_ahead_makes_no_sets_old(
+    store: ResultStore, tmp_path: Path, days_ahead: int
+) -> None:
+    paths = [make_part(store, tmp_path, Decision.PASS, days_ago) for days_ago in (2, 1, 0)]
+    ahead = NOW + timedelta(days=days_ahead)
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, ahead) == 0
+    paths.append(make_part(store, tmp_path, Decision.PASS, -days_ahead))
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, ahead) == 0
+    assert all(path.exists() for path in paths)
+    # Days with parts make them old.
+    for day in range(1, 8):
+        make_part(store, tmp_path, Decision.PASS, -days_ahead - day)
+    assert remove_old_sets(tmp_path, store, NO_SAMPLE, ahead + timedelta(days=7.5)) == 4
+    assert not any(path.exists() for path in paths)
 
 
 def test_a_removal_interrupted_after_its_row_is_completed(

@@ -10,6 +10,7 @@ from capture.station.config import Retention
 from capture.station.results.store import open_store
 from capture.station.retention_thread import retention_in_background
 
+from .days_with_parts import make_days
 from .results.parts import inspect
 
 
@@ -17,6 +18,7 @@ def test_old_sets_go_while_the_station_runs(tmp_path: Path) -> None:
     path = tmp_path / "parts" / "2020-01-01" / "a.ome.tif"
     path.parent.mkdir(parents=True)
     path.write_text("a set")
+    make_days(tmp_path, datetime.now(UTC))
     with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
         inspect(
             store, triggered_utc="2020-01-01T00:00:00.000Z", set_file="parts/2020-01-01/a.ome.tif"

@@ -25,6 +25,7 @@ from capture.station.service.restore import opened_backup
 from capture.station.triggers import TriggerTarget
 from capture.station.verification import verify_station
 from classify.errors import InputError
+from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.production import ForkedRun, contradictions, taught_station
 from tests.capture.station.results.parts import inspect
 from tests.capture.station.stations import Manual, bench, one_after_the_other, small_set
@@ -112,6 +113,7 @@ def test_a_backup_during_the_run_holds_what_was_announced_before_it(tmp_path: Pa
 
 def test_no_set_is_removed_while_a_backup_reads_them(line: Path) -> None:
     later, none_kept = datetime.now(UTC) + timedelta(days=30), Retention(pass_every=1_000_000)
+    make_days(line, later)
     with open_store(str(line / "results.sqlite"), "line-1") as store:
         with sets_stay(line), pytest.raises(InputError, match="parts: in use by ps4rig, process"):
             remove_old_sets(line, store, none_kept, later)
@@ -119,10 +121,10 @@ def test_no_set_is_removed_while_a_backup_reads_them(line: Path) -> None:
 
 
 def test_sets_that_the_retention_removed_are_not_missed(line: Path, tmp_path: Path) -> None:
+    later = datetime.now(UTC) + timedelta(days=30)
+    make_days(line, later)
     with open_store(str(line / "results.sqlite"), "line-1") as store:
-        remove_old_sets(
-            line, store, Retention(pass_every=1_000_000), datetime.now(UTC) + timedelta(days=30)
-        )
+        remove_old_sets(line, store, Retention(pass_every=1_000_000), later)
     with prepared_backup(line, tmp_path / "b.ps4backup") as prepared:
         assert prepared.remarks == ()
         assert not [name for name in prepared.sources if name.startswith("parts/")]
