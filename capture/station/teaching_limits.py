@@ -12,6 +12,9 @@ from .recipe import GeneralLimits, Limits
 # texture differ by this much (`tests/capture/station/test_teaching.py`). Without it, captures of
 # one and the same part would give limits that the next part exceeds.
 _LEAST_SPREAD = 0.01
+# Least upper limit of Sdq, for parts without any slope: one grey value of 12 bits is 0.001 of a
+# signal of a quarter of full scale.
+_LEAST_SDQ = 0.001
 # Added to limits of shares of pixels: a share that is 0 on all good parts may be this on the next.
 _LEAST_SHARE = 0.005
 # Cells without a score come in groups: the limit is twice the largest area on a good part.
@@ -44,7 +47,7 @@ def limits_of_texture(
     least = max(0.0, -_limit([-sdq for sdq in sdqs]))
     return Limits(
         distance=math.exp(log_limit) if log_limit < _NO_LIMIT else None,
-        sdq=(least, _limit(sdqs)),
+        sdq=(least, max(_LEAST_SDQ, _limit(sdqs))),
         shadow_fraction=min(1.0, _LEAST_SHARE + _limit(shadow_fractions)),
         unmeasured_fraction=min(1.0, _LEAST_SHARE + _limit(unmeasured_fractions)),
     )

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from classify.errors import InputError
 from classify.surface.estimate import FloatMap
 
 from .defect_map import CELL_PX
@@ -13,6 +14,8 @@ from .defect_map import CELL_PX
 _TILE = 64 // CELL_PX
 # Share of the tile maxima, or at least this many, to which the tail is fitted.
 _TAIL_SHARE, _LEAST_TAIL = 0.2, 10
+# One begins the tail, and one is in it.
+_LEAST_TILES = 2
 # Bounds of the tail's shape: never shorter than exponential, and of finite variance.
 _LONGEST_TAIL = 0.4
 # Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
@@ -46,11 +49,21 @@ def limits_of(maxima: Maxima, false_alarm_rate: float) -> Maxima:
     ----------
     maxima
         (parts, m, tiles) `tile_maxima`; tiles without a valid cell are alike for all responses.
+
+    Raises
+    ------
+    InputError
+        If fewer than two tiles have a valid cell.
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
     ordered = ordered[:, np.isfinite(ordered).all(axis=0)]
     tiles = ordered.shape[1]
+    if tiles < _LEAST_TILES:
+        raise InputError(
+            f"{tiles} areas of {_TILE * CELL_PX} x {_TILE * CELL_PX} px of all good parts have "
+            "valid pixels; give good parts that are lit evenly and not saturated"
+        )
     tail = min(max(int(_TAIL_SHARE * tiles), _LEAST_TAIL), tiles - 1)
     start = ordered[:, -tail - 1]
     excess = ordered[:, -tail:] - start[:, None]

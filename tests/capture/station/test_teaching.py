@@ -218,6 +218,11 @@ def test_limits_of_equal_parts_leave_room() -> None:
     assert limits.shadow_fraction == pytest.approx(0.005)
 
 
+def test_parts_that_are_exactly_flat_have_limits() -> None:
+    limits = limits_of_texture([0.4, 0.4, 0.4], [0.0] * 3, [0.0] * 3, [0.0] * 3)
+    assert limits.sdq == (0.0, pytest.approx(0.001))
+
+
 def _taught_of(files: RecipeFolder) -> dict[str, object]:
     from capture.station.taught import read_taught
 
