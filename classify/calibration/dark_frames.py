@@ -33,7 +33,7 @@ _CLIPPED = 0.001
 
 @dataclass(frozen=True, eq=False)
 class DarkFrames:
-    """A dark part with what else the frames show.
+    """A dark part and further measures of its frames.
 
     Attributes
     ----------

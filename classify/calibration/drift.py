@@ -1,4 +1,4 @@
-"""Whether a rig still is as its calibration says, from one set of pictures of a white sheet."""
+"""Compare a rig with its calibration, by one set of pictures of a white sheet."""
 
 import math
 from collections.abc import Iterator

@@ -62,7 +62,7 @@ _NEGLIGIBLE, _SIGNIFICANT = 0.002, 3.0
 
 @dataclass(frozen=True, eq=False)
 class ExposureLadder:
-    """A response with what else the ladder shows.
+    """A response and further measures of its ladder.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
 # Of the model of LEDs: sheets 0.03 %, `gelsight_groove6` 0.8 %, a broad highlight of 30 % 2.8 %.
 _WORST_RESIDUAL = 0.015
-# cos(88 degrees): lights below are none that a solver could use.
+# cos(88 degrees): no solver can use lights below this elevation.
 _LOWEST = 0.035
 # A sheet that lies on a table is taken to be level to this; turned by half a turn to 10 degrees, a
 # sixth of its tilt remains.

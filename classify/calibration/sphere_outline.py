@@ -143,7 +143,7 @@ def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline
     Raises
     ------
     CalibrationRejected
-        If there is none, or it is cut by the frame.
+        If there is no sphere, or the frame cuts it.
     """
     features = _features(images, is_mirror=is_mirror)
     height, width = features[0].shape

@@ -153,7 +153,7 @@ def lights(
 def _calibration_and_photographs(
     paths: Sequence[Path], given: Sequence[Path] | None, masks: Sequence[Path] | None
 ) -> tuple[Path, list[Path]]:
-    """Tell the calibration from the photographs, in their order; a mask is none of those.
+    """Separate the calibration from the photographs, in their order and without the mask.
 
     A shell puts all but the first of ``--from photo*.png`` among the arguments.
     """

@@ -95,7 +95,7 @@ def resume(
     yes: Yes = False,
     json: options.Json = False,
 ) -> None:
-    """Go on with what is missing of a session."""
+    """Capture the missing sets of a session."""
     from capture.session.folder import session_folder
     from rig.config.rig import config_of
 

@@ -82,7 +82,7 @@ def add_token(folder: Folder, name: ClientName, role: RoleName) -> None:
 @token_app.command("remove")
 @reported
 def remove_token(folder: Folder, name: ClientName) -> None:
-    """Remove a program; its token is worth nothing at once."""
+    """Remove a program; its token is invalid at once."""
     from capture.station.folder import StationFolder
     from capture.station.panel.access.accounts import accounts_on_the_terminal
 

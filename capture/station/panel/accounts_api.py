@@ -23,7 +23,7 @@ def role_of(call: Call) -> Role:
     Raises
     ------
     InputError
-        If it is none.
+        If there is no such role.
     """
     text = call.text("role")
     if text not in tuple(Role):

@@ -36,7 +36,7 @@ def whole_number(call: Call, name: str, default: int, most: int) -> int:
     Raises
     ------
     InputError
-        If it is none.
+        If it is something else.
     """
     text = call.query.get(name, str(default))
     if not (text.isascii() and text.isdecimal() and len(text) < 16 and 1 <= int(text) <= most):

@@ -13,7 +13,7 @@ from .routes import Call
 
 @dataclass(frozen=True)
 class FilterForm:
-    """What the form holds.
+    """Values and choices of the form.
 
     Attributes
     ----------

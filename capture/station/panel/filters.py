@@ -27,7 +27,7 @@ def selection_of(query: Mapping[str, str]) -> Selection:
     Raises
     ------
     InputError
-        For a value that is none of its name.
+        For an invalid value.
     """
     since, until, verdict = (query.get(name) or None for name in ("since", "until", "verdict"))
     simulated = query.get("simulated") or "false"

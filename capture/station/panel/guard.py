@@ -41,7 +41,7 @@ def identity_of(panel: Panel, request: Request) -> Identity | None:
     Raises
     ------
     Denied
-        For a token that is none.
+        For an invalid token.
     InputError
         If the file of users or that of tokens is damaged.
     """
@@ -60,7 +60,7 @@ def identity_of(panel: Panel, request: Request) -> Identity | None:
 
 
 def endpoint_of(panel: Panel, route: PanelRoute) -> Callable[[Request], Awaitable[Response]]:
-    """Return what serves a route."""
+    """Return the function that serves a route."""
 
     async def endpoint(request: Request) -> Response:
         try:

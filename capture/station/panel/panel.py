@@ -1,4 +1,4 @@
-"""`Panel`: what all pages and API calls work with."""
+"""`Panel`: the objects that all pages and API calls work with."""
 
 from dataclasses import dataclass, field
 
@@ -18,7 +18,7 @@ from .triggering import KeyedTriggers
 
 @dataclass(frozen=True)
 class Panel:
-    """What all pages and API calls work with.
+    """The objects that all pages and API calls work with.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class Panel:
     changes
         The log of changes.
     jobs
-        The long job that somebody started, and no second one.
+        The long job that somebody started; there is at most one.
     users, tokens, sessions, logins
-        Who may ask.
+        Users, API clients and sessions, and the limit of failed logins.
     triggers
         Passes triggers of HTTP to the station.
     pictures

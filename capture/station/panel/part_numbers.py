@@ -20,7 +20,7 @@ class MeasuredNumber:
     name, value, limit
         As texts; the limit is empty where the recipe has none.
     is_beyond
-        Whether it speaks against the part.
+        Whether the value is beyond the limit.
     """
 
     name: str

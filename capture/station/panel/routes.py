@@ -22,7 +22,7 @@ class Call:
     Attributes
     ----------
     panel
-        What the panel works with.
+        The panel.
     request
         The request, for path, query and headers.
     who
@@ -97,9 +97,9 @@ class PanelRoute:
     types
         Types of fields that are no text: ``array`` or ``object``.
     answer
-        What the answer is.
+        Media type of the answer.
     menu
-        Its name in the menu of all pages; empty for a page that is not there.
+        Its name in the menu of all pages; empty for a page that is not in the menu.
     """
 
     method: Literal["GET", "POST", "DELETE"]

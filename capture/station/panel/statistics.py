@@ -42,13 +42,13 @@ class Figure:
     Attributes
     ----------
     title, note
-        What it shows, and what one must know of it.
+        What it shows, and how to read it.
     columns, rows
         The numbers.
     drawing
         The chart.
     remarks
-        What stands out, one fact each.
+        Points that stand out, one fact each.
     """
 
     title: str

@@ -28,7 +28,7 @@ def statistics_selection(query: Mapping[str, str]) -> Selection:
     Raises
     ------
     InputError
-        For a value that is none of its name, or a filter that statistics do not have.
+        For an invalid value, or a filter that statistics do not have.
     """
     for name in OF_ONE_PART:
         if query.get(name):

@@ -24,7 +24,7 @@ from .manifest import MANIFEST, MOST_FILES, Manifest, StoredFile
 
 _BLOCK_BYTES = 1 << 20
 _MOST_FILE_BYTES = 1 << 40
-# What SQLite keeps beside its file while programs have it open.
+# Files of SQLite beside the database while programs have it open.
 _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
 _LOCKS = (".lock", ".lock.held")
 DUMP = "results.pgdump"
@@ -38,7 +38,7 @@ class Backup:
     sources
         Files by their name in the backup.
     remarks
-        What the backup will not hold.
+        Missing files that the backup will not contain.
     """
 
     def __init__(
@@ -188,7 +188,7 @@ def _files_below(folder: Path) -> Iterator[Path]:
 
 
 def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:
-    """What changes with each file of the recipes: they name each other."""
+    """Stamps that change with each file of the recipes, because these files name each other."""
     stats = {path: path.stat() for path in _files_below(recipes)}
     return {path: (about.st_mtime_ns, about.st_size) for path, about in stats.items()}
 
@@ -217,7 +217,7 @@ def _check_space(folder: Path, config: StationConfig, path: Path, needed: int) -
 
 
 def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
-    """Copy a file into the archive, without what is appended to it meanwhile, such as to a log."""
+    """Copy a file into the archive, up to its present size: a log may grow meanwhile."""
     digest = sha256()
     with open_regular_file(source, _MOST_FILE_BYTES) as file:
         about = os.fstat(file.fileno())

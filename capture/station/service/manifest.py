@@ -1,4 +1,4 @@
-"""`Manifest`: what a backup of a station holds, with the hash of each file."""
+"""`Manifest`: the contents of a backup of a station, with the hash of each file."""
 
 from pathlib import PurePosixPath
 from typing import Annotated, Literal
@@ -37,7 +37,7 @@ class StoredFile(_Record):
 
 
 class Manifest(_Record):
-    """What a backup holds.
+    """The contents of a backup.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ class Manifest(_Record):
     station, software_version
         Name of the station, and the program that made the backup.
     database
-        Where the results are in it: a file of SQLite, or a dump of PostgreSQL; None before the
+        Name of the results in it: a file of SQLite, or a dump of PostgreSQL; None before the
         first run.
     parts, sets
         Number of the station's parts with a result, and of set files.
     missing
-        Set files that the results name and that were not there.
+        Set files that the results name and that were missing.
     files
         All files.
     """

@@ -98,7 +98,7 @@ class OpenBackup:
         path.touch(mode=0o600 if file.is_private else 0o666, exist_ok=False)
         digest, left = sha256(), file.bytes
         with self._readable(), self._archive.open(file.path) as member, path.open("wb") as target:
-            # One byte more than there should be is read, too.
+            # One byte more is read, to notice a file that is too long.
             while block := member.read(min(_BLOCK_BYTES, left + 1)):
                 left -= len(block)
                 if left < 0:

@@ -36,7 +36,7 @@ class PrivateFile(Generic[Model]):
         self._known: Model | None = None
 
     def read(self) -> Model:
-        """Return what the file holds; a missing one is an empty object.
+        """Return the contents of the file; a missing one is an empty object.
 
         Raises
         ------
@@ -74,7 +74,7 @@ class PrivateFile(Generic[Model]):
         return validated(values, self._model, str(self._path))
 
     def _present_stamp(self) -> tuple[int, int, int] | None:
-        """Return what changes whenever the file is replaced; None without one."""
+        """Return a stamp that changes when the file is replaced; None if it is missing."""
         try:
             about = self._path.stat()
         except OSError:

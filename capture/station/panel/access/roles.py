@@ -9,7 +9,7 @@ from classify.errors import InputError
 
 
 class Role(StrEnum):
-    """What somebody may do; each role may do what the one before may."""
+    """A role; each one includes the permissions of the previous one."""
 
     OPERATOR = "operator"  # sees everything, triggers, acknowledges
     ENGINEER = "engineer"  # overrides verdicts, teaches, approves, changes settings
@@ -50,7 +50,7 @@ def require_name(kind: str, name: str) -> None:
     Raises
     ------
     InputError
-        If it cannot be one.
+        If it is not a valid name.
     """
     try:
         file_name(name)

@@ -91,7 +91,7 @@ class LoginLimit:
         self._failures: dict[tuple[str, str], tuple[int, float]] = {}
 
     def begin(self, name: str, address: str) -> float:
-        """Count an attempt as a failure; return how long none is allowed, 0 if this one is.
+        """Count an attempt as a failure; return how long to wait, 0 if it is allowed.
 
         It is counted before the password is tried: many attempts at the same moment are many.
         """

@@ -1,4 +1,4 @@
-"""`Tokens`: what programs show instead of a password, in ``tokens.json`` of the station."""
+"""`Tokens`: API clients and the hashes of their tokens, in ``tokens.json`` of the station."""
 
 import hashlib
 import secrets
@@ -61,7 +61,7 @@ class Tokens:
 
     def find(self, token: str) -> Client | None:
         """Return the client of a token."""
-        # Hashes are compared: the time tells nothing of the token itself.
+        # Hashes are compared: the time reveals nothing of the token.
         digest = _sha256(token)
         found = (client for client in self._file.read().clients if client.sha256 == digest)
         return next(found, None)
@@ -88,7 +88,7 @@ class Tokens:
         return token
 
     def remove(self, name: str) -> Client:
-        """Remove a client, whose token is worth nothing from now on, and return it.
+        """Remove a client and return it; its token is invalid at once.
 
         Raises
         ------

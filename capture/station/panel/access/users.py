@@ -56,7 +56,7 @@ class Users:
         self._file = PrivateFile(folder / FILE, _File)
         # One at a time: each takes 64 MiB and a core for 50 ms.
         self._hashing = threading.Lock()
-        # Verified for names that are unknown, so that the time does not tell them.
+        # Verified for unknown names, so that the time does not reveal which names are known.
         self._nobody = ""
 
     def all(self) -> tuple[User, ...]:
@@ -74,13 +74,13 @@ class Users:
         return next((user for user in self.all() if user.name == name), None)
 
     def put(self, name: str, role: Role, password: str) -> User | None:
-        """Add a user, or give one another role and password; return the user there was.
+        """Add a user, or give one another role and password; return the previous user, if any.
 
         Raises
         ------
         InputError
             If the name cannot be one, the password is too short or too long, there are too many
-            users, or the last administrator would be none.
+            users, or the last administrator would lose the role.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing:
@@ -92,7 +92,7 @@ class Users:
         return before
 
     def remove(self, name: str) -> User:
-        """Remove a user, whose sessions end with that, and return it.
+        """Remove a user and end the user's sessions; return the user.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class Users:
         return user
 
     def verified(self, name: str, password: str) -> User | None:
-        """Return the user with this name and password, or None; it takes as long for both."""
+        """Return the user with this name and password, or None; both take the same time."""
         user, normal = self.get(name), unicodedata.normalize("NFKC", password)
         if len(normal) > LONGEST_PASSWORD or not _is_encodable(normal):
             return None

@@ -1,4 +1,4 @@
-"""The stored set of a part, or why there is none."""
+"""Find the stored set of a part, or say why it is missing."""
 
 from pathlib import Path
 

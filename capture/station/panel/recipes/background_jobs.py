@@ -54,11 +54,11 @@ class Job:
     status
         ``running``, ``done`` or ``failed``.
     step, taken, total
-        What it works on, and how many of its items are done.
+        The present step, and how many of its items are done.
     error
         Why it failed.
     result
-        What it found.
+        Its outcome.
     """
 
     kind: str

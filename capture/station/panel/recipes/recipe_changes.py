@@ -40,7 +40,7 @@ class LongChange:
     title
         What it does, for people.
     ended
-        Records its end, and what came of it; None is the recipe as it is then.
+        Records its end and its outcome; None stands for the recipe at that time.
     """
 
     title: str
@@ -133,7 +133,7 @@ class RecipeChanges:
         Raises
         ------
         RecipeError
-            If there is none with this hash, or what was taught for it was changed since.
+            If no approved state has this hash, or what was taught for it was changed since.
         """
 
         def record(old: Recipe, new: Recipe) -> None:

@@ -38,13 +38,13 @@ class FormField:
     name
         Its name in the form.
     label, hint
-        What it is called and what it means.
+        Its label, and its meaning.
     kind
-        What it takes.
+        Kind of its values.
     value
         Its value as text.
     message
-        What is wrong with it; empty if nothing is.
+        What is wrong with the value; empty if nothing is.
     """
 
     name: str
@@ -57,7 +57,7 @@ class FormField:
 
 @dataclass(frozen=True)
 class FormSection:
-    """Fields with a heading; `message` is wrong with them together."""
+    """Fields with a heading; `message` says what is wrong with their combination."""
 
     title: str
     hint: str
@@ -128,7 +128,7 @@ class RecipeForm:
         ]
 
     def other_messages(self) -> list[str]:
-        """Return what is wrong with no single field; call it after `sections`."""
+        """Return the messages that belong to no single field; call it after `sections`."""
         return [
             f"{dotted(place) or self._recipe.name}: {message}"
             for place, message in self._messages.items()

@@ -61,7 +61,7 @@ def add_parts_to_challenge(
     Raises
     ------
     InputError
-        If a part has no set, or the verdict is none that can be expected.
+        If a part has no set, or the verdict is not PASS, FAIL or UNKNOWN.
     """
     wanted = next((each for each in EXPECTED if each == expected), None)
     if wanted is None:
