@@ -7,32 +7,32 @@ import queue
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 from capture.errors import CalibrationError, SetRejected
-from rig.doctor.check import Check
 
+from .changeover import Changeover
 from .config import StationConfig
 from .errors import said
 from .events import (
     ExposureComplete,
     PartAnnounced,
     PartBegun,
-    SelfTestFinished,
+    RecipeLoaded,
     StateChanged,
     StationStopped,
-    TriggerRefused,
 )
+from .guarded_thread import GuardedThread
 from .outcome import ExposedPart
 from .part_sensor import PartSensor
 from .parts import Parts
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .results.database import ResultsUnavailable
 from .results.part_result import PartResult
 from .results.store import BegunPart
-from .self_test import disk_fault, require_no_fault
+from .self_test import SelfTest, disk_fault
 from .states import Change, State, StateMachine
 from .triggers import Accepted, Answer, Refusal, Refused, Trigger, TriggerSource, refusal_by
 from .verdict import Cause, Decision
@@ -66,10 +66,13 @@ class Station:
         self, folder: Path, config: StationConfig, parts: Parts, count: int | None = None
     ) -> None:
         self._folder, self._config = folder, config
+        self._parts = parts
         self._camera, self._judge, self._store = parts.camera, parts.judge, parts.store
         self._prepare, self._clock = parts.prepare, parts.clock
         self._publish, self._sensor = parts.publisher.publish, parts.sensor
         self._turned = parts.turned
+        self._self_test = SelfTest(self._publish)
+        self._changeover = Changeover(parts.recipes, self._publish)
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
         self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
@@ -78,7 +81,6 @@ class Station:
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
         self._set_bytes = 0  # of the last set
-        self._tested: list[str] = []
         self._was_ready = False
         self._announced: Counter[Decision] = Counter()
         self._refused = 0
@@ -100,7 +102,7 @@ class Station:
 
     def submit(self, trigger: Trigger) -> Answer:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
-        utc, refused = self._clock.now(), self._reserve()
+        utc, refused = self._clock.now(), self._reserve(trigger)
         if refused is not None:
             return self.refuse(trigger, *refused)
         try:
@@ -119,11 +121,26 @@ class Station:
         self._next.put((begun, step, self._clock.monotonic_s()))
         return Accepted(begun.part_id, begun.number)
 
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Load a recipe beside the parts; return when it judges all parts triggered from then on.
+
+        Raises RecipeRefused if that cannot be done: the present recipe holds.
+        """
+        with self._changeover.loading(name, by) as wanted:
+            with self._lock:
+                if self.is_stopping or self._machine.state not in (State.READY, State.EXECUTING):
+                    reason = "the station stops" if self.is_stopping else self._reason
+                    raise RecipeRefused(f"not ready: {reason}", RecipeRefusal.NOT_READY)
+                self._changeover.want(wanted)
+                self._become_free()
+            return wanted.answer.result()
+
     def stop(self, error: BaseException | None = None) -> None:
         """Accept no further trigger; `run` ends after the parts in progress, with `error`."""
         with self._lock:
             self._error = self._error or error
             self._stopping.set()
+            self._changeover.refuse("the station stops")
 
     # The run.
 
@@ -138,13 +155,11 @@ class Station:
             As it came, after the parts in progress.
         """
         threads = [
-            threading.Thread(target=self._guarded, args=(work,), name=f"station {name}")
+            GuardedThread(work, self.stop, f"station {name}")
             for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
         ]
         # A source that waits for a key cannot be ended.
-        feeder = threading.Thread(
-            target=self._guarded, args=(lambda: source.run(self),), name="triggers", daemon=True
-        )
+        feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
         try:
             for thread in (*threads, feeder):
                 thread.start()
@@ -153,7 +168,7 @@ class Station:
         except KeyboardInterrupt as interrupt:
             self.stop(interrupt)
         for thread in threads:
-            self._join(thread)
+            thread.join_through_interrupts()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
         if self._error is not None:
             reason = said(self._error)
@@ -165,22 +180,6 @@ class Station:
             raise self._error
         return stopped
 
-    def _join(self, thread: threading.Thread) -> None:
-        while thread.is_alive():
-            try:
-                thread.join()
-            except KeyboardInterrupt as interrupt:
-                self.stop(interrupt)
-
-    def _guarded(self, work: Callable[[], None]) -> None:
-        """Do the work of a thread, whose end ends the run."""
-        try:
-            work()
-        except BaseException as error:
-            self.stop(error)
-        else:
-            self.stop()
-
     # The thread that captures.
 
     def _capture_parts(self) -> None:
@@ -189,8 +188,10 @@ class Station:
                 self._turned("capture")
                 if not self._exposing and not self._is_open():
                     self._become_ready()
+                elif self._machine.state is State.INITIALIZED:
+                    self._change_recipe()
                 else:
-                    if self._sensor is not None and self._is_ready():
+                    if self._sensor is not None and self._machine.state is State.READY:
                         self._await_part(self._sensor)
                     with suppress(queue.Empty):
                         self._expose(*self._next.get(timeout=_POLL_S))
@@ -201,13 +202,10 @@ class Station:
     def _is_open(self) -> bool:
         return self._machine.state not in (State.PREOPERATIONAL, State.ERROR)
 
-    def _is_ready(self) -> bool:
-        return self._machine.state is State.READY
-
     def _await_part(self, sensor: PartSensor) -> None:
         def is_over() -> bool:
             self._turned("capture")
-            return self.is_stopping or not self._is_ready()
+            return self.is_stopping or self._machine.state is not State.READY
 
         try:
             sensor.await_part(self, is_over)
@@ -222,18 +220,14 @@ class Station:
             return
         if self._was_ready and self._stops_within(self._config.reconnect_s):
             return
-        checks: list[Check] = []
         try:
-            checks += self._prepare()
-            require_no_fault(checks)
-            self._camera.open()
-            with self._lock:
-                self._machine.change(Change.OPENED)
-            checks += self._camera.test(is_start=not self._was_ready)
-            self._tell_of(checks)
-            require_no_fault(checks)
+            with self._self_test.told() as require:
+                require(self._prepare())
+                self._camera.open()
+                with self._lock:
+                    self._machine.change(Change.OPENED)
+                require(self._camera.test(is_start=not self._was_ready))
         except Exception as error:
-            self._tell_of(checks)
             self._fail(said(error))
             if not self._was_ready:
                 raise
@@ -242,19 +236,28 @@ class Station:
         with self._lock:
             self._machine.change(Change.TESTED)
 
+    def _change_recipe(self) -> None:
+        """Take another recipe as soon as the last part has its result."""
+        with self._lock:
+            wanted = None if self._waiting > 0 else self._changeover.taken()
+        if wanted is None:
+            self._stopping.wait(_PAUSE_S)
+            return
+        try:
+            self._judge = self._changeover.take(wanted, self._camera, self._self_test)
+        except Exception as error:
+            self._fail(said(error))
+        else:
+            with self._lock:
+                self._machine.change(Change.TESTED)
+            wanted.answer.set_result(wanted.recipe.loaded)
+
     def _stops_within(self, duration_s: float) -> bool:
         """Wait; False if the station does not stop in this time."""
         while duration_s > 0.0 and not self._stopping.wait(min(duration_s, _POLL_S)):
             self._turned("capture")
             duration_s -= _POLL_S
         return self.is_stopping
-
-    def _tell_of(self, checks: list[Check]) -> None:
-        """Publish a self-test that found something else than the one before."""
-        found = [f"{each.name} {each.status}" for each in checks]
-        if found != self._tested:
-            self._publish(SelfTestFinished(tuple(checks)))
-        self._tested = found
 
     def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
         captured, error = None, None
@@ -335,7 +338,7 @@ class Station:
 
     # State and reservations.
 
-    def _reserve(self) -> tuple[str, Refusal] | None:
+    def _reserve(self, trigger: Trigger) -> tuple[str, Refusal] | None:
         """Reserve the camera for a part; return the reason if that is not possible."""
         with self._lock:
             if self.is_stopping or self._left == 0:
@@ -348,6 +351,8 @@ class Station:
                 return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
             if self._machine.state is not State.READY:
                 return "not ready: the self-test runs", Refusal.NOT_READY
+            if self._changeover.lacks(trigger.recipe):
+                return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
             sets_bytes = (self._waiting + 1) * self._set_bytes
             reason = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
             if reason is not None:
@@ -372,19 +377,9 @@ class Station:
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served. Never raises."""
-        is_recorded = False
-        with suppress(BaseException):
-            self._store.refuse(
-                trigger=trigger.source,
-                utc=self._clock.now(),
-                reason=reason,
-                simulated=self._camera.is_simulated,
-                part_id=trigger.part_id,
-            )
-            is_recorded = True
         with self._lock:
             self._refused += 1
-        self._publish(TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded))
+        self._publish(self._parts.refused(trigger, reason))
         return Refused(reason, kind)
 
     def _become_free(self) -> None:
@@ -393,8 +388,11 @@ class Station:
             is_free = not self._exposing and self._waiting < self._config.buffers
             if is_free and self._machine.state is State.EXECUTING and not self.is_stopping:
                 self._machine.change(Change.FREE)
+            if is_free and self._machine.state is State.READY and self._changeover.is_wanted:
+                self._machine.change(Change.RECIPE)
 
     def _fail(self, reason: str) -> None:
         with self._lock:
             self._reason = reason
             self._machine.change(Change.FAILED, reason)
+            self._changeover.refuse(f"not ready: {reason}")

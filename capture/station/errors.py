@@ -10,6 +10,10 @@ class RecipeError(InputError):
     """A recipe, or what was taught for it, that cannot be used; the message says what to do."""
 
 
+class NotApproved(RecipeError):  # noqa: N818 - the state of a recipe, no error of the program
+    """A recipe that nobody approved as it is."""
+
+
 class ChallengeFailed(Ps4rigError):  # noqa: N818 - a verdict on a recipe, no error of the program
     """A part of the challenge set gets another verdict than it must; the message names it."""
 

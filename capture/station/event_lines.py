@@ -26,8 +26,9 @@ _DIGITS = 8  # of a hash, for people to compare
 def text_lines(event: Event) -> list[str]:
     """Return an event as lines of text for people; many events have none."""
     match event:
-        case RecipeLoaded(name, version, sha256):
-            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}"]
+        case RecipeLoaded(name, version, sha256, by):
+            loaded = f", loaded by {by}" if by else ""
+            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
         case StateChanged(State.EXECUTING, _) | StateChanged(State.READY, Change.FREE):
             return []  # of every part
         case StateChanged(state, reason):

@@ -20,11 +20,15 @@ _MOST_EVENTS = 1000
 
 @dataclass(frozen=True)
 class RecipeLoaded:
-    """The recipe by which this run judges all its parts; a run never reads it again."""
+    """The recipe by which all parts are judged that are triggered from now on.
+
+    `by` says who asked for it; empty at the start. All earlier parts have their results.
+    """
 
     name: str
     version: int
     sha256: str
+    by: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,20 @@
 """`Parts`: what the cycle of a station works with."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 from rig.doctor.check import Check
 
-from .events import Publisher
+from .changeover import Recipes
+from .events import Publisher, TriggerRefused
 from .outcome import PartJudge
 from .part_sensor import PartSensor
 from .results.store import ResultStore
 from .station_clock import StationClock
 from .station_rig import PartCamera
+from .triggers import Trigger
 
 Worker = Literal["capture", "verdict"]
 """A thread of the cycle."""
@@ -28,7 +31,7 @@ class Parts:
     camera
         The rig.
     judge
-        Makes the result of an exposed part.
+        Makes the result of an exposed part, until another recipe is loaded.
     store
         The results.
     prepare
@@ -43,6 +46,8 @@ class Parts:
     turned
         Called by each worker several times a second while it waits, and between two steps of its
         work. A worker that hangs does not call it.
+    recipes
+        The recipes that can be loaded; None if no parts are judged.
     """
 
     camera: PartCamera
@@ -53,3 +58,18 @@ class Parts:
     publisher: Publisher
     sensor: PartSensor | None = None
     turned: Turned = lambda _: None
+    recipes: Recipes | None = None
+
+    def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
+        """Record a trigger that cannot be served; return what is to be published. Never raises."""
+        is_recorded = False
+        with suppress(BaseException):
+            self.store.refuse(
+                trigger=trigger.source,
+                utc=self.clock.now(),
+                reason=reason,
+                simulated=self.camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+            is_recorded = True
+        return TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded)

@@ -9,7 +9,7 @@ from capture.session.plan import Label, Name, Text
 from rig.config.section import Section
 from rig.set_file import fields_sha256
 
-from .errors import RecipeError
+from .errors import NotApproved
 
 _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
@@ -194,13 +194,13 @@ def require_approved(recipe: Recipe) -> None:
 
     Raises
     ------
-    RecipeError
+    NotApproved
         If it was never approved, or was changed since.
     """
     if recipe.is_approved:
         return
     state = "was changed since it was approved" if recipe.approval else "is not approved"
-    raise RecipeError(
+    raise NotApproved(
         f"recipe {recipe.name}, version {recipe.version}, {state}; run ps4rig station approve, or "
         "approve it in the panel of a run with --collect"
     )

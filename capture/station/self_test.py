@@ -1,7 +1,8 @@
 """The self-test of a station: what must hold before it accepts a trigger."""
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from rig.doctor.check import Check, collected
 from rig.doctor.light_images import capture_light_images, check_leds
 
 from .challenge import replay_challenge
+from .events import SelfTestFinished
 from .folder import PARTS
 from .inspector import Inspector
 from .recipe import CalibrationRule
@@ -45,6 +47,37 @@ def require_no_fault(checks: Iterable[Check]) -> None:
     ]
     if faults:
         raise SelfTestFailed("self-test: " + "; ".join(faults))
+
+
+class SelfTest:
+    """Collects the checks of a self-test, and tells of one that found something else than before.
+
+    Parameters
+    ----------
+    publish
+        Gets the event.
+    """
+
+    def __init__(self, publish: Callable[[SelfTestFinished], None]) -> None:
+        self._publish = publish
+        self._told: list[str] = []
+
+    @contextmanager
+    def told(self) -> Iterator[Callable[[list[Check]], None]]:
+        """Yield a function that takes checks and raises as `require_no_fault`."""
+        checks: list[Check] = []
+
+        def require(found: list[Check]) -> None:
+            checks.extend(found)
+            require_no_fault(checks)
+
+        try:
+            yield require
+        finally:
+            found = [f"{each.name} {each.status}" for each in checks]
+            if found != self._told:
+                self._publish(SelfTestFinished(tuple(checks)))
+            self._told = found
 
 
 def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:

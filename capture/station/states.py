@@ -22,6 +22,7 @@ class Change(StrEnum):
     TESTED = "self-test passed"
     TRIGGERED = "trigger accepted"
     FREE = "exposure complete and a buffer free"
+    RECIPE = "another recipe is wanted, and no part is exposed"
     FAILED = "rig, disk, database or self-test failed"
     STOPPED = "stopped"
 
@@ -32,6 +33,7 @@ TRANSITIONS: dict[tuple[State, Change], State] = {
     (State.INITIALIZED, Change.TESTED): State.READY,
     (State.INITIALIZED, Change.FAILED): State.ERROR,
     (State.READY, Change.TRIGGERED): State.EXECUTING,
+    (State.READY, Change.RECIPE): State.INITIALIZED,
     (State.READY, Change.FAILED): State.ERROR,
     (State.EXECUTING, Change.FREE): State.READY,
     (State.EXECUTING, Change.FAILED): State.ERROR,

@@ -9,6 +9,7 @@ from typing import Protocol
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
 from capture.calibration.lookup import read_calibration
+from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.captured_set import CapturedSet
 from rig import HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
@@ -68,9 +69,8 @@ class StationRig:
         recipe: Recipe,
         exposed: Callable[[CapturedSet], None] = lambda _: None,
     ) -> None:
-        wanted = recipe.light.model_dump(exclude_none=True)
-        self._config, self._exposed = config, exposed
-        self._rig_config = rig_config.with_changes(camera=wanted) if wanted else rig_config
+        self._config, self._given, self._exposed = config, rig_config, exposed
+        self._rig_config = self._with_light_of(recipe)
         self._rig: Rig | None = None
         self._part: ArrivedPart | None = None
         self._counted: int | None = None  # parts that the sensor saw and that are accounted for
@@ -81,6 +81,25 @@ class StationRig:
     def is_simulated(self) -> bool:
         """Whether its sets are simulated."""
         return self._rig_config.is_simulated
+
+    def use(
+        self,
+        recipe: Recipe,
+        calibration: CalibrationFile | None,
+        exposed: Callable[[CapturedSet], None],
+    ) -> None:
+        """Take the settings of another recipe; an open rig with other settings is opened anew.
+
+        Raises
+        ------
+        HardwareError
+            If it cannot be opened.
+        """
+        self.calibration, self._exposed = calibration, exposed
+        before, self._rig_config = self._rig_config, self._with_light_of(recipe)
+        if self._rig is not None and self._rig_config != before:
+            self.close()
+            self.open()
 
     def open(self) -> None:
         """Open the rig.
@@ -165,6 +184,10 @@ class StationRig:
             # Nothing is known of a rig that failed; its watchdog puts the LEDs out.
             with suppress(Exception):
                 rig.close()
+
+    def _with_light_of(self, recipe: Recipe) -> RigConfig:
+        wanted = recipe.light.model_dump(exclude_none=True)
+        return self._given.with_changes(camera=wanted) if wanted else self._given
 
     def _place(self, number: int) -> None:
         """Put a part below the camera of a simulated rig."""

@@ -9,6 +9,8 @@ from typing import Protocol
 
 from classify.errors import InputError
 
+from .events import RecipeLoaded
+from .recipe_request import Asker
 from .results.database import ResultsUnavailable
 
 
@@ -22,10 +24,13 @@ class Trigger:
         ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
     part_id
         Identity of the part, unique in the station; None lets the station choose one.
+    recipe
+        Name of the recipe that must judge it; None for whichever is loaded.
     """
 
     source: str
     part_id: str | None = None
+    recipe: str | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,7 @@ class Refusal(Enum):
     DISK = auto()
     DATABASE = auto()
     PART_ID = auto()  # invalid, or used before
+    RECIPE = auto()  # another one is loaded than the trigger requires
     UNFORESEEN = auto()
 
 
@@ -74,6 +80,9 @@ class TriggerTarget(Protocol):
 
     def refuse(self, trigger: Trigger, reason: str) -> Refused:
         """Record a trigger that cannot be served. Never raises."""
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Load another recipe; raises RecipeRefused, and the present one holds."""
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""

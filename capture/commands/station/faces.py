@@ -68,8 +68,9 @@ def panel_settings(configured: PanelConfig, host: str | None, port: int | None) 
 
 def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine | None:
     """Return the handshake with a PLC, or None if neither section nor trigger asks for one."""
-    from capture.station.plc.handshake import MAX_SESSION, SOURCE, Handshake
+    from capture.station.plc.handshake import MAX_SESSION, Handshake
     from capture.station.plc.line import PlcLine
+    from capture.station.plc.selection import SOURCE
 
     if config.modbus is None and trigger != SOURCE:
         return None

@@ -21,12 +21,14 @@ from capture.station.events import (
     StationStopped,
     TriggerRefused,
 )
+from capture.station.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
 from capture.station.states import Change, State
 from capture.station.triggers import Answer, Refused, Trigger, TriggerSource, TriggerTarget
 from capture.station.verdict import Decision
 
+from .attached_source import AttachedSource
 from .devices import Device, DeviceStates
 from .subscription import LiveEvent, Subscription
 
@@ -37,7 +39,8 @@ _KEPT_REJECTED = 12
 _RATE_WINDOW_S = 60.0
 # A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
 _KEPT_TIMES = 600
-_POLL_S = 0.2
+# Events come through a thread of their own, with other subscribers before this one.
+_TOLD_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Snapshot:
     trigger
         Where triggers come from.
     recipe
-        The recipe by which this run judges; None before it is loaded.
+        The recipe by which parts are judged; None before it is loaded.
     inspected
         The part that was begun last, as long as it has no announced result.
     last, latency_ms
@@ -147,7 +150,7 @@ class LiveStation:
     ) -> None:
         self._station, self._simulated, self._trigger = station, simulated, trigger
         self._now_s = now_s
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()  # notified of another recipe
         self._target: TriggerTarget | None = None
         self._has_target = threading.Event()
         self._state, self._reason = State.PREOPERATIONAL, "the station is starting"
@@ -176,6 +179,7 @@ class LiveStation:
             match event:
                 case RecipeLoaded():
                     self._recipe = event
+                    self._lock.notify_all()
                 case StateChanged(state, reason):
                     self._state, self._reason = state, reason
                 case TriggerRefused():
@@ -199,7 +203,7 @@ class LiveStation:
 
     def attached(self, source: TriggerSource | None) -> TriggerSource:
         """Return `source`, from whose run on `submit` reaches the station; None waits for it."""
-        return _Attached(self, source)
+        return AttachedSource(self.attach, source)
 
     def attach(self, target: TriggerTarget) -> None:
         """Pass triggers to `target` from now on."""
@@ -235,6 +239,24 @@ class LiveStation:
             target = self._target
         if target is not None:
             target.refuse(trigger, reason)
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Let the station load a recipe; return when it judges all parts triggered from then on.
+
+        Raises
+        ------
+        RecipeRefused
+            If that cannot be done: the present recipe holds.
+        """
+        with self._lock:
+            target = self._target
+        if target is None:
+            raise RecipeRefused("not ready: the station is starting", RecipeRefusal.NOT_READY)
+        loaded = target.load_recipe(name, by)
+        with self._lock:
+            # A snapshot must show it, unless somebody has loaded another one since.
+            self._lock.wait_for(lambda: self._recipe == loaded, _TOLD_S)
+        return loaded
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
@@ -340,23 +362,6 @@ class LiveStation:
         if len(recent) < 2:
             return 0.0
         return round(60.0 * (len(recent) - 1) / max(now_s - recent[0], 1e-3), 1)
-
-
-class _Attached:
-    """A source of triggers that tells a `LiveStation` of its station first."""
-
-    def __init__(self, live: LiveStation, source: TriggerSource | None) -> None:
-        self._live, self._source = live, source
-        self._pause = threading.Event()  # never set: waiting on it can be interrupted
-
-    def run(self, station: TriggerTarget) -> None:
-        """Submit triggers until the station stops."""
-        self._live.attach(station)
-        if self._source is not None:
-            self._source.run(station)
-            return
-        while not station.is_stopping:
-            self._pause.wait(_POLL_S)
 
 
 def _is_of_a_part(event: StateChanged | SelfTestFinished) -> bool:

@@ -36,12 +36,13 @@ from .registers import (
     VERDICTS,
     Command,
     ErrorCode,
+    SelectError,
     Status,
     decoded,
     encoded,
 )
+from .selection import SOURCE, Selection
 
-SOURCE = "modbus"
 # Number of unacknowledged results beyond which the PLC does not run its program.
 MOST_WAITING = 16
 _CODES = {
@@ -51,10 +52,11 @@ _CODES = {
     Refusal.DISK: ErrorCode.DISK,
     Refusal.DATABASE: ErrorCode.DATABASE,
     Refusal.PART_ID: ErrorCode.PART_ID,
+    Refusal.RECIPE: ErrorCode.RECIPE,
     Refusal.UNFORESEEN: ErrorCode.UNFORESEEN,
 }
 MAX_SESSION = (1 << 32) - 1
-_ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK
+_ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
 _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
 
 
@@ -66,12 +68,15 @@ class TriggerRequest:
     ----------
     trigger_id, part_id
         As the PLC gave them; None lets the station make the id of the part.
+    recipe
+        Name of the recipe that the PLC requires; None if it requires none.
     refusal
         Why the handshake refused it, to be recorded; None if the station must answer.
     """
 
     trigger_id: int
     part_id: str | None
+    recipe: str | None = None
     refusal: str | None = None
 
 
@@ -98,6 +103,8 @@ class Handshake:
         The station's heartbeat register; the caller counts it up.
     is_open
         Whether triggers reach the station; until then they are refused.
+    selection
+        The recipe that the PLC wants to be loaded.
     """
 
     def __init__(
@@ -122,6 +129,7 @@ class Handshake:
         self._is_wrong_ack = False
         self.heartbeat = 0
         self.is_open = True
+        self.selection = Selection()
 
     # The PLC.
 
@@ -157,6 +165,11 @@ class Handshake:
         if Command.RESULTS_ACK not in new:
             self._is_wrong_ack = False
         self._show_next()
+        if Command.SELECT_RECIPE not in new:
+            self.selection.withdraw()
+        elif Command.SELECT_RECIPE not in old:
+            position = given["recipe"]
+            self.selection.select(position, self._name_at(position), is_open=self.is_open)
         if Command.TRIGGER not in new:
             self._withdraw()
         elif Command.TRIGGER not in old:
@@ -184,6 +197,7 @@ class Handshake:
                 self._state = state
             case RecipeLoaded():
                 self._recipe = event
+                self.selection.tell(event)
             case PartBegun(_, number) if not self._is_trigger:
                 self._begun = number
             case ExposureComplete(_, number):
@@ -227,6 +241,8 @@ class Handshake:
                 "result_hash": _hash(None if shown is None else shown.recipe_sha256),
                 "overruns": self._overruns,
                 "result_part_id": "" if shown is None else shown.part_id,
+                "selected": self.selection.position,
+                "select_error": self.selection.error,
             },
         )
 
@@ -241,6 +257,8 @@ class Handshake:
             Status.REFUSED: self._error is not ErrorCode.NONE,
             Status.WRONG_ACK: self._is_wrong_ack,
             Status.SIMULATED: self._is_simulated,
+            Status.RECIPE_LOADED: self.selection.is_loaded,
+            Status.RECIPE_REFUSED: self.selection.error is not SelectError.NONE,
         }
         status = Status(0)
         for bit, is_set in bits.items():
@@ -274,8 +292,10 @@ class Handshake:
                 reason = ErrorCode.PART_ID, str(error)
         if reason is not None:
             self._error, text = reason
-            return TriggerRequest(trigger_id, part_id, text)
-        self._current = self._unanswered = TriggerRequest(trigger_id, part_id)
+            return TriggerRequest(trigger_id, part_id, refusal=text)
+        # The station may just have loaded another recipe by somebody else's wish.
+        recipe = self._name_at(given["recipe"])
+        self._current = self._unanswered = TriggerRequest(trigger_id, part_id, recipe)
         return self._current
 
     def _withdraw(self) -> None:
@@ -290,6 +310,8 @@ class Handshake:
             return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:
             return ErrorCode.UNANSWERED, "busy: another trigger is not answered yet"
+        if self.selection.loading is not None:
+            return ErrorCode.RECIPE_LOADING, f"recipe {self.selection.loading.name} is being loaded"
         required = self.commands["recipe"]
         if required not in (0, self._position()):
             return ErrorCode.RECIPE, f"recipe {required} is not the loaded one"
@@ -303,6 +325,10 @@ class Handshake:
         if self._recipe is None or self._recipe.name not in self._recipes:
             return 0
         return self._recipes.index(self._recipe.name) + 1
+
+    def _name_at(self, position: int) -> str | None:
+        """Return the name of the recipe at a position, or None if there is none."""
+        return self._recipes[position - 1] if 1 <= position <= len(self._recipes) else None
 
     # Results.
 

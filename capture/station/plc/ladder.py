@@ -12,6 +12,8 @@ from .registers import CAUSES, VERDICTS, Command, Status
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0
 RESULT_S = 60.0
+# Loading replays a challenge set of which something has changed.
+RECIPE_S = 300.0
 _ERROR = VERDICTS[Decision.ERROR]
 _IDS = 0xFFFF
 
@@ -37,10 +39,15 @@ class Judged:
 
 
 class _Step(Enum):
-    CLEAR = auto()  # wait until the station has taken Ack and Refused away
+    CLEAR = auto()  # wait until the station has taken its answers away
     READY = auto()  # wait for a part, and for Ready
+    RECIPE = auto()  # SelectRecipe is set
     ANSWER = auto()  # Trigger is set
     EXPOSURE = auto()  # the part must not move
+
+
+_COMMANDS = {_Step.RECIPE: Command.SELECT_RECIPE, _Step.ANSWER: Command.TRIGGER}
+_ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_REFUSED
 
 
 class Ladder:
@@ -49,10 +56,14 @@ class Ladder:
     Put the id of the part below the camera into `part_id`, which becomes None as soon as the part
     may move, and take the parts from `judged`. A part is triggered once: if that fails it is an
     ERROR.
+
+    Put the position of the recipe that the parts need into `recipe`, between two parts; 0 is
+    whichever is loaded. A part whose recipe the station does not load is an ERROR.
     """
 
     def __init__(self) -> None:
         self.part_id: str | None = None
+        self.recipe = 0
         self.judged: list[Judged] = []
         self._session = 0
         self._heartbeat = 0
@@ -76,7 +87,7 @@ class Ladder:
         self._trigger(inputs, status, now_s)
         self._take_result(inputs, status, now_s)
         self._heartbeat = self._heartbeat % _IDS + 1
-        commands = Command.TRIGGER if self._step is _Step.ANSWER else Command(0)
+        commands = _COMMANDS.get(self._step, Command(0))
         if self._is_acknowledging:
             commands |= Command.RESULTS_ACK
         return {
@@ -84,7 +95,7 @@ class Ladder:
             "commands": commands,
             "trigger_id": self._trigger_id,
             "ack_number": self._ack_number,
-            "recipe": 0,
+            "recipe": self.recipe,
             "part_id": self.part_id or "",
         }
 
@@ -102,12 +113,12 @@ class Ladder:
         self._step, self._is_acknowledging = _Step.CLEAR, False
 
     def _trigger(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
-        if self._step is _Step.CLEAR and not status & (Status.ACK | Status.REFUSED):
+        if self._step is _Step.CLEAR and not status & _ANSWERS:
             self._step = _Step.READY
-        if self._step is _Step.READY and self.part_id is not None and Status.READY in status:
-            self._trigger_id = self._trigger_id % _IDS + 1
-            self._deadline_s = now_s + ANSWER_S
-            self._step = _Step.ANSWER
+        if self._step is _Step.READY and self.part_id is not None:
+            self._begin(inputs, status, now_s)
+        elif self._step is _Step.RECIPE:
+            self._await_recipe(inputs, status, now_s)
         elif self._step is _Step.ANSWER:
             is_mine = inputs["trigger_id"] == self._trigger_id
             if is_mine and Status.ACK in status and self.part_id is not None:
@@ -124,6 +135,21 @@ class Ladder:
                 # It moves now, and may still be exposed: its result must not count.
                 self._expected.pop(self._number, None)
                 self._reject()
+
+    def _begin(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
+        """Select the recipe of the part, or trigger the part."""
+        if self.recipe not in (0, inputs["recipe"]):
+            self._deadline_s, self._step = now_s + RECIPE_S, _Step.RECIPE
+        elif Status.READY in status:
+            self._trigger_id = self._trigger_id % _IDS + 1
+            self._deadline_s, self._step = now_s + ANSWER_S, _Step.ANSWER
+
+    def _await_recipe(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
+        is_mine = inputs["selected"] == self.recipe
+        if is_mine and Status.RECIPE_LOADED in status:
+            self._step = _Step.CLEAR
+        elif (is_mine and Status.RECIPE_REFUSED in status) or now_s > self._deadline_s:
+            self._reject()
 
     def _take_result(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
         if self._is_acknowledging:

@@ -9,9 +9,11 @@ from typing import Self
 from capture.station.events import Event
 from capture.station.live.devices import Device, Status
 from capture.station.live.live_station import LiveStation
+from capture.station.recipe_request import RecipeRefused
 from capture.station.triggers import Trigger
 
-from .handshake import SOURCE, Handshake, TriggerRequest
+from .handshake import Handshake, TriggerRequest
+from .selection import ASKER, SOURCE, RecipeRequest
 
 # At the end of a run: many scans of a PLC's program.
 _LAST_S = 3.0
@@ -58,6 +60,8 @@ class PlcLine:
         self._is_closed = False
         self._heard_s = now_s()
         self._thread = threading.Thread(target=self._run, name="triggers of the PLC")
+        self._loading: RecipeRequest | None = None
+        self._loader: threading.Thread | None = None
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -68,7 +72,10 @@ class PlcLine:
             self._changed.wait_for(self._is_done, self._last_s)
             self._is_closed = True
             self._changed.notify_all()
+            loader = self._loader
         self._thread.join()
+        if loader is not None:
+            loader.join()  # the station stops, and has refused the recipe
 
     # The bus.
 
@@ -108,6 +115,7 @@ class PlcLine:
                 self._request = request
             elif request is not None and request.refusal is not None:
                 self._record(request, request.refusal)
+            self._load(self._handshake.selection.loading)
             self._changed.notify_all()
 
     def tick(self, connections: int, where: str) -> None:
@@ -143,9 +151,26 @@ class PlcLine:
         )
 
     def _pass_on(self, request: TriggerRequest) -> None:
-        answer = self._live.submit(Trigger(SOURCE, request.part_id))
+        answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
         with self._changed:
             self._handshake.answered(request, answer)
+
+    def _load(self, request: RecipeRequest | None) -> None:
+        """Pass a recipe on in a thread of its own: triggers and their refusals must not wait."""
+        if request is None or request is self._loading:
+            return
+        self._loading = request
+        self._loader = threading.Thread(
+            target=self._load_now, args=(request,), name="recipe of the PLC"
+        )
+        self._loader.start()
+
+    def _load_now(self, request: RecipeRequest) -> None:
+        try:
+            self._live.load_recipe(request.name, ASKER)
+        except RecipeRefused as error:
+            with self._changed:
+                self._handshake.selection.refused(request, error.kind)
 
     def _record(self, request: TriggerRequest, reason: str) -> None:
         """Keep a refusal until it can be recorded."""

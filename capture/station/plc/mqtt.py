@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from capture.station.events import Event, PartAnnounced, PartRecovered, StateChanged
+from capture.station.events import Event, PartAnnounced, PartRecovered, RecipeLoaded, StateChanged
 from capture.station.face_config import MqttConfig
 from capture.station.results.rows import row_of
 
@@ -87,6 +87,8 @@ class MqttPublisher:
         match event:
             case PartAnnounced(result, _) | PartRecovered(result):
                 name, text = "result", json.dumps(row_of(result))
+            case RecipeLoaded():
+                name, text = "recipe", json.dumps(vars(event))
             case StateChanged(state, reason):
                 name, text = "state", json.dumps({"state": state, "reason": reason})
             case _:

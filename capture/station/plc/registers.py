@@ -8,7 +8,7 @@ from typing import Any, Literal
 from capture.station.states import State
 from capture.station.verdict import Cause, Decision
 
-PAGE_VERSION = 1
+PAGE_VERSION = 2  # 2 has SelectRecipe
 NO_ORIENTATION = 0xFFFF
 # Ids of the station have 13 characters, those that come with a trigger up to 100.
 _ID_WORDS = 50
@@ -30,6 +30,8 @@ class Status(IntFlag):
     REFUSED = 32
     WRONG_ACK = 64
     SIMULATED = 128
+    RECIPE_LOADED = 256
+    RECIPE_REFUSED = 512
 
 
 class Command(IntFlag):
@@ -37,6 +39,7 @@ class Command(IntFlag):
 
     TRIGGER = 1
     RESULTS_ACK = 2
+    SELECT_RECIPE = 4
 
 
 class ErrorCode(IntEnum):
@@ -55,6 +58,22 @@ class ErrorCode(IntEnum):
     RESULTS_WAITING = 12
     RECIPE = 13
     OTHER_TRIGGER = 14
+    RECIPE_LOADING = 15
+
+
+class SelectError(IntEnum):
+    """Why a recipe was not loaded."""
+
+    NONE = 0
+    NOT_READY = 1
+    BUSY = 2
+    UNKNOWN = 3
+    NOT_APPROVED = 4
+    CHALLENGE = 5
+    UNUSABLE = 6
+    RIG = 7
+    DATABASE = 8
+    UNFORESEEN = 9
 
 
 STATUS_MEANINGS = {
@@ -66,10 +85,14 @@ STATUS_MEANINGS = {
     Status.REFUSED: "the trigger `trigger_id` was refused because of `error`; until Trigger falls",
     Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
     Status.SIMULATED: "the rig is simulated: no result is of a real part",
+    Status.RECIPE_LOADED: "the recipe `selected` is loaded; until SelectRecipe falls",
+    Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`, and the "
+    "one of before holds; until SelectRecipe falls",
 }
 COMMAND_MEANINGS = {
     Command.TRIGGER: "its rise says that a part lies below the camera",
     Command.RESULTS_ACK: "its rise acknowledges the result `ack_number`",
+    Command.SELECT_RECIPE: "its rise asks the station to load the recipe `recipe`",
 }
 ERROR_MEANINGS = {
     ErrorCode.BUSY: "another part is exposed, or parts wait for their verdicts",
@@ -84,6 +107,18 @@ ERROR_MEANINGS = {
     ErrorCode.RESULTS_WAITING: "16 results are not acknowledged",
     ErrorCode.RECIPE: "the loaded recipe is not the required one",
     ErrorCode.OTHER_TRIGGER: 'parts are triggered otherwise: `trigger` is not "modbus"',
+    ErrorCode.RECIPE_LOADING: "a recipe that the PLC selected is being loaded",
+}
+SELECT_ERROR_MEANINGS = {
+    SelectError.NOT_READY: "the station starts, stops, is in error, or collects parts to teach",
+    SelectError.BUSY: "another recipe is being loaded",
+    SelectError.UNKNOWN: "there is none at this position of `recipes`, or none with its name",
+    SelectError.NOT_APPROVED: "nobody approved it as it is",
+    SelectError.CHALLENGE: "it does not meet its challenge set",
+    SelectError.UNUSABLE: "it was not taught, is damaged, or has no challenge set or calibration",
+    SelectError.RIG: "the self-test with its light found a fault",
+    SelectError.DATABASE: "the change could not be recorded",
+    SelectError.UNFORESEEN: "of a fault of the program",
 }
 
 VERDICTS = {
@@ -172,6 +207,12 @@ STATION = _page(
     ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
     ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
     ("result_part_id", "text", "id of the part"),
+    ("selected", "u16", "`recipe` of the last rise of SelectRecipe, which the answer is to"),
+    (
+        "select_error",
+        "u16",
+        "why the recipe was not loaded, see below; 0 unless RecipeRefused is set",
+    ),
 )
 PLC = _page(
     PLC_ADDRESS,
@@ -232,6 +273,8 @@ def registers_page() -> str:
     lines += [_bit_row(bit, COMMAND_MEANINGS[bit]) for bit in Command]
     lines += ["", "| `error` | the trigger was refused because |", "|---|---|"]
     lines += [f"| {code:d} | {meaning} |" for code, meaning in ERROR_MEANINGS.items()]
+    lines += ["", "| `select_error` | the recipe was not loaded because |", "|---|---|"]
+    lines += [f"| {code:d} | {meaning} |" for code, meaning in SELECT_ERROR_MEANINGS.items()]
     lines += ["", "| code of | values |", "|---|---|"]
     for name, codes in (("verdict", VERDICTS), ("state", STATES), ("cause", CAUSES)):
         values = ", ".join(f"{code} {word}" for word, code in codes.items())

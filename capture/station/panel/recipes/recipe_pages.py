@@ -7,6 +7,7 @@ from starlette.responses import RedirectResponse, Response
 
 from capture.station.approval import approved_states
 from capture.station.challenge_set import challenge_sets
+from capture.station.events import RecipeLoaded
 from capture.station.panel.access.roles import Role
 from capture.station.panel.api import whole_number
 from capture.station.panel.render import page
@@ -14,6 +15,7 @@ from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
 from capture.station.recipe_file import SUFFIX, read_recipe
 from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe_request import Asker
 from capture.station.recipe_settings import SettingsRefused
 from capture.station.recipe_state import RecipeState
 from capture.station.results.database import ResultsUnavailable
@@ -59,6 +61,20 @@ def known_changes_of(call: Call) -> RecipeChanges:
     if not changes.files.file.is_file():
         raise Denied(404, f"recipe {changes.files.name}: there is none")
     return changes
+
+
+def load_recipe_of(call: Call) -> RecipeLoaded:
+    """Let the station judge by the recipe of the path; it records the change by itself.
+
+    Raises
+    ------
+    Denied
+        If there is none.
+    RecipeRefused
+        If the station cannot: the recipe of before holds.
+    """
+    asker = Asker(call.name, call.someone.role)
+    return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
 
 
 def recipe_names(call: Call) -> list[str]:
@@ -247,6 +263,10 @@ def _roll_back(call: Call, changes: RecipeChanges) -> None:
     changes.roll_back(call.text("sha256"))
 
 
+def _load(call: Call, _: RecipeChanges) -> None:
+    load_recipe_of(call)
+
+
 def _challenge(call: Call, changes: RecipeChanges) -> Any:
     file = call.text("remove", "")
     return changes.remove_from_challenge(file) if file else start_replay(call.panel, changes)
@@ -322,6 +342,10 @@ ROUTES = (
     PanelRoute(
         "POST", f"{_NAME}/rollback", Role.ENGINEER, _changed(_roll_back),
         "Go back to a state that was approved.", fields={"sha256": "its hash"}, answer=_HTML,
+    ),
+    PanelRoute(
+        "POST", f"{_NAME}/load", Role.ENGINEER, _changed(_load),
+        "Judge by an approved recipe from now on.", answer=_HTML,
     ),
     PanelRoute(
         "POST", f"{_NAME}/challenge", Role.ENGINEER, _changed(_challenge),

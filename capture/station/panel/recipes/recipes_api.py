@@ -14,12 +14,13 @@ from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
 from capture.station.recipe import Recipe
 from capture.station.recipe_file import read_recipe
+from capture.station.recipe_request import RecipeRefused
 from capture.station.recipe_settings import SettingsRefused, dotted
 from classify.errors import InputError
 
 from .background_jobs import Job
 from .recipe_changes import RecipeChanges
-from .recipe_pages import changes_of, known_changes_of, recipe_names
+from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names
 from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 
 _ONE = f"{V1}/recipes/{{name}}"
@@ -90,6 +91,13 @@ def _roll_back(call: Call) -> Response:
     changes = known_changes_of(call)
     changes.roll_back(call.text("sha256"))
     return Answer(_state(call, changes))
+
+
+def _load(call: Call) -> Response:
+    try:
+        return Answer({"running": vars(load_recipe_of(call))})
+    except RecipeRefused as error:
+        return Answer({"error": str(error), "kind": error.kind.name}, 409)
 
 
 def _teach(call: Call) -> Response:
@@ -175,6 +183,10 @@ ROUTES = (
     PanelRoute(
         "POST", f"{_ONE}/rollback", Role.ENGINEER, _roll_back,
         "Go back to a state that was approved.", fields={"sha256": "its hash"},
+    ),
+    PanelRoute(
+        "POST", f"{_ONE}/load", Role.ENGINEER, _load,
+        "Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason.",
     ),
     PanelRoute(
         "POST", f"{_ONE}/teach", Role.ENGINEER, _teach,

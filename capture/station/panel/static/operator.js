@@ -66,6 +66,10 @@ function showState(name, reason) {
   byId("trigger").disabled = state !== "ready" || !isConnected;
 }
 
+function showRecipe(recipe) {
+  setText("recipe", recipe === null ? "none" : `${recipe.name}, version ${recipe.version}`);
+}
+
 function showDevices(devices) {
   byId("devices").replaceChildren(...devices.map((device) => {
     const item = document.createElement("li");
@@ -103,6 +107,7 @@ function showSnapshot(all) {
   refused = all.refused;
   rejected = all.rejected;
   showState(all.state, all.reason);
+  showRecipe(all.recipe);
   showVerdict(inspected !== null);
   showCounts();
   showDevices(all.devices);
@@ -113,6 +118,7 @@ function showSnapshot(all) {
 const takes = {
   snapshot: showSnapshot,
   state: (event) => showState(event.state, event.reason),
+  recipe: showRecipe,
   devices: (event) => showDevices(event.devices),
   begun: (event) => {
     inspected = event.part_id;

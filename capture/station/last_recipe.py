@@ -1,0 +1,57 @@
+"""The recipe with which a run begins: the one that was loaded last, or that of ``station.toml``."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from capture.session.plan import Name
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
+
+from .folder import StationFolder
+
+FILE = "loaded-recipe.json"
+_MAX_BYTES = 1 << 12
+
+
+class LastRecipe(BaseModel):
+    """The recipe that was loaded last, and the one of ``station.toml`` at that time."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal["ps4rig-loaded-recipe"] = "ps4rig-loaded-recipe"
+    version: Literal[1] = 1
+    configured: Name
+    loaded: Name
+
+
+def first_recipe(folder: StationFolder) -> str:
+    """Return the name of the recipe with which a run begins.
+
+    It is the one that was loaded last, because the parts on the line are the same after a restart.
+    Another `recipe` in ``station.toml`` than at that time is newer, and replaces it.
+
+    Raises
+    ------
+    InputError
+        If the file of the last recipe is damaged.
+    """
+    path, configured = folder.path / FILE, folder.config.recipe
+    if not path.exists():
+        return configured
+    try:
+        last = LastRecipe.model_validate_json(read_regular_file(path, _MAX_BYTES))
+    except ValidationError as error:
+        raise InputError(
+            f"{path}: {first_fault(error)}; remove it to begin with recipe {configured}"
+        ) from error
+    return last.loaded if last.configured == configured else configured
+
+
+def keep_recipe(folder: StationFolder, name: str) -> None:
+    """Let the next run begin with a recipe; raises InputError if that cannot be written."""
+    last = LastRecipe(configured=folder.config.recipe, loaded=name)
+    with durable_file(folder.path / FILE) as temporary:
+        temporary.write_text(last.model_dump_json(indent=1), encoding="utf-8")

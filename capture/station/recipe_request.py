@@ -1,0 +1,35 @@
+"""Who asks a running station for another recipe, and why it is refused."""
+
+from enum import Enum, auto
+from typing import NamedTuple
+
+from classify.errors import Ps4rigError
+
+
+class Asker(NamedTuple):
+    """Who asks for a recipe: a name, and a role such as ``engineer``."""
+
+    name: str
+    role: str
+
+
+class RecipeRefusal(Enum):
+    """Kinds of reasons why a recipe is not loaded, for programs."""
+
+    NOT_READY = auto()  # the station starts, stops, is in error, or judges no parts
+    BUSY = auto()  # another one is being loaded
+    UNKNOWN = auto()
+    NOT_APPROVED = auto()
+    CHALLENGE = auto()
+    UNUSABLE = auto()  # not taught, damaged, or without its challenge set or calibration
+    RIG = auto()  # the self-test with its light found a fault
+    DATABASE = auto()  # the change cannot be recorded
+    UNFORESEEN = auto()
+
+
+class RecipeRefused(Ps4rigError):  # noqa: N818 - an answer, no error of the program
+    """A recipe is not loaded; the station goes on with the one that it has."""
+
+    def __init__(self, reason: str, kind: RecipeRefusal) -> None:
+        super().__init__(reason)
+        self.kind = kind

@@ -1,0 +1,214 @@
+"""`RunRecipes`: the recipe by which a run judges, and others of its station that it can load."""
+
+from pathlib import Path
+from typing import Any
+
+from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
+from capture.process.utc_time import utc_text
+from capture.sets.captured_set import CapturedSet
+from classify.durable_file import make_folder
+from classify.errors import InputError, Ps4rigError
+from rig.doctor.check import Check
+
+from .challenge import require_challenge
+from .changeover import UsableRecipe
+from .collecting import Collector
+from .errors import ChallengeFailed, NotApproved, said
+from .folder import StationFolder
+from .inspector import Inspector
+from .last_recipe import FILE, first_recipe, keep_recipe
+from .outcome import PartInspector, PartJudge
+from .recipe import Recipe, require_approved
+from .recipe_file import read_recipe
+from .recipe_folder import RecipeFolder
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .results.change_log import ChangeRecord, record_change
+from .results.database import ResultsUnavailable
+from .results.store import ResultStore
+from .self_test import check_calibration_age, check_judge, require_no_fault
+from .station_clock import StationClock
+from .station_rig import StationRig
+
+_KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
+    (NotApproved, RecipeRefusal.NOT_APPROVED),
+    (ChallengeFailed, RecipeRefusal.CHALLENGE),
+    (ResultsUnavailable, RecipeRefusal.DATABASE),
+    (Ps4rigError, RecipeRefusal.UNUSABLE),
+)
+# Of a hash in the log of changes.
+_DIGITS = 8
+
+
+class RecipeLoader:
+    """Loads the recipes of a station, each with what makes results by it.
+
+    Parameters
+    ----------
+    folder
+        The station.
+    calibration
+        Calibration of its rig; None for a rig without one.
+    operator
+        Who answers for the results.
+    clock
+        For times of records.
+    """
+
+    def __init__(
+        self,
+        folder: StationFolder,
+        calibration: Path | None,
+        operator: str | None,
+        clock: StationClock,
+    ) -> None:
+        self._folder, self._calibration = folder, calibration
+        self._operator, self._clock = operator, clock
+
+    def first(self) -> UsableRecipe:
+        """Load the recipe with which a run begins; raises as `load`."""
+        name, configured = first_recipe(self._folder), self._folder.config.recipe
+        try:
+            return self.load(self._folder.recipe_files(name))
+        except InputError as error:
+            if name == configured:
+                raise
+            path = self._folder.path / FILE
+            raise InputError(
+                f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
+            ) from error
+
+    def load(self, files: RecipeFolder, by: str = "") -> UsableRecipe:
+        """Load a recipe that is approved and meets its challenge set.
+
+        Raises
+        ------
+        InputError
+            If recipe, library or calibration cannot be used, or there is no challenge set.
+        NotApproved
+            If nobody approved exactly this recipe.
+        ChallengeFailed
+            If a part of the challenge set gets another verdict than it must.
+        """
+        inspector = Inspector.load(files, self._calibration)
+        recipe, fingerprint = inspector.recipe, inspector.fingerprint
+        require_approved(recipe)
+        require_challenge(files, inspector)
+        fields = {
+            "recipe": recipe.name,
+            "recipe_version": recipe.version,
+            "recipe_sha256": fingerprint.recipe_sha256,
+            "library_sha256": fingerprint.library_sha256,
+            "calibration_sha256": fingerprint.calibration_sha256,
+        }
+        judge = self._judge(inspector, fields, inspector.calibration)
+        checks = tuple(check_judge(files, inspector))
+        return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, checks, by)
+
+    def collecting(self) -> UsableRecipe:
+        """Return nothing to judge by; a recipe that is there gives exposure and gain."""
+        files = self._folder.recipe_files(first_recipe(self._folder))
+        is_there = files.file.exists()
+        recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
+        found = None
+        if self._calibration is not None:
+            found = FoundCalibration(self._calibration, read_calibration(self._calibration), ())
+        collector = Collector()
+        return UsableRecipe(self._judge(collector, {}, found), recipe, collector.begin, found)
+
+    def _judge(
+        self, inspector: PartInspector, fields: dict[str, Any], found: FoundCalibration | None
+    ) -> PartJudge:
+        def save(captured: CapturedSet, set_file: str) -> None:
+            """Write the set of a part, with its calibration beside it."""
+            path = self._folder.path / set_file
+            make_folder(path.parent)
+            if found is not None:
+                keep_beside(found.path, found.file, path)
+            captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
+
+        name = self._folder.config.name
+        return PartJudge(name, self._operator, inspector, fields, save, self._clock)
+
+
+class RunRecipes:
+    """The recipes of a running station, as its `Changeover` sees them.
+
+    Parameters
+    ----------
+    folder, loader, store, rig
+        The station; its rig has the settings of the first recipe.
+    first
+        The recipe with which the run begins.
+    """
+
+    def __init__(
+        self,
+        folder: StationFolder,
+        loader: RecipeLoader,
+        store: ResultStore,
+        rig: StationRig,
+        first: UsableRecipe,
+    ) -> None:
+        self._folder, self._loader, self._store, self._rig = folder, loader, store, rig
+        self.present = first
+
+    def load(self, name: str, by: Asker) -> UsableRecipe:
+        """Load a recipe, and record that it was asked for.
+
+        Raises
+        ------
+        RecipeRefused
+            If it cannot judge parts, or the change cannot be recorded.
+        """
+        try:
+            files = self._folder.recipe_files(name)
+            if not files.file.is_file():
+                raise RecipeRefused(f"recipe {name}: there is none", RecipeRefusal.UNKNOWN)
+            wanted = self._loader.load(files, by.name)
+            require_no_fault(self._checks_of(wanted))
+            self._record(wanted, by)
+        except RecipeRefused:
+            raise
+        except Exception as error:
+            kind = next((kind for each, kind in _KINDS if isinstance(error, each)), None)
+            raise RecipeRefused(said(error), kind or RecipeRefusal.UNFORESEEN) from error
+        return wanted
+
+    def use(self, recipe: UsableRecipe) -> list[Check]:
+        """Give the rig the settings of a recipe; return what was checked of it."""
+        found = recipe.calibration
+        self._rig.use(recipe.recipe, None if found is None else found.file, recipe.begin)
+        return self._checks_of(recipe)
+
+    def use_present(self) -> None:
+        """Give the rig, which is closed, the settings of the present recipe again."""
+        self.use(self.present)
+
+    def keep(self, recipe: UsableRecipe) -> None:
+        """Make a recipe the present one, with which the station also begins again."""
+        keep_recipe(self._folder, recipe.recipe.name)
+        self.present = recipe
+
+    def checks(self) -> list[Check]:
+        """Return what is checked of the present recipe."""
+        return self._checks_of(self.present)
+
+    def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
+        file = None if recipe.calibration is None else recipe.calibration.file
+        return [*recipe.checks, *check_calibration_age(file, recipe.recipe.calibration)]
+
+    def _record(self, wanted: UsableRecipe, by: Asker) -> None:
+        """Write the change into the log of changes, before it is made."""
+        change = ChangeRecord(
+            utc=utc_text(timespec="milliseconds"),
+            by=by.name,
+            role=by.role,
+            what="loaded recipe",
+            before=_named(self.present.recipe),
+            after=_named(wanted.recipe),
+        )
+        record_change(self._store, change)
+
+
+def _named(recipe: Recipe) -> str:
+    return f"{recipe.name}, version {recipe.version}, {recipe.sha256[:_DIGITS]}"
