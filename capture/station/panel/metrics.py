@@ -21,8 +21,8 @@ def _lines(live: Snapshot) -> Iterator[str]:
     yield f"ps4rig_info{{{labels}}} 1"
     yield from _family("simulated", "gauge", "1 if the rig is simulated.")
     yield f"ps4rig_simulated {int(live.simulated)}"
-    yield from _family("recipe", "gauge", "1 for the recipe by which parts are judged.")
     if live.recipe is not None:
+        yield from _family("recipe", "gauge", "1 for the recipe by which parts are judged.")
         name, number, sha256 = live.recipe.name, live.recipe.version, live.recipe.sha256
         yield f'ps4rig_recipe{{name="{name}",version="{number}",sha256="{sha256}"}} 1'
     yield from _family("state", "gauge", "1 for the present state.")

@@ -9,12 +9,15 @@ from typing import Any
 
 from capture.acquisition.attempts import capture_set
 from capture.sets.captured_set import CapturedSet
+from capture.station.changeover import UsableRecipe
 from capture.station.config import StationConfig
 from capture.station.cycle import Station
 from capture.station.events import Event, PartAnnounced, PartRecovered, Publisher
 from capture.station.folder import StationFolder, make_station
 from capture.station.outcome import PartJudge
 from capture.station.parts import Parts, Turned
+from capture.station.recipe import Recipe
+from capture.station.recipe_request import Asker
 from capture.station.recovery import finish_interrupted
 from capture.station.results.store import ResultStore, open_store
 from capture.station.station_clock import StationClock
@@ -23,6 +26,7 @@ from capture.station.verdict import Decision, Verdict
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 
+FIRST = "steel"
 PASSED = Verdict(Decision.PASS, "it is good")
 
 
@@ -103,6 +107,39 @@ def one_after_the_other(count: int, answers: list[Answer] | None = None) -> Manu
     return Manual(feed)
 
 
+class FakeRecipes:
+    """Recipes of which each passes every part, or which do what a test says."""
+
+    def __init__(self) -> None:
+        self.on_load: Callable[[str], None] = lambda _: None
+        self.on_use: Callable[[str], None] = lambda _: None
+        self.on_keep: Callable[[str], None] = lambda _: None
+        self.present: UsableRecipe
+
+    def begin(self, judge_of: Callable[[str], PartJudge], name: str) -> None:
+        self._judge_of = judge_of
+        self.present = self.usable(name)
+
+    def usable(self, name: str, by: str = "") -> UsableRecipe:
+        recipe = Recipe(name=name, passes=("rock",))
+        return UsableRecipe(self._judge_of(name), recipe, by=by)
+
+    def load(self, name: str, by: Asker) -> UsableRecipe:
+        self.on_load(name)
+        return self.usable(name, by.name)
+
+    def use(self, recipe: UsableRecipe) -> list[Check]:
+        self.on_use(recipe.recipe.name)
+        return []
+
+    def use_present(self) -> None:
+        self.use(self.present)
+
+    def keep(self, recipe: UsableRecipe) -> None:
+        self.on_keep(recipe.recipe.name)
+        self.present = recipe
+
+
 @dataclass
 class Bench:
     """A station in a folder, and the events of its run."""
@@ -117,6 +154,7 @@ class Bench:
     prepare: Callable[[], list[Check]] = list
     listen: Callable[[Event], None] = lambda _: None
     turned: Turned = lambda _: None
+    recipes: FakeRecipes | None = None
 
     def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
         """Run the station; `events` holds what happened."""
@@ -136,7 +174,15 @@ class Bench:
                     publisher.publish(PartRecovered(result))
                 return self.prepare()
 
+            def judge_of(recipe: str) -> PartJudge:
+                fields = {"recipe": recipe}
+                return PartJudge(config.name, "Ada", self.inspector, fields, save, self.clock)
+
             judge = PartJudge(config.name, "Ada", self.inspector, {}, save, self.clock)
+            if self.recipes is not None:
+                self.recipes.begin(judge_of, FIRST)
+                judge = self.recipes.present.judge
+                publisher.publish(self.recipes.present.loaded)
             parts = Parts(
                 self.camera,
                 judge,
@@ -145,6 +191,7 @@ class Bench:
                 self.clock,
                 publisher,
                 turned=self.turned,
+                recipes=self.recipes,
             )
             Station(self.folder.path, config, parts, count).run(source)
 

@@ -283,7 +283,7 @@ def test_an_interrupted_part_of_an_earlier_run_is_shown_as_error() -> None:
 
 @pytest.mark.parametrize(
     ("address", "words"),
-    [(PLC_ADDRESS + 1, [4]), (PLC_ADDRESS + 1, [0xFFFF]), (0, [1]), (PLC_ADDRESS + 56, [1])],
+    [(PLC_ADDRESS + 1, [8]), (PLC_ADDRESS + 1, [0xFFFF]), (0, [1]), (PLC_ADDRESS + 56, [1])],
 )
 def test_nonsense_changes_nothing(address: int, words: list[int]) -> None:
     handshake = ready()

@@ -23,6 +23,7 @@ from capture.station.plc.line import PlcLine
 from capture.station.plc.modbus import MAX_CONNECTIONS, serving_modbus
 from capture.station.plc.registers import (
     CAUSES,
+    PAGE_VERSION,
     PLC_ADDRESS,
     PLC_WORDS,
     STATION_WORDS,
@@ -182,7 +183,7 @@ def test_nonsense_gets_a_modbus_exception_and_changes_nothing(
         del before["heartbeat"], after["heartbeat"]
         assert after == before
         mirrored = client.read_holding_registers(0, count=STATION_WORDS).registers
-        assert mirrored[:3] == [1, 0, SESSION]  # both functions read both pages
+        assert mirrored[:3] == [PAGE_VERSION, 0, SESSION]  # both functions read both pages
         written = client.read_input_registers(PLC_ADDRESS, count=PLC_WORDS).registers
         assert written == [0] * PLC_WORDS
     assert line.bench.announced() == []
