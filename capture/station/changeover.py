@@ -19,7 +19,8 @@ from .recipe_request import Asker, RecipeRefusal, RecipeRefused
 from .self_test import SelfTest
 from .station_rig import PartCamera
 
-_PATIENCE_S = 1.0
+# How long a second asker waits for the first, whose recipe may have been taken just now.
+PATIENCE_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +126,7 @@ class Changeover:
         """
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
-        # One that has just been taken is about to release the lock.
-        if not self._one.acquire(timeout=_PATIENCE_S):
+        if not self._one.acquire(timeout=PATIENCE_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
             yield WantedRecipe(self._recipes.load(name, by))
