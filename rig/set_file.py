@@ -69,8 +69,13 @@ def pixels_sha256(
     """SHA-256 of all pixels, in the order of the pages, as little-endian 16-bit rows."""
     digest = hashlib.sha256()
     for plane in pages(images, ambient, mask):
-        digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
+        hash_page(digest, plane)
     return digest.hexdigest()
+
+
+def hash_page(digest: "hashlib._Hash", plane: Planes) -> None:
+    """Add one page to the hash of `pixels_sha256`."""
+    digest.update(np.ascontiguousarray(plane, dtype="<u2").data)
 
 
 def pages(

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 
 import numpy as np
@@ -23,6 +24,7 @@ from capture.sets.metadata import (
     SetMetadata,
     image_noise,
 )
+from capture.sets.pixel_hash import PixelHash
 from classify.calibration.calibration import Calibration
 from classify.errors import InputError, Ps4rigError
 from classify.labels import checked_label
@@ -142,7 +144,8 @@ def _attempt(
     """Capture and check a set once; `failures` are the errors of the attempts before."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(info.frame_period_s)
-    captured = _capture(rig, average, history, part=part)
+    hashed = PixelHash()
+    captured = _capture(rig, average, history, partial(_add_page, hashed, len(rig.lighting)), part)
     lights = _light_images(captured)
     ambient, *later = (image for image in captured if image.record.light is None)
     full_scale = (1 << info.bit_depth) - 1 if average == 1 else 65535
@@ -183,10 +186,10 @@ def _attempt(
     exposed(unchecked)
 
     def retake() -> npt.NDArray[np.uint16]:
-        return _stack(_light_images(_capture(rig, average, history, retake=True)))
+        return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
     checks = check_target(images) if is_target else check_set(images, known, retake)
-    found = {"checks": checks, "pixels_sha256": images.pixels_sha256}
+    found = {"checks": checks, "pixels_sha256": hashed.sha256()}
     return replace(unchecked, metadata=metadata.model_copy(update=found))
 
 
@@ -194,21 +197,34 @@ def _capture(
     rig: Rig,
     average: int,
     history: FrameHistory,
-    *,
-    retake: bool = False,
+    arrived: Callable[[SetImage], None] = lambda _: None,
     part: ArrivedPart | None = None,
+    *,
+    is_retake: bool = False,
 ) -> list[SetImage]:
     """Ambient and light images in the order of their capture; a retake may lack ambient images.
+
+    `arrived` is given each of them, as early as possible.
 
     By software, lights with the same sign in the redundancy follow each other, with the second
     ambient image between the two groups. Then extra light during any consecutive images shows in
     the redundancy residual or in the ambient images.
     """
     if rig.config.sequence_plan is not None:
-        return images_in_sequence(rig, average, part)
+        images = images_in_sequence(rig, average, part)
+        for image in images:
+            arrived(image)
+        return images
     first, second = like_signed(rig.lighting)
-    order = (*first, *second)[::-1] if retake else (None, *first, None, *second)
-    return images_under(rig, order, average, history)
+    order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
+    return images_under(rig, order, average, history, arrived)
+
+
+def _add_page(hashed: PixelHash, lights: int, image: SetImage) -> None:
+    """Hash an image if it is a page of the set's file: a light image or the first ambient one."""
+    page = lights if image.record.light is None else image.record.light
+    if not (page == lights and hashed.has(lights)):
+        hashed.add(page, image.pixels)
 
 
 def _light_images(images: list[SetImage]) -> list[SetImage]:

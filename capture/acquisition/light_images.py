@@ -5,7 +5,7 @@ end of exposure can be predicted, the next light is switched on at that time, an
 the frame must confirm the prediction.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from capture.sets.metadata import ImageRecord
 from rig import Rig, Switch
@@ -16,12 +16,17 @@ from .fresh_frames import FrameHistory, FreshFrames
 
 
 def images_under(
-    rig: Rig, lights: Sequence[int | None], average: int, history: FrameHistory
+    rig: Rig,
+    lights: Sequence[int | None],
+    average: int,
+    history: FrameHistory,
+    arrived: Callable[[SetImage], None] = lambda _: None,
 ) -> list[SetImage]:
     """Capture one image under each light (None: all LEDs off) from `average` fresh frames.
 
     After the exposure of each frame the controller is asked whether the light is still on. The
-    mean of several frames is stretched to 16 bits. The last light stays on.
+    mean of several frames is stretched to 16 bits. The last light stays on. `arrived` is given
+    each image while the next one is exposed, and must return at once.
 
     Raises
     ------
@@ -36,8 +41,11 @@ def images_under(
         switch = slot.end_with_switch_to(light)
         images.append(slot.image())
         slot = _LightSlot(rig, light, switch, average, history)
+        arrived(images[-1])
     slot.end()
-    return [*images, slot.image()]
+    images.append(slot.image())
+    arrived(images[-1])
+    return images
 
 
 class _LightSlot:

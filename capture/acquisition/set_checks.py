@@ -5,7 +5,6 @@ from collections.abc import Callable
 from capture.sets.image_checks import Images, LightImages
 from capture.sets.metadata import ChecksRecord
 from classify.calibration.calibration import Calibration
-from classify.threads import beside
 
 from .light_checks import (
     agreement_of,
@@ -39,9 +38,6 @@ def check_set(
         Naming the cause; the first one in the order of the checks.
     """
     calibrated = images.calibrated(known)
-    # Beside the other checks, because they take half of the time; nothing is rejected before its
-    # turn.
-    hashed = beside(lambda: images.pixels_sha256)
     ambient_change = check_ambient(images)
     check_images(images)
     check_different(images)
@@ -53,7 +49,6 @@ def check_set(
         if found is None or found.levels is None:
             check_signals(calibrated)
     light_order = check_order(order_of(calibrated), calibrated.lighting)
-    hashed()
     levels = None if found is None else found.levels
     return ChecksRecord(
         ambient_change=ambient_change,

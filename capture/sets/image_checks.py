@@ -16,7 +16,6 @@ from classify import Lighting
 from classify.calibration.calibration import Calibration
 from classify.images.noise import SensorNoise
 from classify.images.stack import ImageStack
-from rig.set_file import pixels_sha256
 
 Images = npt.NDArray[Any]
 
@@ -57,11 +56,6 @@ class LightImages:
     def signals(self) -> npt.NDArray[np.float64]:
         """(N,) mean of each light image above the ambient one."""
         return np.array([_mean(image) for image in self.images]) - self.ambient_mean
-
-    @cached_property
-    def pixels_sha256(self) -> str:
-        """SHA-256 of the light images and the ambient image, as in the file of a set."""
-        return pixels_sha256(self.images, self.ambient)
 
     def calibrated(self, calibration: Calibration) -> LightImages:
         """Return these images as lights of equal strength over the whole frame would give them."""

@@ -17,6 +17,7 @@ from capture.calibration.setting import Setting
 from capture.process_settings import settle_station
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
+from capture.sets.pixel_hash import PixelHash
 from classify import TextureLibrary
 from classify.calibration.calibration import Calibration
 from classify.defects.learning import LEAST_PARTS, learn_defects
@@ -26,6 +27,7 @@ from classify.methods import default_method
 from classify.texture.spectra import segment_for
 from rig import Placement, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
+from rig.set_file import pages
 
 from .config import StationConfig
 from .cycle import Station
@@ -43,6 +45,8 @@ from .verdict import Decision
 
 # Ambient image and four light images, at 30 frames a second.
 _EXPOSURES_S = 5 / 30.0
+# Pages in the order of their capture: ambient image, then the lights of either sign.
+_CAPTURED = (4, 0, 2, 1, 3)
 _GOOD, _OTHER = "rock", "sand"
 # Distance of patches on the simulated surface: they share no pixel at any size that is tried.
 _STEP_PX = 1500.0
@@ -149,10 +153,15 @@ class _StoredSets:
 
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Return the next set after the time of its exposures and the checks of a capture."""
-        time.sleep(_EXPOSURES_S)
-        captured, exposed_s = self._sets[number % len(self._sets)], time.monotonic()
+        captured, hashed = self._sets[number % len(self._sets)], PixelHash()
+        planes = pages(captured.images, captured.ambient, None)
+        for page in _CAPTURED:
+            time.sleep(_EXPOSURES_S / len(_CAPTURED))
+            exposed_s = time.monotonic()
+            hashed.add(page, planes[page])
         self._exposed(captured)
         _check_as_captured(captured)
+        hashed.sha256()
         return captured, exposed_s
 
     def close(self) -> None:
@@ -160,7 +169,7 @@ class _StoredSets:
 
 
 def _check_as_captured(captured: CapturedSet) -> None:
-    """Check a set as `capture_set` does, and hash its pixels."""
+    """Check a set as `capture_set` does."""
     assert captured.ambient is not None
     lighting, full_scale = captured.lighting, captured.metadata.full_scale
     names = [f"LED {light}" for light in range(len(lighting))]

@@ -24,6 +24,7 @@ from rig import (
     open_rig,
 )
 from rig.lights.timeouts import LinkTimeouts
+from rig.set_file import pixels_sha256
 from tests.changed_frames import with_frames
 
 Outputs = Callable[[Rig], list[float]]
@@ -338,6 +339,8 @@ def test_each_attempt_shows_its_images_before_they_are_checked(rig: Rig) -> None
     checked = {"checks": captured.metadata.checks, "pixels_sha256": captured.metadata.pixels_sha256}
     assert exposed[-1].metadata.model_copy(update=checked) == captured.metadata
     assert captured.metadata.checks is not None
+    # The hash is that of the last attempt, whose images came one by one.
+    assert captured.metadata.pixels_sha256 == pixels_sha256(captured.images, captured.ambient)
 
 
 def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:

@@ -1,0 +1,47 @@
+"""Tests of the hash of images that arrive one by one."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture.sets.pixel_hash import PixelHash
+from classify.threads import set_thread_count
+from rig.set_file import pixels_sha256
+
+PLANES = np.random.default_rng(1).integers(0, 65536, (6, 5, 7), dtype=np.uint16)
+
+
+@given(st.permutations(range(6)), st.integers(1, 6), st.sampled_from([1, 2, None]))
+def test_the_hash_of_pages_in_any_order_is_that_of_the_whole(
+    order: list[int], pages: int, threads: int | None
+) -> None:
+    hashed = PixelHash()
+    set_thread_count(threads)
+    try:
+        for page in order:
+            if page < pages:
+                assert not hashed.has(page)
+                hashed.add(page, PLANES[page])
+                assert hashed.has(page)
+        assert hashed.sha256() == hashed.sha256() == pixels_sha256(PLANES[:pages])
+    finally:
+        set_thread_count(None)
+
+
+def test_pages_of_any_layout_are_hashed_as_rows() -> None:
+    hashed = PixelHash()
+    hashed.add(0, PLANES[0].T)
+    hashed.add(1, PLANES[1].T[:, ::-1])
+    assert hashed.sha256() == pixels_sha256(np.stack([PLANES[0].T, PLANES[1].T[:, ::-1]]))
+
+
+def test_a_page_that_is_missing_or_comes_twice_is_refused() -> None:
+    hashed = PixelHash()
+    hashed.add(1, PLANES[1])
+    with pytest.raises(ValueError, match="page 0 is missing"):
+        hashed.sha256()
+    hashed.add(0, PLANES[0])
+    for page in (0, 1):
+        with pytest.raises(ValueError, match="a second time"):
+            hashed.add(page, PLANES[page])
