@@ -1,8 +1,8 @@
 """What a reproduction measures: textures, conditions, training runs, test runs, experiments."""
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import repeat
 from pathlib import Path
 from typing import Literal
 
@@ -40,9 +40,16 @@ _NOT_AMONG_22 = (
 _MATERIAL_MAPS = ("height.png", "normal.png", "normal.jpg")
 
 
-# Places of training patches on a material, in tiles, and the place of disjoint tests.
-_TRAINED_TILES = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))
-_TESTED_TILES = (0.5, 0.5)
+Place = tuple[float, float]
+"""Right and up of the centre of a material, in tiles."""
+
+# Places of training patches, the first for one patch, and the place of disjoint tests.
+_TRAINED_PLACES: tuple[Place, ...] = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))
+_TESTED_PLACES: tuple[Place, ...] = ((0.5, 0.5),)
+# Nine places at which frames of 128 px share no pixel on a tile of 512 px in any orientation, nor
+# cross its edge, where a material that is not seamless has a seam.
+_SMALL_TRAINED: tuple[Place, ...] = ((0.0, 0.0), (0.31, 0.31), (-0.31, -0.31))
+_SMALL_TESTED: tuple[Place, ...] = tuple(itertools.permutations((0.0, 0.31, -0.31), 2))
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class PatchPosition:
 
     texture: Texture
     seed: int  # realisation of a synthetic texture
-    shift_tiles: tuple[float, float]  # right and up on a material, which is one tile
+    shift_tiles: Place
     rotate_deg: float  # anticlockwise
 
 
@@ -86,8 +93,8 @@ class TrainingRun:
     """Libraries trained on one or more sets of each texture under the same conditions.
 
     With `one_segment`, a spectrum is one periodogram of the whole frame, not an average over
-    segments. With `tests_unknown`, each test is also matched without its own class. With
-    `of_patches`, each set of a texture is of another patch.
+    segments. With `tests_unknown`, each test is also matched without its own class. The sets of a
+    texture are of patches at `places`: all of one patch, or each of its own.
     """
 
     name: str
@@ -95,17 +102,17 @@ class TrainingRun:
     conditions: Conditions
     classifiers: tuple[str, ...]
     solvers: tuple[Method, ...]
-    orientations_deg: tuple[float, ...] = (0.0,)  # of the training patch, one set each
+    orientations_deg: tuple[float, ...] = (0.0,)  # of the sets
     one_segment: bool = False
     tests_unknown: bool = False
-    of_patches: bool = False
+    places: tuple[Place, ...] = _TRAINED_PLACES[:1]
 
     def positions(self, texture: Texture) -> list[PatchPosition]:
         """Positions of the training patches of a texture, one for each set."""
-        patches = range(len(self.orientations_deg)) if self.of_patches else repeat(0)
+        patches = itertools.cycle(enumerate(self.places))
         return [
-            PatchPosition(texture, patch, _TRAINED_TILES[patch], rotate_deg)
-            for patch, rotate_deg in zip(patches, self.orientations_deg, strict=False)
+            PatchPosition(texture, patch, place, rotate_deg)
+            for (patch, place), rotate_deg in zip(patches, self.orientations_deg, strict=False)
         ]
 
     @property
@@ -144,6 +151,7 @@ class Experiment:
     tests: tuple[TestRun, ...]
     orientations_deg: tuple[float, ...]
     protocols: tuple[Protocol, ...] = ("disjoint",)
+    tested_places: tuple[Place, ...] = _TESTED_PLACES  # of disjoint tests, in turn
 
     @property
     def training(self) -> list[TrainingRun]:
@@ -171,9 +179,10 @@ class Experiment:
 
     def test_position(self, texture: Texture, number: int, protocol: Protocol) -> PatchPosition:
         """Position of a test patch. The seed of the training patch is 0."""
-        disjoint = protocol == "disjoint"
-        seed, tiles = (1000 + number, _TESTED_TILES) if disjoint else (0, _TRAINED_TILES[0])
-        return PatchPosition(texture, seed, tiles, self.orientations_deg[number])
+        seed, place = 0, _TRAINED_PLACES[0]
+        if protocol == "disjoint":
+            seed, place = 1000 + number, self.tested_places[number % len(self.tested_places)]
+        return PatchPosition(texture, seed, place, self.orientations_deg[number])
 
 
 @dataclass(frozen=True)
@@ -189,12 +198,14 @@ class Plan:
     materials: Experiment
     robustness: Experiment
     days: Experiment
+    small_frames: Experiment
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All experiments."""
         return (
             self.slants, self.thirty, self.synthetic, self.materials, self.robustness, self.days,
+            self.small_frames,
         )  # fmt: skip
 
 
@@ -252,6 +263,7 @@ def plan_of(quick: bool, materials: tuple[Texture, ...]) -> Plan:
         materials=_materials(materials, materials_px, orientations_deg),
         robustness=_robustness(2 * frame_px, spread_orientations_deg(12), quick),
         days=_days(materials, spread_orientations_deg(12)),
+        small_frames=_small_frames(materials, spread_orientations_deg(12)),
     )
 
 
@@ -354,22 +366,34 @@ def _robustness(size_px: int, orientations_deg: tuple[float, ...], quick: bool) 
 
 
 def _days(textures: tuple[Texture, ...], orientations_deg: tuple[float, ...]) -> Experiment:
-    """Faults in the tests only, and unknown textures by size of the frame and number of sets."""
+    """Faults in the tests only, and unknown textures by the number of sets: frames of 256 px."""
     usual = Conditions(45.0, 256)
-    runs = [
-        TrainingRun(
-            f"{size_px} px, {len(trained_deg)} sets", textures, Conditions(45.0, size_px), (OURS,),
-            (BEST_SOLVER,), trained_deg, tests_unknown=True, of_patches=True,
-        )
-        for size_px in (256, 128)
-        for trained_deg in ((0.0,), (0.0, 90.0, 180.0))
-    ]  # fmt: skip
+    one, three = (_open_set(textures, usual, _TRAINED_PLACES[:sets]) for sets in (1, 3))
     faulty = (
         ("focus: blur of 0.5 to 1.1 px", replace(usual, faults=OUT_OF_FOCUS)),
         ("near LEDs: fall-off of 25 %", replace(usual, faults=NEAR_LEDS)),
         ("another rig", replace(usual, faults=OTHER_RIG, exposure=1.0 / 3.0)),
         ("all together", replace(usual, faults=ALL_FAULTS, exposure=1.0 / 3.0)),
     )
-    tests = [TestRun("none", runs[0], usual)]
-    tests += [TestRun(name, runs[0], conditions) for name, conditions in faulty]
-    return Experiment("days", (*tests, *_same_conditions(runs[1:])), orientations_deg)
+    tests = [TestRun("none", one, usual)]
+    tests += [TestRun(name, one, conditions) for name, conditions in faulty]
+    return Experiment("days", (*tests, *_same_conditions([three])), orientations_deg)
+
+
+def _small_frames(textures: tuple[Texture, ...], orientations_deg: tuple[float, ...]) -> Experiment:
+    """Unknown textures by the number of sets, frames of 128 px at several places."""
+    usual = Conditions(45.0, 128)
+    places = [(place,) for place in _SMALL_TRAINED] + [_SMALL_TRAINED]
+    tests = _same_conditions(_open_set(textures, usual, each) for each in places)
+    return Experiment("small_frames", tests, orientations_deg, tested_places=_SMALL_TESTED)
+
+
+def _open_set(
+    textures: tuple[Texture, ...], conditions: Conditions, places: tuple[Place, ...]
+) -> TrainingRun:
+    """A training run of one set at each place, each in another orientation."""
+    where = ", ".join(f"{right:g} {up:g}" for right, up in places)
+    return TrainingRun(
+        f"{conditions.size_px} px at {where}", textures, conditions, (OURS,), (BEST_SOLVER,),
+        (0.0, 90.0, 180.0)[: len(places)], tests_unknown=True, places=places,
+    )  # fmt: skip

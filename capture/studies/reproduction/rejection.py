@@ -51,7 +51,11 @@ def _groups(results: Results) -> Groups:
     groups: dict[str, dict[str, list[Outcome]]] = {}
     for system, outcomes in results.outcomes.items():
         asked = [each for each in outcomes if each.match_without_class is not None]
-        if asked and system.protocol == "disjoint" and system.experiment != "days":
+        if (
+            asked
+            and system.protocol == "disjoint"
+            and system.experiment in ("synthetic", "materials")
+        ):
             name = "materials" if system.experiment == "materials" else system.test
             groups.setdefault(name, {})[system.classifier] = asked
     return groups

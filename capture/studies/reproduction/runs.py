@@ -56,7 +56,7 @@ def training_tasks(experiment: plan.Experiment, folder: Path) -> list[TrainingTa
     """Group the runs that share scenes."""
     groups: dict[tuple[object, ...], list[plan.TrainingRun]] = {}
     for run in experiment.training:
-        key = (run.conditions.slant_deg, run.orientations_deg, run.of_patches)
+        key = (run.conditions.slant_deg, run.orientations_deg, run.places)
         groups.setdefault(key, []).append(run)
     return [TrainingTask(experiment, tuple(runs), folder) for runs in groups.values()]
 

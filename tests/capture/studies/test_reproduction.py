@@ -92,11 +92,13 @@ def test_training_sets_are_of_one_patch_or_of_several_that_are_not_tested() -> N
             positions = run.positions(sand)
             assert [each.rotate_deg for each in positions] == list(run.orientations_deg)
             patches = {(each.seed, each.shift_tiles) for each in positions}
-            assert len(patches) == (len(positions) if run.of_patches else 1)
-            tested = experiment.test_position(sand, 0, "disjoint")
-            assert tested.seed not in {seed for seed, _ in patches}
-            assert tested.shift_tiles not in {shift for _, shift in patches}
-    assert {len(run.positions(sand)) for run in plan.days.training} == {1, 3}
+            assert len(patches) == len(run.places)
+            for number in range(len(experiment.orientations_deg)):
+                tested = experiment.test_position(sand, number, "disjoint")
+                assert tested.seed not in {seed for seed, _ in patches}
+                assert tested.shift_tiles not in {shift for _, shift in patches}
+    for experiment in (plan.days, plan.small_frames):
+        assert {len(run.positions(sand)) for run in experiment.training} == {1, 3}
 
 
 # patches
@@ -113,6 +115,24 @@ def test_a_patch_half_a_tile_away_shares_no_pixel_with_training(rotate_deg: floa
     test = replace(training, shift_tiles=(0.5, 0.5), rotate_deg=rotate_deg)
     # The squares touch at a corner.
     assert (render_patch(test, 45.0, 256, surface).albedo > 0.6).sum() <= 8
+
+
+@pytest.mark.parametrize("rotate_deg", [0.0, 30.0, 45.0])
+def test_small_frames_share_no_pixel_and_contain_no_seam(rotate_deg: float) -> None:
+    experiment = plan_of(False, material_textures(None)).small_frames
+    trained = {place for run in experiment.training for place in run.places}
+    assert len(trained | set(experiment.tested_places)) == 9
+    flat = np.zeros((512, 512), np.float32)
+    marked = np.full_like(flat, 0.2)
+    marked[2:-2, 2:-2] = 0.6
+    for right, up in trained:
+        row, column = (256 + round(512 * shift) for shift in (-up, right))
+        marked[row - 62 : row + 62, column - 62 : column + 62] = 1.0
+    surface = PeriodicSurface(flat, flat, flat, marked, "marked")
+    for place in experiment.tested_places:
+        test = PatchPosition(Texture("marked"), 0, place, rotate_deg)
+        albedo = render_patch(test, 45.0, 128, surface).albedo
+        assert 0.4 < albedo.min() < albedo.max() < 0.7
 
 
 def test_the_images_of_a_patch_depend_on_position_and_conditions_only() -> None:
@@ -285,6 +305,7 @@ def _small_plan() -> Plan:
         materials=_cut(plan.materials, ("Bark014", "Leather037", "Tiles036"), 3),
         robustness=_cut(plan.robustness, ("rock", "rock_smooth", "peel"), 3),
         days=_cut(plan.days, ("Bark014", "Leather037", "Tiles036"), 3),
+        small_frames=_cut(plan.small_frames, ("Bark014", "Leather037", "Tiles036"), 3),
     )
 
 
