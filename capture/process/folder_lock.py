@@ -1,4 +1,4 @@
-"""A lock on a folder, for one program at a time, that ends with the program."""
+"""Locks on a folder or a file, for one program at a time, that end with the program."""
 
 import os
 import sqlite3
@@ -38,7 +38,7 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
     """
     owner_path = folder / owner_file
     try:
-        release = _lock_folder(folder) if fcntl is not None else _lock_file(owner_path)
+        release = _lock_folder(folder) if fcntl is not None else _lock_file(owner_path, 0.0)
     except BlockingIOError as error:
         owner = ""
         with suppress(OSError):
@@ -52,6 +52,31 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
         _write_owner(owner_path)
         yield
         owner_path.unlink(missing_ok=True)
+    finally:
+        release()
+
+
+@contextmanager
+def file_lock(path: Path, patience_s: float) -> Iterator[None]:
+    """Hold a lock on a file during the block; a second program waits for its end.
+
+    SQLite locks an empty file beside it, as in `folder_lock`: a file that is replaced cannot be
+    locked itself.
+
+    Raises
+    ------
+    InputError
+        If another program holds the lock for longer than `patience_s`, or the file beside it
+        cannot be made.
+    """
+    try:
+        release = _lock_file(path, patience_s)
+    except BlockingIOError as error:
+        raise InputError(f"{path}: another program changes it; try again") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be locked: {error}") from error
+    try:
+        yield
     finally:
         release()
 
@@ -73,12 +98,12 @@ def _lock_folder(folder: Path) -> Callable[[], None]:
     return lambda: os.close(descriptor)
 
 
-def _lock_file(owner_path: Path) -> Callable[[], None]:
-    path = owner_path.with_name(owner_path.name + LOCK_FILE_SUFFIX)
+def _lock_file(locked: Path, patience_s: float) -> Callable[[], None]:
+    path = locked.with_name(locked.name + LOCK_FILE_SUFFIX)
     connection: sqlite3.Connection | None = None
     try:
         connection = sqlite3.connect(
-            path, timeout=0.0, isolation_level=None, check_same_thread=False
+            path, timeout=patience_s, isolation_level=None, check_same_thread=False
         )
         connection.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:

@@ -2,11 +2,14 @@
 
 import json
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
 
+from capture.process.folder_lock import file_lock
 from classify.durable_file import durable_file
 from classify.errors import InputError
 from classify.regular_file import read_regular_file
@@ -15,25 +18,33 @@ from rig.config.toml_file import validated
 # A thousand users or clients have 200 kB.
 _MAX_BYTES = 1 << 20
 _OWNER_ONLY = 0o600
+# A change takes 10 ms; a disk that is busy, a second.
+_PATIENCE_S = 10.0
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 class PrivateFile(Generic[Model]):
-    """A file that holds a `model`. Thread-safe; it is read again when another program replaced it.
-
-    Attributes
-    ----------
-    changing
-        To be held from the reading to the writing of a change.
-    """
+    """A file that holds a `model`, read again when another program replaced it. Thread-safe."""
 
     def __init__(self, path: Path, model: type[Model]) -> None:
         self._path, self._model = path, model
-        self.changing = threading.Lock()
+        self._changing = threading.Lock()
         self._lock = threading.Lock()
         self._stamp: tuple[int, int, int] | None = None
         self._known: Model | None = None
+
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """Let no other thread or program change the file, from the reading to the writing.
+
+        Raises
+        ------
+        InputError
+            If another program changes it for longer than `_PATIENCE_S`.
+        """
+        with self._changing, file_lock(self._path, _PATIENCE_S):
+            yield
 
     def read(self) -> Model:
         """Return the contents of the file; a missing one is an empty object.

@@ -79,7 +79,7 @@ class Tokens:
             "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
         }  # fmt: skip
         client = validated(values, Client, "client")
-        with self._file.changing:
+        with self._file.changing():
             clients = self.all()
             require_new_client(name, clients)
             if len(clients) >= MOST_CLIENTS:
@@ -95,7 +95,7 @@ class Tokens:
         InputError
             If there is no such client.
         """
-        with self._file.changing:
+        with self._file.changing():
             clients = self.all()
             found = [client for client in clients if client.name == name]
             if not found:

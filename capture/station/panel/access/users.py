@@ -83,7 +83,7 @@ class Users:
             users, or the last administrator would lose the role.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
-        with self._file.changing:
+        with self._file.changing():
             before, others = self._apart(name)
             if len(others) >= MOST_USERS:
                 raise InputError(f"user {name}: there are {MOST_USERS} users already")
@@ -99,7 +99,7 @@ class Users:
         InputError
             If there is no such user, or it is the last administrator beside other users.
         """
-        with self._file.changing:
+        with self._file.changing():
             user, others = self._apart(name)
             if user is None:
                 raise InputError(f"user {name}: there is none; see ps4rig station user list")

@@ -2,6 +2,8 @@
 
 import json
 import stat
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from capture.process.folder_lock import file_lock
 from capture.station.folder import make_station
 from capture.station.panel.access import users as users_module
 from capture.station.panel.access.roles import Role
@@ -117,6 +120,79 @@ def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> N
     for thread in threads:
         thread.join()
     assert len(users.all()) == 4
+
+
+ADD_TOKENS = """
+import sys
+from pathlib import Path
+from capture.station.panel.access.roles import Role
+from capture.station.panel.access.tokens import Tokens
+
+tokens = Tokens(Path(sys.argv[1]))
+print("ready", flush=True)
+sys.stdin.readline()
+for number in range(10):
+    tokens.add(f"{sys.argv[2]}-{number}", Role.OPERATOR)
+"""
+
+
+def test_accounts_that_several_programs_add_at_once_are_all_kept(folder: Path) -> None:
+    programs = [
+        subprocess.Popen(
+            [sys.executable, "-c", ADD_TOKENS, str(folder), name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for name in ("a", "b")
+    ]
+    for program in programs:
+        assert program.stdout is not None
+        assert program.stdout.readline() == "ready\n"
+    for program in programs:
+        assert program.stdin is not None
+        program.stdin.write("\n")
+        program.stdin.flush()
+    tokens = Tokens(folder)
+    for number in range(10):
+        tokens.add(f"c-{number}", Role.OPERATOR)
+    for program in programs:
+        program.communicate(timeout=60)
+        assert program.returncode == 0
+    assert len(tokens.all()) == 30
+
+
+def test_a_file_that_another_program_holds_is_left_as_it_is(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture.station.panel.access.private_file._PATIENCE_S", 0.1)
+    with (
+        file_lock(folder / "users.json", 0.0),
+        pytest.raises(InputError, match=r"users\.json: another program changes it; try again"),
+    ):
+        Users(folder).put("ada", Role.ENGINEER, PASSWORD)
+    assert Users(folder).all() == ()
+
+
+def test_whom_a_command_removes_the_running_panel_refuses_at_once(panel: RunningPanel) -> None:
+    folder = panel.bench.folder.path
+
+    def command(*words: str) -> None:
+        given = [sys.executable, "-m", "capture", "station", *words]
+        subprocess.run(given, check=True, timeout=120, input=f"{PASSWORD}\n", text=True)
+
+    panel.panel.users.put("root", Role.ADMINISTRATOR, PASSWORD)
+    panel.panel.users.put("kim", Role.OPERATOR, PASSWORD)
+    browser, program = panel.local, panel.client(Role.OPERATOR)
+    assert browser.log_in("kim").status == 303
+    assert browser.get("/api/v1/state").status == program.get("/api/v1/state").status == 200
+    command("user", "remove", str(folder), "kim")
+    command("token", "remove", str(folder), "client-operator")
+    assert browser.get("/api/v1/state").status == 401
+    assert browser.log_in("kim").status == 401
+    assert program.get("/api/v1/state").status == 401
+    audit = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
+    assert [row["what"] for row in audit] == ["client client-operator", "user kim"]
 
 
 @pytest.mark.parametrize(
