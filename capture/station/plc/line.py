@@ -137,12 +137,13 @@ class PlcLine:
             with self._changed:
                 # The station tells nobody when it is attached.
                 self._changed.wait_for(self._has_work, TICK_S)
-                if self._is_closed:
-                    return
+                is_closed = self._is_closed
                 request, self._request = self._request, None
             if request is not None:
                 self._pass_on(request)
             self._record_refusals()
+            if is_closed:  # with nothing left that was not recorded
+                return
 
     def _has_work(self) -> bool:
         is_recorder = self._live.is_attached

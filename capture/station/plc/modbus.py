@@ -20,6 +20,7 @@ from classify.errors import InputError
 from .line import TICK_S, PlcLine
 from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded
 
+_log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
 # A PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
@@ -100,6 +101,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         await server.serve_forever(background=True)
         started.set()
         keeper = asyncio.create_task(server.keep(where))
+        keeper.add_done_callback(_log_failure)
         await stopping.wait()
         keeper.cancel()
         await server.shutdown()
@@ -123,6 +125,12 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
     finally:
         loop.call_soon_threadsafe(stopping.set)
         thread.join()
+
+
+def _log_failure(keeper: asyncio.Task[None]) -> None:
+    """Log why the heartbeat stopped, by which the PLC sees it."""
+    if not keeper.cancelled() and (error := keeper.exception()) is not None:
+        _log.error("the heartbeat to the PLC stopped", exc_info=error)
 
 
 def _free_port(settings: ModbusConfig) -> int:
