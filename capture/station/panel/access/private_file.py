@@ -19,7 +19,7 @@ from rig.config.toml_file import validated
 _MAX_BYTES = 1 << 20
 _OWNER_ONLY = 0o600
 # A change takes 10 ms; a disk that is busy, a second.
-_PATIENCE_S = 10.0
+PATIENCE_S = 10.0
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -41,9 +41,9 @@ class PrivateFile(Generic[Model]):
         Raises
         ------
         InputError
-            If another program changes it for longer than `_PATIENCE_S`.
+            If another program changes it for longer than `PATIENCE_S`.
         """
-        with self._changing, file_lock(self._path, _PATIENCE_S):
+        with self._changing, file_lock(self._path, PATIENCE_S):
             yield
 
     def read(self) -> Model:

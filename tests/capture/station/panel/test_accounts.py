@@ -165,7 +165,7 @@ def test_accounts_that_several_programs_add_at_once_are_all_kept(folder: Path) -
 def test_a_file_that_another_program_holds_is_left_as_it_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture.station.panel.access.private_file._PATIENCE_S", 0.1)
+    monkeypatch.setattr("capture.station.panel.access.private_file.PATIENCE_S", 0.1)
     with (
         file_lock(folder / "users.json", 0.0),
         pytest.raises(InputError, match=r"users\.json: another program changes it; try again"),
