@@ -8,7 +8,7 @@ import sys
 from classify.threads import thread_count
 
 # Names and numbers of mallopt(3).
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 # Freed memory that the process keeps: the maps of a frame of several megapixels.
 _TRIM_BYTES = 256 * 2**20
 _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
@@ -42,6 +42,9 @@ def settle_process() -> None:
     for variable, option, size in (
         ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _TRIM_BYTES),
         ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _MMAP_BYTES),
+        # Memory that one thread has freed is then used by the others, and kept: the arenas of
+        # other threads return theirs, whatever the thresholds.
+        ("MALLOC_ARENA_MAX", _M_ARENA_MAX, 1),
     ):
         if variable in os.environ:
             continue
