@@ -9,6 +9,7 @@ from classify import Match
 from classify.library.match import LEAST_MARGIN
 from rig.acceptance import MAX_SATURATED_SHARE
 
+from .digits import told_apart
 from .recipe import Limits, Orientation, Recipe
 from .verdict import Cause, Decision, Verdict
 
@@ -175,7 +176,8 @@ def _beyond_limits(limits: Limits, measures: Measures) -> Iterator[Finding]:
     for name, value, bound, cause, form in (
         ("shadow", measures.shadow_fraction, limits.shadow_fraction, Cause.SHADOW, ".1%"),
         ("defect score", measures.defect_score, limits.defect, Cause.DEFECT, ".2f"),
-        ("px without a defect score", measures.unjudged_px, limits.unjudged_px, Cause.DEFECT, "d"),
+        ("px without a defect score", measures.unjudged_px, limits.unjudged_px, Cause.DEFECT,
+         ".0f"),
     ):  # fmt: skip
         if bound is not None:
             yield from _at_most(name, value, bound, cause, form)
@@ -187,7 +189,8 @@ def _at_most(
     if value is None or not math.isfinite(value):
         yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
     elif not value <= bound:
-        yield Finding(cause, f"{name} {value:{form}}, at most {bound:{form}}")
+        found, limit = told_apart(value, bound, form)
+        yield Finding(cause, f"{name} {found}, at most {limit}")
 
 
 def _at_least(
@@ -196,7 +199,8 @@ def _at_least(
     if value is None or not math.isfinite(value):
         yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
     elif not value >= bound:
-        yield Finding(cause, f"{name} {value:{form}}, at least {bound:{form}}")
+        found, limit = told_apart(value, bound, form)
+        yield Finding(cause, f"{name} {found}, at least {limit}")
 
 
 def _within(recipe: Recipe, measures: Measures, match: Match) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from capture.station.digits import told_apart
 from capture.station.recipe import Limits, Recipe
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Cause
@@ -57,20 +58,28 @@ def _number(
     high: float | None = None,
     form: str = ".2f",
 ) -> MeasuredNumber:
-    bounds = [f"at least {low:{form}}"] if low is not None else []
-    bounds += [f"at most {high:{form}}"] if high is not None else []
+    bounds = [("at least", low)] if low is not None else []
+    bounds += [("at most", high)] if high is not None else []
     if value is None:
-        return MeasuredNumber(name, _NOT_MEASURED, ", ".join(bounds))
+        limit = ", ".join(f"{words} {bound:{form}}" for words, bound in bounds)
+        return MeasuredNumber(name, _NOT_MEASURED, limit)
+    texts = [(words, *told_apart(value, bound, form)) for words, bound in bounds]
+    shown = max((text for _, text, _ in texts), key=len, default=f"{value:{form}}")
+    limit = ", ".join(f"{words} {bound}" for words, _, bound in texts)
     is_beyond = (low is not None and value < low) or (high is not None and value > high)
-    return MeasuredNumber(name, f"{value:{form}}", ", ".join(bounds), is_beyond)
+    return MeasuredNumber(name, shown, limit, is_beyond)
 
 
 def _orientation(result: PartResult, recipe: Recipe | None) -> MeasuredNumber:
     degrees = result.orientation_deg
     value = _NOT_MEASURED if degrees is None else f"{degrees:.1f}°"
     limit = ""
-    if recipe is not None and recipe.orientation.tolerance_deg is not None:
-        rule = recipe.orientation
-        limit = f"{rule.reference_deg:g} ± {rule.tolerance_deg:g}°"
+    rule = None if recipe is None else recipe.orientation
+    if rule is not None and (tolerance_deg := rule.tolerance_deg) is not None:
+        limit = f"{rule.reference_deg:g} ± {tolerance_deg:g}°"
+        if degrees is not None:
+            off_deg = (degrees - rule.reference_deg + 90.0) % 180.0 - 90.0
+            ends = [degrees - off_deg + side * tolerance_deg for side in (-1.0, 1.0)]
+            value = max((told_apart(degrees, end, ".1f")[0] for end in ends), key=len) + "°"
     is_beyond = Cause.ORIENTATION in result.verdict.causes
     return MeasuredNumber("orientation", value, limit, is_beyond)

@@ -22,6 +22,8 @@ from .security import Denied
 
 # Browsers keep pictures, and ask each time whether they may still show them.
 _KEPT = "private, no-cache"
+# The process that makes pictures starts in two seconds, where the station leaves it a processor.
+PATIENCE_S = 5.0
 # A part takes a tenth of a second, and up to `MOST_WAITING` wait before it.
 LONGEST_WAIT_S = 30.0
 _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + "; small by default"
@@ -98,18 +100,12 @@ def _content(picture: PaintedPicture) -> dict[str, str]:
 
 
 async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
-    part, size = f"part {entry.result.part_id}", _size(call)
-
-    def asked() -> Future[PartPictures] | None:
-        path = stored_set(call.panel.folder, entry)
-        return call.panel.pictures.ask(entry.result, path, size)
-
-    future = await run_in_threadpool(asked)
-    if future is None:
-        raise Denied(503, f"{part}: too many parts wait for pictures", {"Retry-After": "2"})
+    part = f"part {entry.result.part_id}"
     try:
-        # Shielded, because others may wait for the same pictures.
-        return await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(future)), LONGEST_WAIT_S)
+        try:
+            return await _asked(call, entry, PATIENCE_S)
+        except TimeoutError:
+            return await _asked(call, entry, LONGEST_WAIT_S - PATIENCE_S, waits=False)
     except TimeoutError:
         raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
     except BrokenExecutor:
@@ -117,6 +113,26 @@ async def _made(call: Call, entry: HistoryEntry) -> PartPictures:
         raise Denied(503, text, {"Retry-After": "2"}) from None
     except InputError as error:
         raise Denied(409, f"{part}: no pictures can be made: {error}") from error
+
+
+async def _asked(
+    call: Call, entry: HistoryEntry, timeout_s: float, *, waits: bool = True
+) -> PartPictures:
+    size = _size(call)
+
+    def asked() -> Future[PartPictures] | None:
+        path = stored_set(call.panel.folder, entry)
+        return call.panel.pictures.ask(entry.result, path, size, waits=waits)
+
+    future = await run_in_threadpool(asked)
+    if future is None:
+        text = f"part {entry.result.part_id}: too many parts wait for pictures"
+        raise Denied(503, text, {"Retry-After": "2"})
+    made = asyncio.wrap_future(future)
+    # Nobody may be left to hear of an error.
+    made.add_done_callback(lambda made: made.cancelled() or made.exception())
+    # Shielded, because others may wait for the same pictures.
+    return await asyncio.wait_for(asyncio.shield(made), timeout_s)
 
 
 ROUTES = (

@@ -3,7 +3,7 @@
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -82,6 +82,9 @@ def _yielding_process() -> PictureWorker:
 class PictureMaker:
     """Has pictures of stored parts made in another process, which yields to the station.
 
+    On a machine whose processors are never idle that process gets nothing done. Pictures that
+    cannot wait are made in a thread of this process.
+
     Parameters
     ----------
     folder
@@ -97,10 +100,13 @@ class PictureMaker:
         self._lock = threading.Lock()
         self._worker: PictureWorker | None = None
         self._is_closed = False
-        self._waiting: dict[_Key, Future[PartPictures]] = {}
+        self._thread = ThreadPoolExecutor(1, "pictures")
+        self._waiting: dict[tuple[_Key, bool], Future[PartPictures]] = {}
         self._kept: OrderedDict[_Key, PartPictures] = OrderedDict()
 
-    def ask(self, result: PartResult, path: Path, size: str) -> Future[PartPictures] | None:
+    def ask(
+        self, result: PartResult, path: Path, size: str, *, waits: bool = True
+    ) -> Future[PartPictures] | None:
         """Return the pictures of a part, in future; None if too many parts wait already.
 
         The future raises `BrokenExecutor` if the process dies; it is started again for the next
@@ -112,6 +118,8 @@ class PictureMaker:
             Its stored set.
         size
             A name of `SIZES`.
+        waits
+            False for pictures that have waited long enough.
         """
         key = (result.part_id, result.set_sha256, size)
         with self._lock:
@@ -120,22 +128,24 @@ class PictureMaker:
                 done: Future[PartPictures] = Future()
                 done.set_result(kept)
                 return done
-            if (waiting := self._waiting.get(key)) is not None:
+            if (waiting := self._waiting.get((key, waits))) is not None:
                 return waiting
             if self._is_closed or len(self._waiting) >= MOST_WAITING:
                 return None
-            future = self._submitted(PictureTask(self._folder, result, path, size))
-            self._waiting[key] = future
-        future.add_done_callback(lambda made: self._keep(key, made))
+            task = PictureTask(self._folder, result, path, size)
+            future = self._submitted(task) if waits else self._thread.submit(made_pictures, task)
+            self._waiting[key, waits] = future
+        future.add_done_callback(lambda made: self._keep(key, waits, made))
         return future
 
     def close(self) -> None:
-        """End the process."""
+        """End process and thread."""
         with self._lock:
             self._is_closed = True
             worker, self._worker = self._worker, None
         if worker is not None:
             worker.abort()
+        self._thread.shutdown(cancel_futures=True)
 
     def _submitted(self, task: PictureTask) -> Future[PartPictures]:
         if self._worker is None:
@@ -146,9 +156,9 @@ class PictureMaker:
             self._worker.renew()
             return self._worker.submit(made_pictures, task)
 
-    def _keep(self, key: _Key, made: Future[PartPictures]) -> None:
+    def _keep(self, key: _Key, waits: bool, made: Future[PartPictures]) -> None:
         with self._lock:
-            del self._waiting[key]
+            del self._waiting[key, waits]
             if made.cancelled() or made.exception() is not None:
                 return
             self._kept[key] = made.result()
@@ -157,7 +167,7 @@ class PictureMaker:
 
 
 def made_pictures(task: PictureTask) -> PartPictures:
-    """Make the pictures of a part; called in the other process."""
+    """Make the pictures of a part."""
     view = part_view(task.folder, task.result, task.path)
     rows, columns = view.captured.images.shape[1:]
     return PartPictures(columns, rows, painted(view, task.size), view.outlines, view.notes)

@@ -108,6 +108,9 @@ def test_the_recipe_of_then_is_found_after_a_change_while_its_approved_copy_is_k
     numbers = {each.name: each for each in measured_numbers(result, recipe)}
     assert numbers["defect score"].is_beyond
     assert numbers["defect score"].limit == "at most 1.00"
+    barely = replace(result, defect_score=1.0 + 1e-4)
+    (number,) = (each for each in measured_numbers(barely, recipe) if each.name == "defect score")
+    assert (number.value, number.limit, number.is_beyond) == ("1.0001", "at most 1.0000", True)
     write_recipe(files.file, recipe.model_copy(update={"note": "changed"}))
     with pytest.raises(InputError, match="is not kept as it was then"):
         recipe_of(folder, result)

@@ -4,7 +4,7 @@ import base64
 import multiprocessing
 import os
 import threading
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.panel import pictures_api
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture
 from capture.station.panel.part_pictures.picture_maker import (
@@ -26,7 +27,7 @@ from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
 from classify.errors import InputError
 from rig.set_file import pixels_sha256
-from tests.capture.station.panel.panels import RunningPanel
+from tests.capture.station.panel.panels import PictureThread, RunningPanel
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
@@ -242,3 +243,17 @@ def test_a_process_that_dies_is_an_answer_to_be_tried_again(
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
     assert (answer.status, answer.headers["retry-after"]) == (503, "2")
     assert "has died" in answer.json["error"]
+
+
+def test_pictures_do_not_wait_for_ever_for_an_idle_processor(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Starved(PictureThread):
+        def submit(self, *_: object) -> Future[PartPictures]:
+            return Future()
+
+    (part_id,) = panel.parts(1)
+    monkeypatch.setattr(pictures_api, "PATIENCE_S", 0.1)
+    monkeypatch.setattr(panel.panel.pictures, "_start", Starved)
+    answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
+    assert {each["name"] for each in answer.json["pictures"]} == NAMES
