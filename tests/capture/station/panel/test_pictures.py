@@ -248,12 +248,8 @@ def test_a_process_that_dies_is_an_answer_to_be_tried_again(
 def test_pictures_do_not_wait_for_ever_for_an_idle_processor(
     panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Starved(PictureThread):
-        def submit(self, *_: object) -> Future[PartPictures]:
-            return Future()
-
     (part_id,) = panel.parts(1)
     monkeypatch.setattr(pictures_api, "PATIENCE_S", 0.1)
-    monkeypatch.setattr(panel.panel.pictures, "_start", Starved)
+    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
     assert {each["name"] for each in answer.json["pictures"]} == NAMES
