@@ -16,7 +16,11 @@ _RECONNECT_S = 0.2
 
 
 def run_ladder(
-    host: str, port: int, next_part: Callable[[], str | None], judged: Callable[[Judged], None]
+    host: str,
+    port: int,
+    next_part: Callable[[], str | None],
+    judged: Callable[[Judged], None],
+    recipe: int = 0,
 ) -> None:
     """Trigger part after part and report their verdicts, until `next_part` returns None.
 
@@ -28,8 +32,11 @@ def run_ladder(
         Called when the place below the camera is free; returns the id of the next part.
     judged
         Called once for each part.
+    recipe
+        Position of the recipe that the parts need; 0 is whichever is loaded.
     """
     ladder = Ladder()
+    ladder.recipe = recipe
     ladder.part_id = next_part()
     unjudged = int(ladder.part_id is not None)
     # A part may have its result before the PLC has seen that it may move.
@@ -56,6 +63,7 @@ def main() -> None:
     parser.add_argument("host")
     parser.add_argument("port", type=int)
     parser.add_argument("--parts", type=int, default=10)
+    parser.add_argument("--recipe", type=int, default=0, help="position of the recipe to load")
     parser.add_argument("--name", default="belt", help="beginning of the parts' ids")
     given = parser.parse_args()
     ids = (f"{given.name}-{number}" for number in range(1, given.parts + 1))
@@ -64,6 +72,7 @@ def main() -> None:
         given.port,
         lambda: next(ids, None),
         lambda part: print(json.dumps(vars(part)), flush=True),
+        given.recipe,
     )
 
 

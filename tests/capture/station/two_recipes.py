@@ -1,6 +1,5 @@
 """A station with two recipes: parts of rock pass by one, and do not by the other."""
 
-import shutil
 from pathlib import Path
 
 from capture.station.approval import approve
@@ -14,7 +13,10 @@ ROCK, SAND = "example", "sand"
 
 
 def add_second_recipe(folder: Path, sets: Path) -> None:
-    """Give the taught station in `folder` a recipe by which sand passes; approve both."""
+    """Give the taught station in `folder` a recipe by which sand passes, and parts of rock alone.
+
+    Both recipes are approved.
+    """
     station = StationFolder(folder)
     files = station.recipe_files(SAND)
     sand, rock = saved(sets, "sand", range(5)), saved(sets, "rock", range(3, 4))
@@ -31,8 +33,3 @@ def add_second_recipe(folder: Path, sets: Path) -> None:
     ):
         text = text.replace(line, changed)
     config.write_text(text, encoding="utf-8")
-
-
-def copied(folder: Path, path: Path) -> Path:
-    """Copy a station that others share."""
-    return shutil.copytree(folder, path)

@@ -3,7 +3,8 @@
     python -m tests.capture.station.plc.kills --kills 300
 
 The station is a taught one on the simulated rig, the PLC is the example client, and a third process
-reads the registers all the time. Each is a process of its own, and all talk by Modbus TCP.
+reads the registers all the time. Each is a process of its own, and all talk by Modbus TCP. Every
+other PLC needs another recipe, so that changes of the recipe are killed, too.
 """
 
 import argparse
@@ -33,15 +34,18 @@ from capture.station.folder import StationFolder, station_folder
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
 from capture.station.plc.handshake import Handshake
+from capture.station.plc.ladder import Judged
 from capture.station.plc.line import PlcLine
 from capture.station.plc.modbus import PlcConnection, serving_modbus
 from capture.station.plc.registers import CAUSES, VERDICTS, Status
+from capture.station.results.change_log import newest_changes
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import open_store
 from capture.station.run import run_station
 from capture.station.verdict import Cause, Decision
 from tests.capture.station.plc.lines import WAIT_S
 from tests.capture.station.production import SMALL_RIG, taught_station
+from tests.capture.station.two_recipes import ROCK, SAND, add_second_recipe
 
 # A kill comes after up to so many parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 2, 0.4
@@ -49,6 +53,7 @@ _LAST_PARTS = 3
 _ENDLESS = 1 << 30
 _PAUSE_S = 0.01
 _HOST = "127.0.0.1"
+RECIPES = ROCK, SAND
 
 
 class Journal:
@@ -86,7 +91,8 @@ def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> N
     journal.write(session=session, began_utc=utc_text(timespec="milliseconds"))
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
-        line = PlcLine(live, Handshake(session, is_trigger=True, is_simulated=True))
+        handshake = Handshake(session, is_trigger=True, is_simulated=True, recipes=RECIPES)
+        line = PlcLine(live, handshake)
         with (
             Publisher(live.tell, line.tell) as publisher,
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
@@ -94,8 +100,8 @@ def be_the_station(folder: Path, port: int, session: int, journal: Journal) -> N
             run_station(opened, SMALL_RIG, live.attached(None), publisher)
 
 
-def be_the_plc(port: int, name: str, parts: int, journal: Journal) -> None:
-    """Trigger parts, and write down which came and what became of them."""
+def be_the_plc(port: int, name: str, parts: int, journal: Journal, recipe: int) -> None:
+    """Trigger parts of a recipe, and write down which came and what became of them."""
     numbers = iter(range(parts))
 
     def next_part() -> str | None:
@@ -105,7 +111,10 @@ def be_the_plc(port: int, name: str, parts: int, journal: Journal) -> None:
         journal.write(came=f"{name}-{number}")
         return f"{name}-{number}"
 
-    run_ladder(_HOST, port, next_part, lambda judged: journal.write(**vars(judged)))
+    def note(judged: Judged) -> None:
+        journal.write(**vars(judged), recipe=RECIPES[recipe - 1])
+
+    run_ladder(_HOST, port, next_part, note, recipe)
 
 
 def be_the_observer(port: int, journal: Journal) -> None:
@@ -134,7 +143,8 @@ def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
     def start(which: str, number: int) -> int:
         if which == "station":
             return forked(lambda: be_the_station(folder, port, number + 1, journal))
-        return forked(lambda: be_the_plc(port, f"run{number}", _ENDLESS, journal))
+        recipe = number % len(RECIPES) + 1
+        return forked(lambda: be_the_plc(port, f"run{number}", _ENDLESS, journal, recipe))
 
     observer = forked(lambda: be_the_observer(port, journal))
     processes = {which: start(which, 0) for which in ("station", "plc")}
@@ -151,7 +161,7 @@ def killed_line(folder: Path, kills: int, choice: random.Random) -> Journal:
             kill(which)
             processes[which] = start(which, number)
         kill("plc")
-        last = forked(lambda: be_the_plc(port, "last", _LAST_PARTS, journal))
+        last = forked(lambda: be_the_plc(port, "last", _LAST_PARTS, journal, 1))
         processes["plc"] = last
         assert os.waitpid(last, 0)[1] == 0
         del processes["plc"]
@@ -179,6 +189,20 @@ def rows_of(folder: Path) -> dict[int, PartResult]:
         return {entry.result.number: entry.result for entry in store.parts()}
 
 
+def recipe_changes(folder: Path) -> int:
+    """How often another recipe was to be loaded."""
+    config = StationFolder(folder).config
+    with open_store(config.results_in(folder), config.name, alone=False) as store:
+        return len(newest_changes(store, _ENDLESS))
+
+
+def station_with_two_recipes(place: Path) -> Path:
+    """Make a station whose PLC needs now one recipe, now another one."""
+    folder = taught_station(place / "line-1")
+    add_second_recipe(folder, place / "shown")
+    return folder
+
+
 def contradictions(rows: dict[int, PartResult], journal: list[dict[str, Any]]) -> Iterator[str]:
     """Say where the PLC took a result for another part's, or was shown an old one."""
     judged = [each for each in journal if "number" in each]
@@ -192,6 +216,8 @@ def contradictions(rows: dict[int, PartResult], journal: list[dict[str, Any]]) -
             yield f"{part} has the number of {row.part_id}"
         elif not is_error and part["verdict"] != VERDICTS[row.verdict.decision]:
             yield f"{part}: its row says {row.verdict.decision}"
+        elif not is_error and part.get("recipe", row.recipe) != row.recipe:
+            yield f"{part} was judged by {row.recipe}"
     counts = Counter(part["part_id"] for part in judged)
     yield from (
         f"{part_id} was judged {count} times" for part_id, count in counts.items() if count > 1
@@ -212,16 +238,17 @@ def main(kills: int, seed: int) -> int:
     """Print the figures; return the exit status."""
     cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory(prefix="ps4rig-plc-") as place:
-        folder = taught_station(Path(place) / "line-1")
+        folder = station_with_two_recipes(Path(place))
         journal = killed_line(folder, kills, random.Random(seed)).read()
-        rows = rows_of(folder)
+        rows, changes = rows_of(folder), recipe_changes(folder)
     wrong = list(contradictions(rows, journal))
     judged = [part for part in journal if "number" in part]
     errors = sum(part["verdict"] == VERDICTS[Decision.ERROR] for part in judged)
     shown = sum("result_number" in each for each in journal)
     print(
         f"{kills} kills: {len(rows)} parts begun, {shown} results shown; the PLC sorted "
-        f"{len(judged)} parts, {errors} of them as ERROR; {len(wrong)} contradictions"
+        f"{len(judged)} parts, {errors} of them as ERROR; {changes} changes of the recipe; "
+        f"{len(wrong)} contradictions"
     )
     print(*wrong, sep="\n", end="")
     return int(bool(wrong))

@@ -8,9 +8,14 @@ import pytest
 
 from capture.station.plc.registers import CAUSES
 from capture.station.verdict import Cause
-from tests.capture.station.plc.kills import contradictions, killed_line, rows_of
+from tests.capture.station.plc.kills import (
+    contradictions,
+    killed_line,
+    recipe_changes,
+    rows_of,
+    station_with_two_recipes,
+)
 from tests.capture.station.plc.test_handshake import FAILED, INTERRUPTED, UTC, result
-from tests.capture.station.production import taught_station
 
 KILLS = 6
 PASS, FAIL, ERROR = 1, 2, 4
@@ -20,10 +25,11 @@ PASS, FAIL, ERROR = 1, 2, 4
 def test_no_result_is_taken_for_another_parts_when_station_and_plc_are_killed(
     tmp_path: Path,
 ) -> None:
-    folder = taught_station(tmp_path / "line-1")
+    folder = station_with_two_recipes(tmp_path)
     journal = killed_line(folder, KILLS, random.Random(5)).read()
     assert list(contradictions(rows_of(folder), journal)) == []
     assert sum("result_number" in each for each in journal) >= 3
+    assert recipe_changes(folder) >= 1
 
 
 ROWS = {
@@ -61,6 +67,7 @@ def test_an_honest_journal_has_no_contradictions(journal: list[dict[str, Any]]) 
         ([judged("b", PASS, 1)], "has the number of a"),
         ([judged("b", PASS, 2)], "its row says FAIL"),
         ([judged("a", PASS, None)], "has no row"),
+        ([judged("a", PASS, 1) | {"recipe": "sand"}], "was judged by None"),
         ([judged("a", PASS, 1), judged("a", PASS, 1)], "a was judged 2 times"),
         ([{"came": "last-0"}], "last-0 was not judged"),
         ([BEGAN, shown(1, PASS)], "it is a result of an earlier run"),
