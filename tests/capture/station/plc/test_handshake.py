@@ -27,10 +27,13 @@ from capture.station.plc.registers import (
     VERDICTS,
     Command,
     ErrorCode,
+    SelectError,
     Status,
     decoded,
     encoded,
 )
+from capture.station.plc.selection import RecipeRequest
+from capture.station.recipe_request import RecipeRefusal
 from capture.station.results.part_result import PartResult
 from capture.station.states import State
 from capture.station.triggers import Accepted, Refusal, Refused
@@ -49,6 +52,13 @@ def result(number: int, verdict: Verdict = PASSED, **fields: Any) -> PartResult:
         station="line-1", number=number, triggered_utc=UTC, exposed_utc=UTC, decided_utc=UTC,
         verdict=verdict, operator=None, simulated=True, software_version="0.1.0", **given,
     )  # fmt: skip
+
+
+RECIPES = "brass", "steel"
+
+
+def loaded(name: str, by: str = "") -> RecipeLoaded:
+    return RecipeLoaded(name, 4, f"{len(name):08x}" * 8, by)
 
 
 def ready(**options: Any) -> Handshake:
@@ -181,6 +191,84 @@ def test_a_recipe_is_required_by_its_position() -> None:
     assert triggered(handshake, 1, recipe=2).refusal is None
 
 
+def selecting(**options: Any) -> tuple[Handshake, RecipeRequest]:
+    """A station with steel whose PLC has selected brass."""
+    handshake = ready(recipes=RECIPES, **options)
+    handshake.tell(loaded("steel"))
+    write(handshake, commands=Command.SELECT_RECIPE, recipe=1)
+    request = handshake.selection.loading
+    assert request is not None
+    return handshake, request
+
+
+def test_a_plc_loads_a_recipe_by_its_position() -> None:
+    handshake, request = selecting()
+    assert request.name == "brass"
+    assert status(handshake) == Status(0)  # not Ready: the PLC requires the new one
+    handshake.tell(loaded("brass", "PLC"))
+    page = shown(handshake)
+    assert Status(page["status"]) == Status.RECIPE_LOADED | Status.READY
+    assert [page[name] for name in ("recipe", "selected", "select_error")] == [1, 1, 0]
+    write(handshake, recipe=1)
+    assert status(handshake) == Status.READY
+    assert triggered(handshake, 1, recipe=1) == TriggerRequest(1, None, "brass")
+
+
+@pytest.mark.parametrize("kind", RecipeRefusal)
+def test_a_recipe_that_is_not_loaded_has_its_code_and_the_old_one_stays(
+    kind: RecipeRefusal,
+) -> None:
+    handshake, request = selecting()
+    handshake.selection.refused(request, kind)
+    page = shown(handshake)
+    assert Status(page["status"]) == Status.RECIPE_REFUSED
+    assert [page[name] for name in ("recipe", "selected")] == [2, 1]
+    assert page["select_error"] == SelectError[kind.name]
+    assert triggered(handshake, 1, recipe=1).refusal == "recipe 1 is not the loaded one"
+    write(handshake)
+    assert status(handshake) == Status.READY
+    assert shown(handshake)["select_error"] == 0
+
+
+@pytest.mark.parametrize(
+    ("position", "is_open", "code"),
+    [(0, True, SelectError.UNKNOWN), (3, True, SelectError.UNKNOWN),
+     (1, False, SelectError.NOT_READY)],
+)  # fmt: skip
+def test_a_selection_that_names_no_recipe_or_comes_too_early_is_refused(
+    position: int, is_open: bool, code: SelectError
+) -> None:
+    handshake = ready(recipes=RECIPES)
+    handshake.is_open = is_open
+    write(handshake, commands=Command.SELECT_RECIPE, recipe=position)
+    assert handshake.selection.loading is None
+    assert shown(handshake)["select_error"] == code
+
+
+def test_a_trigger_that_comes_with_a_selection_or_before_its_answer_is_refused() -> None:
+    handshake = ready(recipes=RECIPES)
+    handshake.tell(loaded("steel"))
+    both = Command.SELECT_RECIPE | Command.TRIGGER
+    request = write(handshake, commands=both, recipe=2, trigger_id=1)
+    assert request is not None
+    assert request.refusal == "recipe steel is being loaded"
+    assert shown(handshake)["error"] == ErrorCode.RECIPE_LOADING
+    write(handshake, recipe=2)  # withdrawn, and still being loaded
+    assert triggered(handshake, 2, recipe=2).refusal == "recipe steel is being loaded"
+    write(handshake, commands=Command.SELECT_RECIPE, recipe=1)
+    assert shown(handshake)["select_error"] == SelectError.BUSY
+    handshake.tell(loaded("steel", "PLC"))
+    assert Status.RECIPE_LOADED not in status(handshake)  # the answer to a selection withdrawn
+    assert shown(handshake)["recipe"] == 2
+
+
+def test_a_recipe_that_somebody_else_loads_is_no_answer() -> None:
+    handshake, _ = selecting()
+    handshake.tell(loaded("brass", "kim"))
+    assert Status.RECIPE_LOADED not in status(handshake)
+    assert handshake.selection.loading is not None
+
+
 def test_a_trigger_that_was_withdrawn_gets_no_ack_and_the_next_one_waits_for_its_answer() -> None:
     handshake = ready()
     first = triggered(handshake, 1)
@@ -294,14 +382,15 @@ def test_nonsense_changes_nothing(address: int, words: list[int]) -> None:
 
 
 # What goes on by itself on a belt without faults.
-STEPS = ("belt", "plc", "parts", "answers", "exposures", "verdicts", "events")
+STEPS = ("belt", "plc", "recipes", "parts", "answers", "exposures", "verdicts", "events")
 
 
 class Belt(RuleBasedStateMachine):
     """A belt with a PLC and a station: all that may happen between them, in any order.
 
     Each side may stop and begin anew at any moment, what the PLC has read may be old when it
-    writes, and the station's events come late.
+    writes, and the station's events come late. Parts need different recipes, and an engineer loads
+    some, too.
     """
 
     def __init__(self) -> None:
@@ -314,17 +403,21 @@ class Belt(RuleBasedStateMachine):
         self.session_of: dict[int, int] = {}
         self.judged: list[Judged] = []
         self.last = 0
+        self.needs: dict[str, int] = {}
+        self.loaded = "steel"
+        self.judged_by: dict[int, str] = {}
         self.start_station()
         self.start_plc()
 
     def start_station(self) -> None:
         self.session = next(self.sessions)
-        self.station = Handshake(self.session, is_trigger=True, is_simulated=True)
+        self.station = Handshake(self.session, is_trigger=True, is_simulated=True, recipes=RECIPES)
+        self.selected: RecipeRequest | None = None  # the last one that was answered
         self.request: TriggerRequest | None = None
         self.unanswered: tuple[TriggerRequest, int] | None = None
         self.exposing: int | None = None
         self.exposed: list[int] = []
-        self.events: list[Any] = []
+        self.events: list[Any] = [loaded(self.loaded)]
         for number in self.seen.keys() - self.rows.keys():
             self.rows[number] = result(number, INTERRUPTED)
             self.events.append(PartRecovered(self.rows[number]))
@@ -337,9 +430,10 @@ class Belt(RuleBasedStateMachine):
     # The belt and the PLC.
 
     @precondition(lambda self: self.ladder.part_id is None)
-    @rule()
-    def bring_part(self) -> None:
+    @rule(recipe=st.integers(0, len(RECIPES)))
+    def bring_part(self, recipe: int) -> None:
         self.ladder.part_id = self.below_camera = f"belt-{next(self.names)}"
+        self.ladder.recipe = self.needs[self.below_camera] = recipe
 
     @rule()
     def read(self) -> None:
@@ -366,11 +460,15 @@ class Belt(RuleBasedStateMachine):
 
     def go_on_with_belt(self) -> None:
         if self.ladder.part_id is None:
-            self.bring_part()
+            self.bring_part(len(self.needs) % (len(RECIPES) + 1))
 
     def go_on_with_plc(self) -> None:
         self.read()
         self.scan(is_lost=False)
+
+    def go_on_with_recipes(self) -> None:
+        if self.may_load_selected():
+            self.load_selected()
 
     def go_on_with_parts(self) -> None:
         if self.request is not None and self.exposing is None:
@@ -409,10 +507,41 @@ class Belt(RuleBasedStateMachine):
 
     # The station.
 
+    def may_load(self) -> bool:
+        """Whether no part is in progress."""
+        return self.exposing is None and not self.exposed
+
+    def may_load_selected(self) -> bool:
+        return self.may_load() and self.station.selection.loading not in (None, self.selected)
+
+    @precondition(may_load_selected)
+    @rule()
+    def load_selected(self) -> None:
+        self.selected = self.station.selection.loading
+        assert self.selected is not None
+        self.load(self.selected.name, "PLC")
+
+    @precondition(lambda self: self.station.selection.loading not in (None, self.selected))
+    @rule(kind=st.sampled_from(RecipeRefusal))
+    def refuse_selected(self, kind: RecipeRefusal) -> None:
+        request = self.station.selection.loading
+        assert request is not None
+        self.station.selection.refused(request, kind)
+
+    @precondition(may_load)
+    @rule(name=st.sampled_from(RECIPES))
+    def load(self, name: str, by: str = "kim") -> None:
+        self.loaded = name
+        self.events += [StateChanged(State.INITIALIZED, "wanted"), loaded(name, by)]
+        self.events += [StateChanged(State.READY, "tested")]
+
     @precondition(lambda self: self.request is not None and self.exposing is None)
     @rule()
     def begin_part(self) -> None:
         assert self.request is not None
+        if self.request.recipe not in (None, self.loaded):
+            self.refuse(Refusal.RECIPE)
+            return
         self.unanswered, self.request = (self.request, self.begin()), None
 
     @precondition(lambda self: self.exposing is None)
@@ -423,6 +552,7 @@ class Belt(RuleBasedStateMachine):
 
     def begin(self) -> int:
         self.last += 1
+        self.judged_by[self.last] = self.loaded
         self.seen[self.last], self.session_of[self.last] = self.below_camera, self.session
         self.exposing = self.last
         self.events += [StateChanged(State.EXECUTING, "triggered"), PartBegun("", self.last)]
@@ -491,6 +621,8 @@ class Belt(RuleBasedStateMachine):
                 assert part.number is not None
                 assert self.seen[part.number] == part.part_id
                 assert part.verdict == VERDICTS[self.rows[part.number].verdict.decision]
+                needed = self.needs[part.part_id]
+                assert needed == 0 or self.judged_by[part.number] == RECIPES[needed - 1]
         self.judged += self.ladder.judged
         self.ladder.judged.clear()
 
@@ -504,9 +636,9 @@ class Belt(RuleBasedStateMachine):
                 assert page["cause"] == CAUSES[Cause.INTERRUPTED]
 
     @invariant()
-    def a_trigger_is_not_accepted_and_refused(self) -> None:
-        both = Status.ACK | Status.REFUSED
-        assert status(self.station) & both != both
+    def nothing_is_accepted_and_refused(self) -> None:
+        for both in (Status.ACK | Status.REFUSED, Status.RECIPE_LOADED | Status.RECIPE_REFUSED):
+            assert status(self.station) & both != both
 
 
 TestBelt = Belt.TestCase
