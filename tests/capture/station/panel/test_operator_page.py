@@ -2,7 +2,9 @@
 
 import re
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from datetime import datetime
 from pathlib import Path
 
@@ -11,6 +13,8 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.panel.access.roles import Role
+from capture.station.panel.part_pictures import picture_maker
+from capture.station.panel.part_pictures.picture_maker import PartPictures, PictureTask
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
@@ -23,6 +27,13 @@ VERDICTS = {
     Decision.ERROR: Verdict(Decision.ERROR, "LED 2 at 31 %", (Cause.CAPTURE,)),
 }
 SHAPES = {name: f"#shape-{name}" for name in (*VERDICTS, "NONE")}
+
+
+# Notes what a page asks for from now on.
+NOTED = (
+    "window.asked = []; window.really = fetch;"
+    "window.fetch = (...about) => { asked.push(about[0]); return really(...about); }; 1"
+)
 
 
 @pytest.fixture
@@ -176,3 +187,97 @@ def test_the_page_fits_screens_and_tablets_in_a_light_and_a_dark_room(
     assert (sum(map(int, back[4:-1].split(","))) < 380) is dark
     page.picture(tmp_path / "page.png")
     assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_a_hidden_page_asks_for_nothing_until_it_is_seen_again(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.until_ready()
+    page = browser.page(panel.url)
+    panel.parts(1)
+    page.until("word.textContent == 'PASS' && !verdict.classList.contains('old')")
+    shown = (
+        "Object.defineProperty(document, 'hidden', {{value: {}, configurable: true}});"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    page.value(shown.format("true"))
+    page.value(NOTED)
+    for _ in range(600):
+        if panel.live.snapshot().subscribers == 0:
+            break
+        time.sleep(0.1)
+    assert panel.live.snapshot().subscribers == 0
+    # What is seen first, before the station has answered, is no verdict that looks new.
+    assert page.value("verdict.classList.contains('old') && trigger.disabled && lost.hidden")
+    (part_id,) = panel.parts(1)
+    page.value("new Promise((resolve) => setTimeout(resolve, 6000))")  # the state, each 5 s
+    assert page.value("asked") == []
+    page.value(shown.format("false"))
+    page.until(f"part.textContent == '{part_id}' && !verdict.classList.contains('old')")
+    page.until("document.querySelectorAll('.picture:not(.blank) img').length >= 8")
+    assert page.errors() == []
+
+
+@pytest.mark.browser
+def test_a_station_that_does_not_answer_is_noticed(panel: RunningPanel, browser: Chromium) -> None:
+    panel.until_ready()
+    page = browser.page(panel.url)
+    page.until("!trigger.disabled")
+    page.value(
+        "window.fetch = (path, {signal}) => new Promise((_, reject) =>"
+        " signal.addEventListener('abort', () => reject(signal.reason))); 1"
+    )
+    page.until("!lost.hidden && trigger.disabled")
+
+
+@pytest.mark.browser
+def test_pictures_that_failed_are_asked_for_again(
+    panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, failures = picture_maker.made_pictures, [BrokenExecutor("killed")] * 2
+
+    def fails_at_first(task: PictureTask) -> PartPictures:
+        if failures:
+            raise failures.pop()
+        return made(task)
+
+    monkeypatch.setattr(picture_maker, "made_pictures", fails_at_first)
+    panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
+    (part_id,) = panel.parts(1)
+    page = browser.page(panel.url)
+    page.until("document.querySelectorAll('.picture:not(.blank) img').length >= 8")
+    page.until("rejected.querySelector('img.thumbnail:not([hidden])')?.naturalWidth == 32")
+    failures += [BrokenExecutor("killed")]
+    page.go(f"{panel.url}parts/{part_id}")
+    page.until("document.getElementById('no-pictures').textContent.includes('has died')")
+    page.until("!document.getElementById('pictures').classList.contains('without')")
+    assert failures == []
+
+
+@pytest.mark.browser
+def test_all_pages_show_the_pictures_of_the_same_parts(
+    panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, parts = picture_maker.made_pictures, []
+
+    def noted(task: PictureTask) -> PartPictures:
+        parts.append(task.result.part_id)
+        return made(task)
+
+    monkeypatch.setattr(picture_maker, "made_pictures", noted)
+    panel.until_ready()
+    pages = [browser.page(panel.url, alone=True) for _ in range(3)]
+    for page in pages:
+        page.value(NOTED)
+    began_s = time.monotonic()
+    while time.monotonic() < began_s + 5.0:
+        (last,) = panel.parts(1)
+    for page in pages:
+        page.until(f"asked.some((path) => path.includes('/{last}/pictures'))")
+    asked = [[path for path in page.value("asked") if "/pictures" in path] for page in pages]
+    longest_s = time.monotonic() - began_s
+    # Parts of each second, the last one, and one that a page chose while another was late.
+    assert all(2 <= len(each) <= longest_s + 2 for each in asked)
+    assert len(parts) == len(set(parts))
+    assert len(parts) <= longest_s + 4
