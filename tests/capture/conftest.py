@@ -1,5 +1,6 @@
 """Fixtures of a small simulated rig, of captured sets on disk and of the command line."""
 
+import logging
 import os
 import subprocess
 import sys
@@ -25,6 +26,7 @@ from classify.images.stack import ImageStack
 from rig import Rig, RigConfig, open_rig
 from rig.set_file import pixels_sha256
 
+_LOG = logging.getLogger(__name__)
 COMMAND = (sys.executable, "-m", "capture")
 Images = npt.NDArray[np.uint16]
 
@@ -117,7 +119,10 @@ def ps4rig() -> Callable[..., Any]:
     """Run the command in this process; the result has exit_code, stdout and stderr."""
 
     def run(*arguments: object, typed: str | None = None) -> Any:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments], input=typed)
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments], input=typed)
+        if result.exit_code:  # shown with a test that fails
+            _LOG.warning("status %d: %s", result.exit_code, result.stderr)
+        return result
 
     return run
 
