@@ -60,7 +60,7 @@ def settle_station() -> None:
 
     Modules live as long as the station: to look through them for garbage takes 0.1 s. The threads
     of OpenCV wait for one another in busy loops, which takes the processor from the threads that
-    judge a part (capture/station/README.md has the gain).
+    judge a part.
     """
     import cv2
 

@@ -89,10 +89,10 @@ class Inspection:
 
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """Images that are solved while they are checked; `surface` waits and returns the result."""
+    """Images that are judged while they are checked; `inspection` waits for the result."""
 
     unchecked: CapturedSet
-    surface: Callable[[], MeasuredSurface]
+    inspection: Callable[[], Inspection]
 
     def is_of(self, captured: CapturedSet) -> bool:
         """Whether a set that has passed its checks has these images."""
@@ -172,12 +172,12 @@ class Inspector:
         return cls(recipe, taught, library, models, found)
 
     def begin(self, unchecked: CapturedSet) -> None:
-        """Start to solve images that are still checked, in another thread; return at once.
+        """Start to judge images that are still checked, in another thread; return at once.
 
-        `inspect` takes the surface if it is given the same arrays, and drops it otherwise: then
+        `inspect` takes the inspection if it is given the same arrays, and drops it otherwise: then
         the set was captured again, or other parts came between.
         """
-        self._begun = _Begun(unchecked, beside(lambda: self._measured(unchecked)))
+        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked)))
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
@@ -185,16 +185,20 @@ class Inspector:
         A set that cannot be judged gets the verdict ERROR with its cause. Any other problem is
         raised, and the caller turns it into the verdict ERROR.
         """
+        begun = self._begun
+        if begun is not None and begun.is_of(captured):
+            return begun.inspection()
+        return self._inspection(captured)
+
+    def _inspection(self, captured: CapturedSet) -> Inspection:
         faults = list(self._faults(captured))
         if faults:
             return Inspection(verdict_of(self.recipe, Measures(), faults))
         timings_ms: dict[str, float] = {}
         with _timed(timings_ms, "solve"):
-            begun = self._begun
-            if begun is not None and begun.is_of(captured):
-                measured = begun.surface()
-            else:
-                measured = self._measured(captured)
+            measured = MeasuredSurface.of(
+                captured, self.recipe.region, self.calibration, self._library.method
+            )
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
                 saturated_fraction=measured.share(measured.saturated),
@@ -223,11 +227,6 @@ class Inspector:
         verdict = verdict_of(self.recipe, measures)
         return Inspection(
             verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
-        )
-
-    def _measured(self, captured: CapturedSet) -> MeasuredSurface:
-        return MeasuredSurface.of(
-            captured, self.recipe.region, self.calibration, self._library.method
         )
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:

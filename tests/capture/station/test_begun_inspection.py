@@ -1,4 +1,4 @@
-"""A surface that is solved while its images are checked is judged with these images alone."""
+"""An inspection that began while its images were checked counts for these images alone."""
 
 from collections.abc import Callable
 from dataclasses import replace
