@@ -46,8 +46,8 @@ Place = tuple[float, float]
 # Places of training patches, the first for one patch, and the place of disjoint tests.
 _TRAINED_PLACES: tuple[Place, ...] = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5))
 _TESTED_PLACES: tuple[Place, ...] = ((0.5, 0.5),)
-# Nine places at which frames of 128 px share no pixel on a tile of 512 px in any orientation, nor
-# cross its edge, where a material that is not seamless has a seam.
+# On a tile of 512 px, tested frames of 128 px share no pixel with trained ones, in any orientation.
+# No frame crosses the edge of the tile, where a material that is not seamless has a seam.
 _SMALL_TRAINED: tuple[Place, ...] = ((0.0, 0.0), (0.31, 0.31), (-0.31, -0.31))
 _SMALL_TESTED: tuple[Place, ...] = tuple(itertools.permutations((0.0, 0.31, -0.31), 2))
 
