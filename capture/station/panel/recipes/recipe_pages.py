@@ -19,8 +19,9 @@ from capture.station.recipe_request import Asker
 from capture.station.recipe_settings import SettingsRefused
 from capture.station.recipe_state import RecipeState
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.history import Selection
+from capture.station.results.history import HistoryEntry, Selection
 from capture.station.taught import read_taught
+from capture.station.verdict import Decision
 from classify.errors import InputError, Ps4rigError
 from classify.regular_file import read_regular_file
 
@@ -139,25 +140,42 @@ def _parts_page(call: Call, problem: str = "") -> Response:
     selection = Selection(below_number=below)
     entries = list(call.panel.results.store.parts(selection, newest=_SHOWN_PARTS))[::-1]
     taught, textures = _taught(files)
-    given = call.fields or {"ids": call.query.get("ids", "")}
-    chosen = {name for name, value in given.items() if value}
+    chosen = _chosen_ids(call)
+    usable = {entry.result.part_id for entry in entries if _is_usable(entry)}
     answer = page(
         call,
         "recipe_parts.html",
         name=files.name,
         entries=entries,
+        usable=usable,
+        is_newest=below is None,
         older=entries[-1].result.number if len(entries) == _SHOWN_PARTS else None,
         taught=taught,
         challenge=challenge_sets(files.challenge),
         textures=textures,
         expected=EXPECTED,
-        given=given,
+        texture=call.fields.get("texture", ""),
+        wanted=call.fields.get("expected", ""),
         chosen=chosen,
+        further=" ".join(part_id for part_id in chosen if part_id not in usable),
         problem=problem,
         is_known=files.file.is_file(),
     )
     answer.status_code = 400 if problem else 200
     return answer
+
+
+def _is_usable(entry: HistoryEntry) -> bool:
+    result = entry.result
+    is_kept = result.set_file is not None and entry.set_removed_utc is None
+    return is_kept and result.verdict.decision is not Decision.ERROR
+
+
+def _chosen_ids(call: Call) -> list[str]:
+    """Return the parts that are ticked, and those that are given by their id."""
+    ticked = [name.removeprefix(_CHOSEN) for name in call.fields if name.startswith(_CHOSEN)]
+    given = call.text("ids", call.query.get("ids", ""))
+    return list(dict.fromkeys([*ticked, *given.replace(",", " ").split()]))
 
 
 def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
@@ -177,10 +195,10 @@ def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
 
 def _use_parts(call: Call) -> Response:
     changes, use = changes_of(call), call.text("use", "")
-    typed = call.text("ids", "").replace(",", " ").split()
-    ids = [name.removeprefix(_CHOSEN) for name in call.fields if name.startswith(_CHOSEN)]
-    part_ids = list(dict.fromkeys([*ids, *typed]))
+    part_ids = _chosen_ids(call)
     try:
+        if use == "look":
+            return _parts_page(call)
         if use in ("good", "bad"):
             if not part_ids:
                 raise InputError("choose a part")
@@ -192,7 +210,7 @@ def _use_parts(call: Call) -> Response:
             add_parts_to_challenge(call.panel, changes, part_ids, call.text("expected", ""))
             return RedirectResponse(f"/recipes/{changes.files.name}", 303)
         else:
-            raise InputError(f"use = {use[:20]!r}: give good, bad, again or challenge")
+            raise InputError(f"use = {use[:20]!r}: give good, bad, again, challenge or look")
     except ResultsUnavailable:
         raise
     except Ps4rigError as error:
@@ -320,7 +338,8 @@ ROUTES = (
         "POST", f"{_NAME}/parts", Role.ENGINEER, _use_parts,
         "Teach chosen parts, or add them to the challenge set.",
         fields={
-            "use": "good, bad, again or challenge", "part.ID": "anything, for each chosen part",
+            "use": "good, bad, again, challenge, or look at other parts",
+            "part.ID": "anything, for each chosen part",
             "ids": "further parts", "texture": "their texture",
             "expected": "the verdict that they must get",
         },

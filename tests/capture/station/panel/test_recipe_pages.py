@@ -142,17 +142,30 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
 ) -> None:
     page = kim.get(f"{PAGE}/parts").text
     assert 'name="part.part-000002"' in page
-    assert 'name="ids" value="part-000001"' in kim.get(f"{PAGE}/parts?ids=part-000001").text
+    given = kim.get(f"{PAGE}/parts?ids=part-000001,part-000000").text
+    assert 'name="part.part-000001" checked' in given
+    assert 'name="ids" value="part-000000"' in given
     chosen = {"part.part-000002": "on", "use": "challenge", "expected": "FAIL"}
     assert kim.form(f"{PAGE}/parts", **chosen).status == 303
     assert "part-000002.ome.tif" in kim.get(PAGE).text
     assert "in the challenge set: FAIL" in kim.get(f"{PAGE}/parts").text
+    # Another page of parts keeps what is chosen and typed.
+    seen = {"use": "look", "part.part-000002": "on", "ids": "part-7", "texture": "rock"}
+    older = kim.form(f"{PAGE}/parts?below=2", **seen)
+    assert older.status == 200
+    assert 'name="part.part-000002"' not in older.text
+    assert 'name="part.part-000001">' in older.text
+    assert 'name="ids" value="part-000002 part-7"' in older.text
+    assert 'value="rock"' in older.text
+    newest = kim.form(f"{PAGE}/parts", use="look", ids="part-000002 part-7").text
+    assert 'name="part.part-000002" checked' in newest
+    assert 'name="ids" value="part-7"' in newest
     for wrong, said in (
         ({"use": "challenge", "expected": "ERROR", "ids": "part-000001"}, "give PASS, FAIL"),
         ({"use": "challenge", "expected": "PASS", "ids": "part-9"}, "there is no result of it"),
         ({"use": "good", "texture": "rock"}, "choose a part"),
         ({"use": "good", "texture": "unknown", "ids": "part-000001"}, "matches no class"),
-        ({"use": "eat"}, "give good, bad, again or challenge"),
+        ({"use": "eat"}, "give good, bad, again, challenge or look"),
     ):
         answer = kim.form(f"{PAGE}/parts", **wrong)
         assert (answer.status, said in answer.text) == (400, True), said
