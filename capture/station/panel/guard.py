@@ -87,8 +87,10 @@ async def _answer(panel: Panel, route: PanelRoute, request: Request) -> Response
     who = await run_in_threadpool(identity_of, panel, request)
     if route.role is not None:
         if who is None:
-            if route.is_api or is_change:
+            if route.is_api:
                 raise Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
+            if is_change:
+                raise Denied(401, "nothing was changed: the session is over; log in again")
             return RedirectResponse(f"/login?next={quote(request.url.path, safe='')}", 303)
         if not who.role.includes(route.role):
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {route.role}")

@@ -22,6 +22,8 @@ def override_part(
 ) -> Decision:
     """Give a part another verdict; the station's own stays beside it.
 
+    The same once more, as by a second click on a button, changes nothing.
+
     Raises
     ------
     InputError
@@ -34,6 +36,9 @@ def override_part(
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
     if not reason.strip():
         raise InputError("reason: must not be empty")
+    last = entry.override
+    if last is not None and (last.decision, last.by, last.reason) == (given, by, reason.strip()):
+        return last.decision
     log.record(who, f"part {part_id}", entry.decision, f"{given}: {reason.strip()}")
     utc = utc_text(timespec="milliseconds")
     store.override(part_id, decision=Decision(given), by=by, reason=reason, utc=utc)

@@ -16,6 +16,7 @@ _FIRST = (
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
 _RENAMED = "decision"  # to verdict and station_verdict
+_BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 COLUMNS = (*_FIRST, *(each.name for each in results.c if each.name not in (*_FIRST, _RENAMED)))
 
 
@@ -48,10 +49,24 @@ def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
 
 
 def csv_line(cells: Iterable[Any]) -> str:
-    """Return a line of CSV (RFC 4180)."""
+    """Return a line of CSV (RFC 4180).
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe (OWASP, "CSV
+    Injection"): names and labels come from people and from other programs.
+    """
     line = io.StringIO()
-    csv.writer(line).writerow(cells)
+    csv.writer(line).writerow(map(_no_formula, cells))
     return line.getvalue()
+
+
+def _no_formula(cell: Any) -> Any:
+    if not isinstance(cell, str) or not cell.startswith(_BEGIN_FORMULAS):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
 
 
 def json_pieces(station: str, counters: Counters, entries: Iterable[HistoryEntry]) -> Iterator[str]:

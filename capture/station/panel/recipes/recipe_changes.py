@@ -112,11 +112,17 @@ class RecipeChanges:
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
         """Approve the recipe; the row has the settings that differ from the last approved state.
 
+        The same once more, as by a second click on a button, changes nothing.
+
         Raises
         ------
         RecipeError
             If it cannot judge parts, or was changed since it was seen.
         """
+        present = read_recipe(self.files.file)
+        if present.is_approved and present.approval is not None and present.approval.by == by:
+            require_seen(present, seen_sha256)
+            return present
         last = next(iter(approved_states(self.files)), None)
 
         def record(old: Recipe, new: Recipe) -> None:

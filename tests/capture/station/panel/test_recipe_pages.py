@@ -57,6 +57,7 @@ def changes(line: RunningPanel) -> list[tuple[str, str, str | None, str | None]]
 def test_changed_settings_are_a_state_that_nobody_approved(line: RunningPanel, kim: Client) -> None:
     before = recipe_of(line)
     assert kim.form(f"{PAGE}/approve", sha256=before.sha256).status == 303
+    assert kim.form(f"{PAGE}/approve", sha256=before.sha256).status == 303  # a second click
     form = fields_of(kim.get(f"{PAGE}/settings").text)
     given = form | {"limits.margin": "0.3", "orientation.tolerance_deg": "5", "note": "sheet 7"}
     assert kim.form(f"{PAGE}/settings", **given).status == 303
@@ -111,6 +112,29 @@ def test_a_wrong_value_is_named_beside_its_field_and_nothing_is_saved(
     wrong_by_api = {"sha256": before.sha256, "settings": {"limits": {"margin": 2}, "name": "x"}}
     by_api = line.client(Role.ENGINEER).post(f"{API}/settings", wrong_by_api)
     assert (by_api.status, list(by_api.json["settings"])) == (400, ["name"])
+
+
+def test_of_two_engineers_who_change_settings_at_once_the_second_is_told(
+    line: RunningPanel, kim: Client
+) -> None:
+    line.panel.users.put("ada", Role.ENGINEER, PASSWORD)
+    ada = line.local
+    ada.log_in("ada")
+    forms = [fields_of(each.get(f"{PAGE}/settings").text) for each in (kim, ada)]
+    given = forms[0] | {"limits.margin": "0.3"}
+    assert kim.form(f"{PAGE}/settings", **given).status == 303
+    late = ada.form(f"{PAGE}/settings", **forms[1] | {"limits.margin": "0.2"})
+    assert late.status == 400
+    assert "was changed by somebody else" in late.text
+    assert recipe_of(line).limits.margin == 0.3
+    assert len(changes(line)) == 1
+    # The form of a session that is over.
+    kim.form("/logout")
+    over = kim.form(f"{PAGE}/settings", **given | {"limits.margin": "0.4"})
+    assert over.status == 401
+    assert "nothing was changed: the session is over" in over.text
+    assert '<a href="/login">Log in</a>' in over.text
+    assert recipe_of(line).limits.margin == 0.3
 
 
 def test_programs_change_approve_and_roll_back_recipes(line: RunningPanel) -> None:
