@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SurfaceEstimate
-from classify.lights.order import light_order
+from classify.lights.order import _halved, _mean, _means, light_order
 
 RING = Lighting.ring(45.0)
 OPPOSITE = (2, 3, 0, 1)
@@ -185,3 +185,14 @@ def test_other_numbers_of_lights_are_refused() -> None:
         light_order(np.zeros((3, 64, 64), np.uint8), Lighting.ring(45.0, (0.0, 120.0, 240.0)))
     with pytest.raises(InputError, match="3 images for 4 lights"):
         light_order(np.zeros((3, 64, 64), np.uint8), RING)
+
+
+@given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 2**32 - 1))
+def test_images_of_even_sides_are_halved_to_exact_means(rows: int, columns: int, seed: int) -> None:
+    plane = np.random.default_rng(seed).integers(0, 65536, (2 * rows, 2 * columns), np.uint16)
+    half = _means(plane)
+    blocks = plane.reshape(rows, 2, columns, 2).astype(np.float64)
+    assert half.dtype == np.float32
+    assert np.array_equal(half, blocks.mean(axis=(1, 3)))
+    # Further halvings start from means, also of odd sides.
+    assert np.array_equal(_means(half[:-1]), _halved(half[:-1], _mean))
