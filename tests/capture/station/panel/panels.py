@@ -28,7 +28,7 @@ from capture.station.panel.server import serving_panel
 from capture.station.run import run_station
 from capture.station.triggers import TriggerSource
 from rig import RigConfig
-from tests.capture.station.stations import Bench, bench
+from tests.capture.station.stations import Bench, FakeRecipes, bench
 
 ANY_PORT = PanelConfig(port=0)
 PASSWORD = "correct horse"
@@ -176,12 +176,15 @@ class RunningPanel(ServedPanel):
 
 @contextmanager
 def running_panel(
-    folder: Path, captured: CapturedSet, settings: PanelConfig = ANY_PORT
+    folder: Path,
+    captured: CapturedSet,
+    settings: PanelConfig = ANY_PORT,
+    recipes: FakeRecipes | None = None,
 ) -> Iterator[RunningPanel]:
     """Run a station with a fake rig in `folder` whose triggers come by HTTP, with its panel."""
     with bench(folder, captured) as station:
         live = LiveStation(station.folder.config.name, simulated=True)
-        station.listen = live.tell
+        station.listen, station.recipes = live.tell, recipes
         panel = replace(
             Panel.of(station.folder, live, settings),
             pictures=PictureMaker(station.folder, PictureThread),

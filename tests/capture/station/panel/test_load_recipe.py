@@ -1,0 +1,101 @@
+"""Another recipe by HTTP and in the panel."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.approval import approve
+from capture.station.events import RecipeLoaded
+from capture.station.panel.access.roles import Role
+from capture.station.recipe_file import read_recipe
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe_request import RecipeRefusal, RecipeRefused
+from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
+from tests.capture.station.stations import FIRST, FakeRecipes
+from tests.chromium import chromium
+
+API = "/api/v1/recipes/example"
+
+
+@pytest.fixture
+def line(station: Path, files: RecipeFolder, captured: CapturedSet) -> Iterator[RunningPanel]:
+    """A station that runs another recipe than the approved one of its folder."""
+    approve(files, "Ada")
+    with running_panel(station, captured, recipes=FakeRecipes()) as running:
+        running.panel.users.put("kim", Role.ENGINEER, PASSWORD)
+        running.until_ready()
+        yield running
+
+
+def test_an_engineer_loads_a_recipe_by_http(line: RunningPanel) -> None:
+    client = line.client(Role.ENGINEER)
+    line.parts(1, client)
+    assert client.get("/api/v1/recipes").json["running"]["name"] == FIRST
+    answer = client.post(f"{API}/load")
+    assert (answer.status, answer.json["running"]["name"]) == (200, "example")
+    # What comes after the answer is of the new recipe.
+    running = client.get("/api/v1/recipes").json["running"]
+    assert running == answer.json["running"]
+    assert running["by"] == "client-engineer"
+    line.parts(1, client)
+    parts = client.get("/api/v1/parts?simulated=true").json["parts"]
+    assert [each["recipe"] for each in parts] == ["example", FIRST]
+    metrics = client.get("/api/v1/metrics").text
+    assert f'ps4rig_recipe{{name="example",version="1",sha256="{running["sha256"]}"}} 1' in metrics
+
+
+def test_a_recipe_that_is_refused_has_its_reason_and_the_old_one_runs(line: RunningPanel) -> None:
+    def refuse(_: str) -> None:
+        raise RecipeRefused("part 3 is UNKNOWN", RecipeRefusal.CHALLENGE)
+
+    assert line.bench.recipes is not None
+    line.bench.recipes.on_load = refuse
+    client = line.client(Role.ENGINEER)
+    answer = client.post(f"{API}/load")
+    assert answer.status == 409
+    assert answer.json == {"error": "part 3 is UNKNOWN", "kind": "CHALLENGE"}
+    assert client.get("/api/v1/recipes").json["running"]["name"] == FIRST
+    assert client.post("/api/v1/recipes/nobody/load").status == 404
+    assert line.client(Role.OPERATOR).post(f"{API}/load").status == 403
+    kim = line.local
+    kim.log_in("kim")
+    page = kim.form("/recipes/example/load")
+    assert (page.status, "part 3 is UNKNOWN" in page.text) == (400, True)
+
+
+def test_only_an_approved_recipe_that_does_not_run_has_a_button(
+    line: RunningPanel, files: RecipeFolder
+) -> None:
+    button = 'aria-label="Load recipe example"'
+    kim = line.local
+    kim.log_in("kim")
+    assert button in kim.get("/recipes").text
+    assert button in kim.get("/recipes/example").text
+    assert button not in line.client(Role.OPERATOR).get("/recipes").text
+    line.live.tell(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
+    assert button not in kim.get("/recipes").text
+    assert button not in kim.get("/recipes/example").text
+
+
+@pytest.mark.browser
+def test_the_button_loads_a_recipe_and_the_operator_sees_it(
+    line: RunningPanel, tmp_path: Path
+) -> None:
+    with chromium(tmp_path / "profile") as browser:
+        page = browser.page(f"{line.url}login")
+        page.type("kim")
+        page.press("Tab")
+        page.type(PASSWORD)
+        page.press("Enter")
+        page.until("document.getElementById('recipe')")
+        assert page.text("recipe") == f"{FIRST}, version 1"
+        operator = browser.page(line.url)
+        page.go(f"{line.url}recipes")
+        page.tab_to('button[aria-label="Load recipe example"]')
+        page.press("Enter")
+        operator.until("recipe.textContent == 'example, version 1'")
+        page.until("location.pathname == '/recipes/example'")
+        page.until("document.body.innerText.includes('loaded by kim')")
+        assert operator.errors() == page.errors() == []
