@@ -1,8 +1,9 @@
 """Five browsers on the operator's page of a station that judges part after part.
 
 ``PARTS`` is the number of parts with the browsers, and as many without, half of them before and
-half after; ``FRAME_PX`` is the side of their images. The browsers have the lowest priority, as if
-they ran on other machines: they draw five pages with the two cores that judge the parts.
+half after; ``FRAME_PX`` is the side of their images. Parts are triggered as fast as the station
+takes them. The browsers stand for panel computers, but draw five pages with the two cores that
+judge the parts: with the policy SCHED_IDLE they use what the station leaves.
 """
 
 import os
