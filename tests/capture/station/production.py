@@ -39,18 +39,14 @@ from tests.capture.station.teaching_sets import SIDE_PX, saved
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
 # A kill comes after up to so many announced parts, and so much later: longer than a part takes.
 _MOST_PARTS, _LATEST_S = 3, 0.4
-# A run without an event for so long hangs.
-_SILENCE_S = 120.0
+# A run without an event for so long hangs. Machines stand still for minutes, too.
+_SILENCE_S = 900.0
 
 
 def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Path:
     """Make a station that knows rock as good and sand as bad; `config` replaces its keys."""
     make_station(folder)
-    keys = {"timer_s": 0.0, "disk_floor_mb": 50, "reconnect_s": 0.05, **config}
-    text = (folder / CONFIG).read_text(encoding="utf-8")
-    kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
-    lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    (folder / CONFIG).write_text("\n".join([*lines, *kept]), encoding="utf-8")
+    configure(folder, **config)
     files = StationFolder(folder).recipe_files()
     rock = saved(folder / "shown", "rock", range(7), side_px)
     sand = saved(folder / "shown", "sand", range(3), side_px)
@@ -61,6 +57,15 @@ def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Pa
     approve(files, "Ada")
     Inspector.load(files)
     return folder
+
+
+def configure(folder: Path, **config: object) -> None:
+    """Let a station run as fast as it can; `config` replaces its keys."""
+    keys = {"timer_s": 0.0, "disk_floor_mb": 50, "reconnect_s": 0.05, **config}
+    text = (folder / CONFIG).read_text(encoding="utf-8")
+    kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
+    lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
+    (folder / CONFIG).write_text("\n".join([*lines, *kept]), encoding="utf-8")
 
 
 def in_memory(parts: int) -> str | None:
@@ -207,17 +212,20 @@ def killed_production(
     """
     events: dict[Path, list[dict[str, Any]]] = {folder: [] for folder in folders}
     runs = {folder: ForkedRun.start(folder) for folder in folders}
-    for number in range(kills):
-        folder = choice.choice(folders)
-        run = runs[folder]
-        run.read_until(run.announced() + choice.randint(0, _MOST_PARTS))
-        between(number)
-        time.sleep(choice.uniform(0.0, _LATEST_S))
-        run.kill()
-        events[folder] += run.events
-        runs[folder] = ForkedRun.start(folder)
+    try:
+        for number in range(kills):
+            folder = choice.choice(folders)
+            run = runs[folder]
+            run.read_until(run.announced() + choice.randint(0, _MOST_PARTS))
+            between(number)
+            time.sleep(choice.uniform(0.0, _LATEST_S))
+            run.kill()
+            events[folder] += run.events
+            runs[folder] = ForkedRun.start(folder)
+    finally:  # a run would go on for ever
+        for run in runs.values():
+            run.kill()
     for folder, run in runs.items():
-        run.kill()
         events[folder] += run.events
         last = ForkedRun.start(folder, parts=3)
         last.wait()
