@@ -163,9 +163,10 @@ class Inspector:
         """Load what teaching made for a recipe that was read; raises as `load`."""
         made = files.version(recipe.version)
         taught = taught_for(recipe, files)
-        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
         models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(made.library)
+        # After loading, so that a file that is exchanged meanwhile is found.
+        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
         found = None
         if calibration is not None:
             found = FoundCalibration(calibration, read_calibration(calibration), ())

@@ -11,7 +11,7 @@ from capture.acquisition.part_sensor import ArrivedPart, wait_for_part
 from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.captured_set import CapturedSet
-from rig import HardwareError, Rig, RigConfig, open_rig
+from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
 
@@ -22,6 +22,8 @@ from .simulated_parts import simulated_part
 
 # A simulated part arrives at least so long after the wait began: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
+# Parts whose pixels are not accepted for another part; their hashes take 2 MB.
+_MOST_PARTS = 10_000
 
 
 class PartCamera(Protocol):
@@ -74,6 +76,7 @@ class StationRig:
         self._rig: Rig | None = None
         self._part: ArrivedPart | None = None
         self._counted: int | None = None  # parts that the sensor saw and that are accounted for
+        self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
         path = rig_config.calibration
         self.calibration = None if path is None else read_calibration(Path(path))
 
@@ -166,12 +169,15 @@ class StationRig:
         ------
         SetRejected, CalibrationError, HardwareError
             As `capture_set`.
+        CameraError
+            If every pixel is that of an earlier part of this run.
         """
         rig = self._opened()
         part, self._part = self._part, None
         if part is None:
             self._place(number)
         captured = capture_set(rig, calibration=self.calibration, part=part, exposed=self._exposed)
+        self._require_new(captured.metadata.pixels_sha256, number)
         if rig.simulation is not None and self._rig_config.simulation.clock == "virtual":
             return captured, time.monotonic()
         frames = [frame for image in captured.metadata.images for frame in image.frames]
@@ -184,6 +190,16 @@ class StationRig:
             # Nothing is known of a rig that failed; its watchdog puts the LEDs out.
             with suppress(Exception):
                 rig.close()
+
+    def _require_new(self, pixels_sha256: str, number: int) -> None:
+        """Refuse the pixels of an earlier part: the noise of two exposures differs."""
+        earlier = self._parts.setdefault(pixels_sha256, number)
+        if earlier != number:
+            raise CameraError(
+                f"every pixel is that of part number {earlier}: the camera repeats its images"
+            )
+        if len(self._parts) > _MOST_PARTS:
+            del self._parts[next(iter(self._parts))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:
         wanted = recipe.light.model_dump(exclude_none=True)

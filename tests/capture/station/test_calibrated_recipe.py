@@ -1,6 +1,7 @@
 """A recipe that is taught with a calibration, and on a region of the image."""
 
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,13 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
     too_old = other.inspect(replace(known, metadata=about)).verdict
     assert too_old.causes == (Cause.CALIBRATION,)
     assert "at most 365" in too_old.reason
+    # A clock that was set back makes no calibration young: this one is of 3 days after the part.
+    ahead, later = tmp_path / "ahead.ps4cal", datetime.now(UTC) + timedelta(days=3)
+    calibrated_with(flat, setting, utc_text(later)).write(ahead)
+    about = known.metadata.model_copy(update={"calibration_ids": (read_calibration(ahead).hash,)})
+    too_new = Inspector.load(files, ahead).inspect(replace(known, metadata=about)).verdict
+    assert too_new.causes == (Cause.CALIBRATION,)
+    assert "was measured -3 days before the part" in too_new.reason
 
     # A newer calibration may judge, once the challenge set was met with it.
     newer = tmp_path / "newer.ps4cal"

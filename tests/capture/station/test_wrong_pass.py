@@ -1,0 +1,157 @@
+"""Ways to a wrong PASS that no test of a single module covers; README.md lists all of them."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture import CapturedSet
+from capture.acquisition import attempts
+from capture.errors import SetRejected
+from capture.station.approval import approve
+from capture.station.config import CONFIG
+from capture.station.errors import RecipeError
+from capture.station.events import Event, PartAnnounced
+from capture.station.folder import StationFolder, station_folder
+from capture.station.inspector import Inspector
+from capture.station.recipe_file import read_recipe, write_recipe
+from capture.station.recipe_folder import RecipeFolder
+from capture.station.station_rig import StationRig
+from capture.station.verdict import Cause, Decision
+from classify.errors import InputError
+from classify.library.texture_library import TextureLibrary
+from rig import CameraError, RigConfig, open_rig
+from tests.capture.station.production import SMALL_RIG, configure, run_parts
+from tests.capture.station.teaching_sets import patch
+
+
+@pytest.fixture
+def line(station: Path, files: RecipeFolder) -> Path:
+    """An approved station whose parts are all good."""
+    configure(station)
+    config = station / CONFIG
+    feed = '[simulated_parts]\nsurfaces = ["rock"]\nshare_other = 0.0\nshare_defective = 0.0\n'
+    config.write_text(config.read_text().partition("[simulated_parts]")[0] + feed)
+    approve(files, "Ada")
+    return station
+
+
+def results_of(folder: Path, parts: int, meanwhile: Any = lambda _: None) -> list[Any]:
+    found: list[Any] = []
+
+    def listen(event: Event) -> None:
+        if isinstance(event, PartAnnounced):
+            found.append(event.result)
+            meanwhile(len(found))
+
+    run_parts(folder, parts, listen)
+    return found
+
+
+def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
+    line: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[CapturedSet] = []
+
+    def frozen(*args: Any, **options: Any) -> CapturedSet:
+        kept.append(attempts.capture_set(*args, **options))
+        return kept[0]
+
+    monkeypatch.setattr("capture.station.station_rig.capture_set", frozen)
+    first, *others = results_of(line, 3)
+    assert first.verdict.decision is Decision.PASS
+    for result in others:
+        assert result.verdict.causes == (Cause.RIG,)
+        assert f"every pixel is that of part number {first.number}" in result.verdict.reason
+
+
+def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("capture.station.station_rig._MOST_PARTS", 2)
+    folder = StationFolder(line)
+    rig = StationRig(folder.config, SMALL_RIG, read_recipe(folder.recipe_files().file))
+    sets = iter([1, 2, 3, 1, 3])
+    captured = patch("rock", 3)
+
+    def numbered(*_: Any, **__: Any) -> CapturedSet:
+        about = captured.metadata.model_copy(update={"pixels_sha256": f"{next(sets):064}"})
+        return replace(captured, metadata=about)
+
+    monkeypatch.setattr("capture.station.station_rig.capture_set", numbered)
+    rig.open()
+    for number in range(1, 5):
+        rig.capture(number)
+    with pytest.raises(CameraError, match="of part number 3"):
+        rig.capture(5)
+    rig.close()
+
+
+def test_recipe_library_and_defect_model_that_are_exchanged_during_a_run_judge_no_part(
+    line: Path, files: RecipeFolder
+) -> None:
+    recipe, inspector = read_recipe(files.file), Inspector.load(files)
+    made = files.version(recipe.version)
+
+    def exchange(announced: int) -> None:
+        if announced == 1:
+            narrow = recipe.limits_of["rock"].model_copy(update={"sdq": (0.001, 0.002)})
+            write_recipe(files.file, recipe.model_copy(update={"limits_of": {"rock": narrow}}))
+            for path in (made.library, made.defects(1), made.taught):
+                path.write_bytes(b"of another recipe")
+
+    found = results_of(line, 3, exchange)
+    assert {result.verdict.decision for result in found} == {Decision.PASS}
+    hashes = {(result.recipe_sha256, result.library_sha256) for result in found}
+    assert hashes == {(recipe.sha256, inspector.fingerprint.library_sha256)}
+    with pytest.raises(InputError, match=r"taught\.json"):
+        run_parts(line, 1, lambda _: None)
+
+
+def test_two_runs_in_one_folder_are_refused(line: Path) -> None:
+    with station_folder(line), pytest.raises(InputError, match="in use by ps4rig, process"):
+        run_parts(line, 1, lambda _: None)
+
+
+def test_a_library_that_is_exchanged_while_it_is_loaded_is_refused(
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = files.version(read_recipe(files.file).version).library
+    load, other = TextureLibrary.load, files.version(1).library.read_bytes()
+
+    def exchanged(_: Path) -> TextureLibrary:
+        path.write_bytes(other)
+        return load(path)
+
+    monkeypatch.setattr(TextureLibrary, "load", exchanged)
+    with pytest.raises(RecipeError, match=r"textures\.ps4lib: was changed"):
+        Inspector.load(files)
+
+
+@pytest.mark.parametrize(("moved_px", "first_moved"), [(3.0, 1), (3.0, 2), (40.0, 3)])
+def test_a_part_that_moves_between_two_exposures_does_not_pass(
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, moved_px: float, first_moved: int
+) -> None:
+    """The second captured part is the same one, or another where it is moved by far."""
+    inspector = Inspector.load(files)
+    part = {"surface": "rock", "rotate_deg": 30.0, "seed": 1}
+    light_images = attempts._light_images
+    with open_rig(placed(part, 0.0)) as one, open_rig(placed(part, moved_px)) as two:
+        assert inspector.inspect(attempts.capture_set(one)).verdict.decision is Decision.PASS
+        after = attempts.capture_set(two).images
+
+        def moved(images: Any) -> Any:
+            found = light_images(images)
+            later = enumerate(found[first_moved:], first_moved)
+            return [*found[:first_moved], *(replace(each, pixels=after[n]) for n, each in later)]
+
+        monkeypatch.setattr(attempts, "_light_images", moved)
+        try:
+            captured = attempts.capture_set(one)
+        except SetRejected:
+            return
+    assert inspector.inspect(captured).verdict.decision is not Decision.PASS
+
+
+def placed(part: dict[str, object], moved_px: float) -> RigConfig:
+    shift_px = (100.0 + moved_px, 50.0)
+    return SMALL_RIG.with_changes(simulation={"placement": part | {"shift_px": shift_px}})
