@@ -13,7 +13,7 @@ from .results.store import ResultStore
 from .retention import remove_old_sets
 
 # Sets reach their age hour by hour, so one removal is short.
-_PERIOD_S = 3600.0
+PERIOD_S = 3600.0
 
 
 @contextmanager
@@ -32,7 +32,7 @@ def retention_in_background(
                 remove_old_sets(folder, store, retention, datetime.now(UTC), stop=ended.is_set)
             except (Ps4rigError, OSError) as error:  # OSError: the disk cannot sync
                 warn(f"old sets are not removed: {error}")
-            if ended.wait(_PERIOD_S):
+            if ended.wait(PERIOD_S):
                 return
 
     thread = threading.Thread(target=keep_removing, name="station retention")

@@ -23,7 +23,7 @@ from .simulated_parts import simulated_part
 # A simulated part arrives at least so long after the wait began: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
 # Parts whose pixels are not accepted for another part; their hashes take 2 MB.
-_MOST_PARTS = 10_000
+MOST_KNOWN = 10_000
 
 
 class PartCamera(Protocol):
@@ -198,7 +198,7 @@ class StationRig:
             raise CameraError(
                 f"every pixel is that of part number {earlier}: the camera repeats its images"
             )
-        if len(self._parts) > _MOST_PARTS:
+        if len(self._parts) > MOST_KNOWN:
             del self._parts[next(iter(self._parts))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:

@@ -105,7 +105,7 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
             suppress(KeyboardInterrupt),
             patch("capture.station.station_rig.simulated_part", known_part),
             patch("capture.station.retention.removed_until", some_time_ago),
-            patch("capture.station.retention_thread._PERIOD_S", REMOVED_EACH_S),
+            patch("capture.station.retention_thread.PERIOD_S", REMOVED_EACH_S),
         ):
             run_parts(folder, parts, listen)
     return readings

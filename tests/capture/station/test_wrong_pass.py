@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture import CapturedSet
-from capture.acquisition import attempts
+from capture import CapturedSet, capture_set
 from capture.errors import SetRejected
 from capture.station.approval import approve
 from capture.station.config import CONFIG
@@ -21,7 +20,8 @@ from capture.station.station_rig import StationRig
 from capture.station.verdict import Cause, Decision
 from classify.errors import InputError
 from classify.library.texture_library import TextureLibrary
-from rig import CameraError, RigConfig, open_rig
+from rig import CameraError, Placement, Rig, Switch, open_rig
+from rig.fresh_frame import switch_to
 from tests.capture.station.production import SMALL_RIG, configure, run_parts
 from tests.capture.station.teaching_sets import patch
 
@@ -55,7 +55,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
     kept: list[CapturedSet] = []
 
     def frozen(*args: Any, **options: Any) -> CapturedSet:
-        kept.append(attempts.capture_set(*args, **options))
+        kept.append(capture_set(*args, **options))
         return kept[0]
 
     monkeypatch.setattr("capture.station.station_rig.capture_set", frozen)
@@ -67,7 +67,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
 
 
 def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.station_rig._MOST_PARTS", 2)
+    monkeypatch.setattr("capture.station.station_rig.MOST_KNOWN", 2)
     folder = StationFolder(line)
     rig = StationRig(folder.config, SMALL_RIG, read_recipe(folder.recipe_files().file))
     sets = iter([1, 2, 3, 1, 3])
@@ -127,31 +127,27 @@ def test_a_library_that_is_exchanged_while_it_is_loaded_is_refused(
         Inspector.load(files)
 
 
-@pytest.mark.parametrize(("moved_px", "first_moved"), [(3.0, 1), (3.0, 2), (40.0, 3)])
+@pytest.mark.parametrize(("moved_px", "lights"), [(3.0, {3}), (3.0, {1, 2}), (40.0, {2})])
 def test_a_part_that_moves_between_two_exposures_does_not_pass(
-    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, moved_px: float, first_moved: int
+    files: RecipeFolder, monkeypatch: pytest.MonkeyPatch, moved_px: float, lights: set[int]
 ) -> None:
-    """The second captured part is the same one, or another where it is moved by far."""
+    """Moved by far, it is as good as another part of the same texture."""
     inspector = Inspector.load(files)
-    part = {"surface": "rock", "rotate_deg": 30.0, "seed": 1}
-    light_images = attempts._light_images
-    with open_rig(placed(part, 0.0)) as one, open_rig(placed(part, moved_px)) as two:
-        assert inspector.inspect(attempts.capture_set(one)).verdict.decision is Decision.PASS
-        after = attempts.capture_set(two).images
+    there = Placement(surface="rock", rotate_deg=30.0, seed=1, shift_px=(100.0, 50.0))
+    moved = there.model_copy(update={"shift_px": (100.0 + moved_px, 50.0)})
+    with open_rig(SMALL_RIG) as rig:
+        assert rig.simulation is not None
+        rig.simulation.place(there)
+        assert inspector.inspect(capture_set(rig)).verdict.decision is Decision.PASS
 
-        def moved(images: Any) -> Any:
-            found = light_images(images)
-            later = enumerate(found[first_moved:], first_moved)
-            return [*found[:first_moved], *(replace(each, pixels=after[n]) for n, each in later)]
+        def switch_and_move(_: Rig, light: int | None) -> Switch:
+            assert rig.simulation is not None
+            rig.simulation.place(moved if light in lights else there)
+            return switch_to(rig, light)
 
-        monkeypatch.setattr(attempts, "_light_images", moved)
+        monkeypatch.setattr("capture.acquisition.light_images.switch_to", switch_and_move)
         try:
-            captured = attempts.capture_set(one)
+            captured = capture_set(rig)
         except SetRejected:
             return
     assert inspector.inspect(captured).verdict.decision is not Decision.PASS
-
-
-def placed(part: dict[str, object], moved_px: float) -> RigConfig:
-    shift_px = (100.0 + moved_px, 50.0)
-    return SMALL_RIG.with_changes(simulation={"placement": part | {"shift_px": shift_px}})
