@@ -23,6 +23,7 @@ from capture.station.recipe_file import read_recipe
 from capture.station.recipe_folder import RecipeFolder
 from capture.station.recipe_settings import save_settings, setting_changes, with_settings
 from capture.station.recipe_state import RecipeState, state_of
+from capture.station.results.database import ResultsUnavailable
 from capture.station.teaching import teach
 from capture.station.teaching_page import write_teaching_page
 from capture.station.teaching_result import Teaching
@@ -180,9 +181,14 @@ class RecipeChanges:
 
         def ended(found: str | None) -> None:
             now = self._recipe()
-            self._record("", before, found or (None if now is None else with_approval(now)))
-            if known is not None and now is not None:
-                self._record_settings(known, now)
+            try:
+                self._record("", before, found or (None if now is None else with_approval(now)))
+                if known is not None and now is not None:
+                    self._record_settings(known, now)
+            except ResultsUnavailable as error:  # its words are for changes that were not made
+                raise ResultsUnavailable(
+                    f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
+                ) from error
 
         return LongChange(title, ended)
 
