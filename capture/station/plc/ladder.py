@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
+from capture.station.states import State
 from capture.station.verdict import Cause, Decision
 
-from .registers import CAUSES, VERDICTS, Command, Status
+from .registers import CAUSES, STATES, VERDICTS, Command, Status
 
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0
@@ -139,7 +140,8 @@ class Ladder:
     def _begin(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:
         """Select the recipe of the part, or trigger the part."""
         if self.recipe not in (0, inputs["recipe"]):
-            self._deadline_s, self._step = now_s + RECIPE_S, _Step.RECIPE
+            if inputs["state"] == STATES[State.READY]:
+                self._deadline_s, self._step = now_s + RECIPE_S, _Step.RECIPE
         elif Status.READY in status:
             self._trigger_id = self._trigger_id % _IDS + 1
             self._deadline_s, self._step = now_s + ANSWER_S, _Step.ANSWER
