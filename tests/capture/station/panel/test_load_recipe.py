@@ -14,7 +14,6 @@ from capture.station.recipe_folder import RecipeFolder
 from capture.station.recipe_request import RecipeRefusal, RecipeRefused
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
-from tests.chromium import chromium
 
 API = "/api/v1/recipes/example"
 
@@ -77,25 +76,3 @@ def test_only_an_approved_recipe_that_does_not_run_has_a_button(
     line.live.tell(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
     assert button not in kim.get("/recipes").text
     assert button not in kim.get("/recipes/example").text
-
-
-@pytest.mark.browser
-def test_the_button_loads_a_recipe_and_the_operator_sees_it(
-    line: RunningPanel, tmp_path: Path
-) -> None:
-    with chromium(tmp_path / "profile") as browser:
-        page = browser.page(f"{line.url}login")
-        page.type("kim")
-        page.press("Tab")
-        page.type(PASSWORD)
-        page.press("Enter")
-        page.until("document.getElementById('recipe')")
-        assert page.text("recipe") == f"{FIRST}, version 1"
-        operator = browser.page(line.url)
-        page.go(f"{line.url}recipes")
-        page.tab_to('button[aria-label="Load recipe example"]')
-        page.press("Enter")
-        operator.until("recipe.textContent == 'example, version 1'")
-        page.until("location.pathname == '/recipes/example'")
-        page.until("document.body.innerText.includes('loaded by kim')")
-        assert operator.errors() == page.errors() == []
