@@ -191,7 +191,9 @@ def test_a_file_imports_only_from_its_folder_and_from_storeys_below() -> None:
     )
 
 
-def test_no_files_import_each_other_in_a_circle() -> None:
+def module_edges() -> dict[str, set[str]]:
+    """All modules of the house with the names that each imports when it is loaded."""
+
     def edges(path: Path) -> Iterator[str]:
         package = path.relative_to(ROOT).parent.parts
         for node in run_nodes(parsed(text_of(path))):
@@ -205,8 +207,30 @@ def test_no_files_import_each_other_in_a_circle() -> None:
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
         for path in FILES
     }
-    order = TopologicalSorter({module: set(edges(path)) for module, path in files.items()})
-    assert files.keys() <= set(order.static_order())
+    return {module: set(edges(path)) for module, path in files.items()}
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    edges = module_edges()
+    assert edges.keys() <= set(TopologicalSorter(edges).static_order())
+
+
+def test_no_folders_import_each_other_in_a_circle() -> None:
+    # The files and folders in one folder, by the imports of everything in them.
+    inside: dict[str, dict[str, set[str]]] = {}
+    edges = module_edges()
+    for module, imported_names in edges.items():
+        for name in imported_names & edges.keys():
+            one, other = module.split("."), name.split(".")
+            shared = next(
+                (n for n, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]),
+                min(len(one), len(other)),
+            )
+            if shared < min(len(one), len(other)):
+                places = inside.setdefault(".".join(one[:shared]), {})
+                places.setdefault(one[shared], set()).add(other[shared])
+    for places in inside.values():
+        assert set(TopologicalSorter(places).static_order())
 
 
 def test_a_file_runs_no_text_as_code() -> None:

@@ -30,17 +30,17 @@ from rig.doctor.check import Check
 from rig.set_file import pages
 
 from .config import StationConfig
-from .cycle import Station
-from .events import Event, PartAnnounced, Publisher, Subscriber
-from .inspector import Inspector
-from .measured_surface import MeasuredSurface
-from .outcome import PartJudge
-from .parts import Parts
-from .recipe import Recipe
+from .cycle.cycle import Station
+from .cycle.equipment import Equipment
+from .cycle.events import Event, PartAnnounced, Publisher, Subscriber
+from .cycle.outcome import PartJudge
+from .cycle.station_clock import StationClock
+from .cycle.triggers import TimerTrigger
+from .inspection.inspector import Inspector
+from .inspection.measured_surface import MeasuredSurface
+from .recipe.recipe import Recipe
+from .recipe.taught import Taught, TaughtSet, TaughtTexture
 from .results.store import open_store
-from .station_clock import StationClock
-from .taught import Taught, TaughtSet, TaughtTexture
-from .triggers import TimerTrigger
 from .verdict import Decision
 
 # Ambient image and four light images, at 30 frames a second.
@@ -225,9 +225,9 @@ def run_bench(
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
         camera = _StoredSets(good[LEAST_PARTS:], inspector.begin)
-        given = Parts(camera, judge, store, list, clock, publisher)
+        equipment = Equipment(camera, judge, store, list, clock, publisher)
         began_s = time.monotonic()
-        Station(folder, config, given, parts).run(TimerTrigger(0.0))
+        Station(folder, config, equipment, parts).run(TimerTrigger(0.0))
         duration_s = time.monotonic() - began_s
     late_mb, early_mb = _memory_mb(), watcher.early_mb
     results = [event.result for event in watcher.announced]

@@ -9,13 +9,13 @@ from rig.config.rig import config_of
 from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 
-from .challenge import has_met_challenge
+from .challenge.challenge import has_met_challenge
 from .config import StationConfig
+from .cycle.self_test import check_calibration_age, check_disk, check_results
 from .folder import StationFolder
-from .inspector import Inspector
-from .recipe_folder import RecipeFolder
+from .inspection.inspector import Inspector
+from .recipe.recipe_folder import RecipeFolder
 from .results.store import open_store
-from .self_test import check_calibration_age, check_disk, check_results
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:

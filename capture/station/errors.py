@@ -20,7 +20,7 @@ class ChallengeFailed(Ps4rigError):  # noqa: N818 - a verdict on a recipe, no er
     exit_status = 1
 
 
-def said(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """Return the text of an error as one line; unknown kinds of errors are named."""
     if isinstance(error, MemoryError):
         return "not enough memory"

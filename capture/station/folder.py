@@ -13,7 +13,7 @@ from classify.errors import InputError
 
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
-from .recipe_folder import RecipeFolder
+from .recipe.recipe_folder import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"

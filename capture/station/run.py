@@ -7,20 +7,20 @@ from pathlib import Path
 from rig import RigConfig
 from rig.doctor.check import Check
 
-from .collecting import COLLECTS
-from .cycle import Station
-from .events import PartRecovered, Publisher, StationStopped, Warned
+from .cycle.cycle import Station
+from .cycle.equipment import Equipment, ReportAlive
+from .cycle.events import PartRecovered, Publisher, StationStopped, Warned
+from .cycle.part_sensor import PartSensor
+from .cycle.recovery import damaged_sets, finish_interrupted, unknown_files
+from .cycle.self_test import check_disk, check_results
+from .cycle.station_clock import StationClock
+from .cycle.station_rig import StationRig
+from .cycle.triggers import SensorTrigger, TriggerSource
 from .folder import StationFolder
-from .part_sensor import PartSensor
-from .parts import Parts, Turned
-from .recovery import damaged_sets, finish_interrupted, unknown_files
+from .inspection.collecting import COLLECTS
 from .results.store import ResultStore, open_store
 from .retention_thread import retention_in_background
 from .run_recipes import RecipeLoader, RunRecipes
-from .self_test import check_disk, check_results
-from .station_clock import StationClock
-from .station_rig import StationRig
-from .triggers import SensorTrigger, TriggerSource
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class RunOptions:
         Who answers for the results.
     parts
         Number of parts after which the run ends; None for no end.
-    turned
-        As in `Parts`.
+    report_alive
+        As in `Equipment`.
     is_collecting
         Whether parts are captured to be taught, and none is judged.
     """
 
     operator: str | None = None
     parts: int | None = None
-    turned: Turned = lambda _: None
+    report_alive: ReportAlive = lambda _: None
     is_collecting: bool = False
 
 
@@ -92,7 +92,7 @@ def run_station(
             return [*recipes.checks(), *_checks(folder, store, publisher, clock)]
 
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
-        parts = Parts(
+        equipment = Equipment(
             rig,
             first.judge,
             store,
@@ -100,11 +100,11 @@ def run_station(
             clock,
             publisher,
             sensor,
-            options.turned,
+            options.report_alive,
             None if options.is_collecting else recipes,
         )
         with retention_in_background(folder.path, store, config.retention, warn):
-            return Station(folder.path, config, parts, options.parts).run(source)
+            return Station(folder.path, config, equipment, options.parts).run(source)
 
 
 def _checks(

@@ -10,24 +10,24 @@ from classify.durable_file import make_folder
 from classify.errors import InputError, Ps4rigError
 from rig.doctor.check import Check
 
-from .challenge import require_challenge
-from .changeover import UsableRecipe
-from .collecting import Collector
-from .errors import ChallengeFailed, NotApproved, said
+from .challenge.challenge import require_challenge
+from .cycle.changeover import UsableRecipe
+from .cycle.outcome import PartInspector, PartJudge
+from .cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .cycle.self_test import check_calibration_age, check_judge, require_no_fault
+from .cycle.station_clock import StationClock
+from .cycle.station_rig import StationRig
+from .errors import ChallengeFailed, NotApproved, error_text
 from .folder import StationFolder
-from .inspector import Inspector
+from .inspection.collecting import Collector
+from .inspection.inspector import Inspector
 from .last_recipe import FILE, first_recipe, keep_recipe
-from .outcome import PartInspector, PartJudge
-from .recipe import Recipe, require_approved
-from .recipe_file import read_recipe
-from .recipe_folder import RecipeFolder
-from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .recipe.recipe import Recipe, require_approved
+from .recipe.recipe_file import read_recipe
+from .recipe.recipe_folder import RecipeFolder
 from .results.change_log import ChangeRecord, record_change
 from .results.database import ResultsUnavailable
 from .results.store import ResultStore
-from .self_test import check_calibration_age, check_judge, require_no_fault
-from .station_clock import StationClock
-from .station_rig import StationRig
 
 _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (NotApproved, RecipeRefusal.NOT_APPROVED),
@@ -171,7 +171,7 @@ class RunRecipes:
             raise
         except Exception as error:
             kind = next((kind for each, kind in _KINDS if isinstance(error, each)), None)
-            raise RecipeRefused(said(error), kind or RecipeRefusal.UNFORESEEN) from error
+            raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
         return wanted
 
     def use(self, recipe: UsableRecipe) -> list[Check]:

@@ -38,8 +38,8 @@ def challenge(
     A changed recipe, library, calibration or version of ps4rig runs only after all got theirs. The
     exit status is 1 if one did not.
     """
-    from capture.station.challenge import run_challenge
-    from capture.station.inspector import Inspector
+    from capture.station.challenge.challenge import run_challenge
+    from capture.station.inspection.inspector import Inspector
     from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal
 
     if (add is None) != (expect is None):

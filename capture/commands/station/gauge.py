@@ -15,7 +15,7 @@ from .teach import Station
 
 if TYPE_CHECKING:
     from capture.station.folder import StationFolder
-    from capture.station.gauge import Presentation
+    from capture.station.gauge.gauge import Presentation
 
 
 @reported
@@ -46,8 +46,8 @@ def gauge(
     acceptable.
     """
     from capture.station.folder import StationFolder
-    from capture.station.gauge import GaugeStudy
-    from capture.station.gauge_report import GaugeReport, write_gauge_report
+    from capture.station.gauge.gauge import GaugeStudy
+    from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
     from classify.durable_file import make_folder
 
     station = StationFolder(folder)
@@ -76,8 +76,8 @@ class _Judged(NamedTuple):
 def _presented(
     station: StationFolder, count: int, times: int, seed: int
 ) -> tuple[Sequence[Presentation], _Judged]:
-    from capture.station.inspector import Inspector
-    from capture.station.simulated_gauge import known_parts, present
+    from capture.station.gauge.simulated_gauge import known_parts, present
+    from capture.station.inspection.inspector import Inspector
     from rig.config.rig import config_of
 
     rig_config = config_of(station.config.rig_in(station.path))
@@ -96,7 +96,7 @@ def _presented(
 
 def _recorded(station: StationFolder, known: Path) -> tuple[Sequence[Presentation], _Judged]:
     """Return the presentations among the results: of production, or else of a simulated rig."""
-    from capture.station.gauge import presentations_of, read_known_parts
+    from capture.station.gauge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
     from classify.errors import InputError

@@ -66,16 +66,21 @@ def run(
     from functools import partial
 
     from capture.process_settings import settle_station
-    from capture.station.control_chart import ControlChart
-    from capture.station.event_lines import log_to
-    from capture.station.events import Publisher
+    from capture.station.control_charts.control_chart import ControlChart
+    from capture.station.cycle.event_lines import log_to
+    from capture.station.cycle.events import Publisher
+    from capture.station.cycle.triggers import (
+        LineTrigger,
+        SensorTrigger,
+        TimerTrigger,
+        TriggerSource,
+    )
     from capture.station.folder import station_folder
     from capture.station.live.live_station import LiveStation
     from capture.station.results.database import database_url
     from capture.station.results.database import shown as shown_url
     from capture.station.run import RunOptions, run_station
     from capture.station.service.notify import Notifier
-    from capture.station.triggers import LineTrigger, SensorTrigger, TimerTrigger, TriggerSource
     from classify.errors import InputError
     from rig.config.rig import config_of
 
@@ -126,7 +131,7 @@ def run(
                 rig_config,
                 live.attached(source),
                 publisher,
-                RunOptions(operator, parts, notifier.turned, is_collecting=collect),
+                RunOptions(operator, parts, notifier.report_alive, is_collecting=collect),
             )
     if stopped.rejected:
         raise typer.Exit(1)

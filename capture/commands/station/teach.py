@@ -102,9 +102,9 @@ def roll_back(
 
     What was taught later stays on disk. The challenge set must be met again before the recipe runs.
     """
-    from capture.station.approval import approved_states
+    from capture.station.approval.approval import approved_states
     from capture.station.panel.recipes.recipe_changes import recipe_on_the_terminal, with_approval
-    from capture.station.recipe_file import read_recipe
+    from capture.station.recipe.recipe_file import read_recipe
 
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         states = approved_states(changes.files)

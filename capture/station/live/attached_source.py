@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 
-from capture.station.triggers import TriggerSource, TriggerTarget
+from capture.station.cycle.triggers import TriggerSource, TriggerTarget
 
 _POLL_S = 0.2
 

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from capture.station.events import Event, PartAnnounced, SelfTestFinished, StateChanged
-from capture.station.states import Change, State
+from capture.station.cycle.events import Event, PartAnnounced, SelfTestFinished, StateChanged
+from capture.station.cycle.states import Change, State
 from capture.station.verdict import Cause
 from rig.doctor.check import Check
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture.process.utc_time import utc_text
-from capture.station.event_lines import json_fields
-from capture.station.events import (
+from capture.station.cycle.event_lines import json_fields
+from capture.station.cycle.events import (
     Event,
     PartAnnounced,
     PartBegun,
@@ -21,11 +21,11 @@ from capture.station.events import (
     StationStopped,
     TriggerRefused,
 )
-from capture.station.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.cycle.states import Change, State
+from capture.station.cycle.triggers import Answer, Refused, Trigger, TriggerSource, TriggerTarget
 from capture.station.results.part_result import PartResult
 from capture.station.results.rows import row_of
-from capture.station.states import Change, State
-from capture.station.triggers import Answer, Refused, Trigger, TriggerSource, TriggerTarget
 from capture.station.verdict import Decision
 
 from .attached_source import AttachedSource
@@ -52,7 +52,7 @@ class RejectedPart:
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class LiveSnapshot:
     """What a station shows at one moment.
 
     Attributes
@@ -290,10 +290,10 @@ class LiveStation:
         with self._lock:
             self._append(fields)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> LiveSnapshot:
         """Return what the station shows now."""
         with self._lock:
-            return Snapshot(
+            return LiveSnapshot(
                 station=self._station,
                 run=self.run,
                 event_id=self._event_id,

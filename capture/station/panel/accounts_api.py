@@ -7,7 +7,7 @@ from classify.errors import InputError
 from .access.accounts import Accounts
 from .access.roles import Role
 from .api import V1
-from .render import Answer
+from .render import JsonAnswer
 from .routes import Call, PanelRoute
 
 
@@ -33,22 +33,22 @@ def role_of(call: Call) -> Role:
 
 def _users(call: Call) -> Response:
     users = [{"name": each.name, "role": each.role} for each in call.panel.users.all()]
-    return Answer({"users": users})
+    return JsonAnswer({"users": users})
 
 
 def _put_user(call: Call) -> Response:
     name, role = call.text("name"), role_of(call)
     accounts_of(call).put_user(name, role, call.text("password"))
-    return Answer({"name": name, "role": role}, 201)
+    return JsonAnswer({"name": name, "role": role}, 201)
 
 
 def _remove_user(call: Call) -> Response:
     accounts_of(call).remove_user(call.path["name"])
-    return Answer({"name": call.path["name"], "removed": True})
+    return JsonAnswer({"name": call.path["name"], "removed": True})
 
 
 def _clients(call: Call) -> Response:
-    return Answer(
+    return JsonAnswer(
         {
             "clients": [
                 {"name": each.name, "role": each.role, "created_utc": each.created_utc}
@@ -61,12 +61,12 @@ def _clients(call: Call) -> Response:
 def _add_client(call: Call) -> Response:
     name, role = call.text("name"), role_of(call)
     token = accounts_of(call).add_client(name, role)
-    return Answer({"name": name, "role": role, "token": token}, 201)
+    return JsonAnswer({"name": name, "role": role, "token": token}, 201)
 
 
 def _remove_client(call: Call) -> Response:
     accounts_of(call).remove_client(call.path["name"])
-    return Answer({"name": call.path["name"], "removed": True})
+    return JsonAnswer({"name": call.path["name"], "removed": True})
 
 
 _ADMIN = Role.ADMINISTRATOR

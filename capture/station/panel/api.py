@@ -8,10 +8,10 @@ from itertools import chain, islice
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response, StreamingResponse
 
+from capture.station.cycle.triggers import Accepted, Refused
 from capture.station.results.change_log import newest_changes
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from capture.station.triggers import Accepted, Refused
 from classify.errors import InputError
 
 from .access.roles import Role
@@ -20,7 +20,7 @@ from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
 from .overriding import override_part
 from .part_pictures.stored_set import stored_set
-from .render import Answer
+from .render import JsonAnswer
 from .routes import Call, PanelRoute
 from .security import Denied
 from .triggering import OtherPart
@@ -60,7 +60,7 @@ def entry_of(call: Call) -> HistoryEntry:
 
 
 def _state(call: Call) -> Response:
-    return Answer(call.panel.live.snapshot().fields())
+    return JsonAnswer(call.panel.live.snapshot().fields())
 
 
 def _trigger(call: Call) -> Response:
@@ -70,9 +70,9 @@ def _trigger(call: Call) -> Response:
     except OtherPart as error:
         raise Denied(422, str(error)) from error
     if isinstance(answer, Refused):
-        return Answer({"accepted": False, "error": answer.reason}, 409)
+        return JsonAnswer({"accepted": False, "error": answer.reason}, 409)
     is_new = isinstance(answer, Accepted)
-    return Answer(
+    return JsonAnswer(
         {
             "accepted": True,
             "part_id": answer.part_id,
@@ -93,7 +93,7 @@ def _acknowledge(call: Call) -> Response:
         decision = rejected[part_id].result.verdict.decision
         call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
         live.acknowledge(part_id, call.name)
-    return Answer({"part_id": part_id, "acknowledged": True})
+    return JsonAnswer({"part_id": part_id, "acknowledged": True})
 
 
 def newest_parts(
@@ -117,7 +117,7 @@ def newest_parts(
 def _parts(call: Call) -> Response:
     most = whole_number(call, "limit", PARTS, MOST_PARTS)
     entries, below = newest_parts(call, selection_of(call.query), most)
-    return Answer(
+    return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
             "parts": [record_of(entry) for entry in entries],
@@ -130,7 +130,7 @@ def _counts(call: Call) -> Response:
     # Both kinds of rigs, because each is counted apart.
     selection = selection_of({"simulated": "true"} | dict(call.query))
     counters = call.panel.results.store.counters(selection)
-    return Answer({"station": call.panel.folder.config.name, **counts_of(counters)})
+    return JsonAnswer({"station": call.panel.folder.config.name, **counts_of(counters)})
 
 
 def _parts_csv(call: Call) -> Response:
@@ -154,7 +154,7 @@ async def _part(call: Call) -> Response:
             changed.clear()
             is_over = subscription is None or subscription.is_closed or loop.time() >= ends_s
             try:
-                return Answer(await run_in_threadpool(lambda: record_of(entry_of(call))))
+                return JsonAnswer(await run_in_threadpool(lambda: record_of(entry_of(call))))
             except Denied:
                 if is_over:
                     raise
@@ -210,14 +210,14 @@ def override(call: Call) -> HistoryEntry:
 
 
 def _override(call: Call) -> Response:
-    return Answer(record_of(override(call)))
+    return JsonAnswer(record_of(override(call)))
 
 
 def _audit(call: Call) -> Response:
     changes = newest_changes(
         call.panel.results.store, whole_number(call, "limit", PARTS, MOST_PARTS)
     )
-    return Answer({"changes": [vars(change) for change in changes]})
+    return JsonAnswer({"changes": [vars(change) for change in changes]})
 
 
 def _metrics(call: Call) -> Response:

@@ -8,7 +8,7 @@ from starlette.responses import Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from . import (
+from capture.station.panel import (
     account_pages,
     accounts_api,
     api,
@@ -22,6 +22,7 @@ from . import (
     statistics_api,
     statistics_page,
 )
+
 from .guard import endpoint_of, error_answer
 from .panel import Panel
 from .recipes import recipe_pages, recipes_api

@@ -8,7 +8,7 @@ from contextlib import suppress
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from capture.station.live.live_station import LiveStation, Snapshot
+from capture.station.live.live_station import LiveSnapshot, LiveStation
 from capture.station.live.subscription import LiveEvent
 
 from .access.roles import Role
@@ -105,7 +105,7 @@ def _message(run: str, event: LiveEvent) -> str:
     return _text(run, event.id, event.fields["event"], event.as_json)
 
 
-def _snapshot_message(snapshot: Snapshot) -> str:
+def _snapshot_message(snapshot: LiveSnapshot) -> str:
     data = json.dumps({"event": "snapshot", **snapshot.fields()}, allow_nan=False)
     return _text(snapshot.run, snapshot.event_id, "snapshot", data)
 

@@ -16,7 +16,7 @@ from classify.errors import InputError, Ps4rigError
 
 from .access.roles import Identity, Role
 from .panel import Panel
-from .render import Answer, page
+from .render import JsonAnswer, page
 from .routes import API, Call, PanelRoute
 from .security import (
     SAFE_METHODS,
@@ -115,7 +115,7 @@ def error_answer(
 ) -> Response:
     """Return an error: JSON for programs, a page for people."""
     if request.url.path.startswith(API) or request.headers.get("accept") == "application/json":
-        return Answer({"error": message}, status, headers)
+        return JsonAnswer({"error": message}, status, headers)
     call = Call(panel, request, None)
     answer = page(call, "error.html", status=status, message=message)
     answer.status_code = status

@@ -3,19 +3,19 @@
 from collections.abc import Iterator
 from importlib.metadata import version
 
-from capture.station.live.live_station import Snapshot
-from capture.station.states import State
+from capture.station.cycle.states import State
+from capture.station.live.live_station import LiveSnapshot
 from capture.station.verdict import Decision
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 
-def metrics_text(live: Snapshot) -> str:
+def metrics_text(live: LiveSnapshot) -> str:
     """Return the figures of a snapshot; counters begin at 0 with each run."""
     return "".join(f"{line}\n" for line in _lines(live))
 
 
-def _lines(live: Snapshot) -> Iterator[str]:
+def _lines(live: LiveSnapshot) -> Iterator[str]:
     yield from _family("info", "gauge", "The station and its software.")
     labels = f'station="{live.station}",version="{version("ps4rig")}"'
     yield f"ps4rig_info{{{labels}}} 1"

@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from .access.roles import Role
 from .api import V1
-from .render import Answer, page
+from .render import JsonAnswer, page
 from .routes import Call, PanelRoute
 
 _TEXT = {"type": "string"}
@@ -64,7 +64,7 @@ def _operation(route: PanelRoute) -> dict[str, Any]:
 
 
 def _document(call: Call) -> Response:
-    return Answer(document(call.request.app.state.routes))
+    return JsonAnswer(document(call.request.app.state.routes))
 
 
 def _page(call: Call) -> Response:

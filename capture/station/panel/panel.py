@@ -10,8 +10,8 @@ from .access.change_log import ChangeLog
 from .access.sessions import LoginLimit, Sessions
 from .access.tokens import Tokens
 from .access.users import Users
+from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
-from .recipes.background_jobs import BackgroundJobs
 from .results_access import ResultsAccess
 from .triggering import KeyedTriggers
 

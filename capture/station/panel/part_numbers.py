@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from capture.station.digits import told_apart
-from capture.station.recipe import Limits, Recipe
+from capture.station.recipe.recipe import Limits, Recipe
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Cause
 from classify.library.match import LEAST_MARGIN

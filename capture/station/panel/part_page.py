@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.recipe import Recipe
+from capture.station.recipe.recipe import Recipe
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
 from classify.errors import InputError

@@ -16,7 +16,7 @@ from .api import V1, entry_of
 from .part_pictures.painting import SIZES, PaintedPicture
 from .part_pictures.picture_maker import PartPictures
 from .part_pictures.stored_set import stored_set
-from .render import Answer
+from .render import JsonAnswer
 from .routes import Call, PanelRoute
 from .security import Denied
 
@@ -35,7 +35,7 @@ async def _about(call: Call) -> Response:
     entry = await run_in_threadpool(entry_of, call)
     made = await _made(call, entry)
     part_id = entry.result.part_id
-    return Answer(
+    return JsonAnswer(
         {
             "part_id": part_id,
             "width_px": made.width_px,

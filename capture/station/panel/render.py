@@ -27,7 +27,7 @@ def _environment() -> Environment:
     )
 
 
-class Answer(JSONResponse):
+class JsonAnswer(JSONResponse):
     """JSON in ASCII, which also holds what UTF-8 cannot, and without NaN."""
 
     def render(self, content: Any) -> bytes:
@@ -39,7 +39,7 @@ def page(call: "Call", template: str, **values: Any) -> HTMLResponse:
     """Return the page of a template.
 
     Each template gets, beside `values`: ``who`` (an `Identity`, or None), ``station`` (its name),
-    ``live`` (a `Snapshot`), ``path`` (of the page), ``menu`` (routes that
+    ``live`` (a `LiveSnapshot`), ``path`` (of the page), ``menu`` (routes that
     ``who`` may open) and ``version`` (of ps4rig).
     """
     who = call.who

@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from capture.station.control_history import ChartHistory, chart_histories
+from capture.station.control_charts.control_history import ChartHistory, chart_histories
 from capture.station.errors import RecipeError
 from capture.station.folder import StationFolder
-from capture.station.gauge import ACCEPTABLE
-from capture.station.gauge_report import GaugeReport, read_gauge_report
+from capture.station.gauge.gauge import ACCEPTABLE
+from capture.station.gauge.gauge_report import GaugeReport, read_gauge_report
 from capture.station.results.history import Selection, Tally
 from capture.station.results.statistics import (
     MOST_MEASURED,

@@ -12,7 +12,7 @@ from .access.roles import Role
 from .api import V1
 from .charts.chart_png import drawing_png
 from .filters import FILTERS, OF_ONE_PART, selection_of
-from .render import Answer
+from .render import JsonAnswer
 from .routes import Call, PanelRoute
 from .security import Denied
 from .statistics import Figure, StationStatistics, statistics_of
@@ -38,7 +38,7 @@ def statistics_selection(query: Mapping[str, str]) -> Selection:
 
 def _statistics(call: Call) -> Response:
     found = statistics_of(call.panel, statistics_selection(call.query))
-    return Answer(
+    return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
             "shown": found.shown,

@@ -5,10 +5,10 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 
+from capture.station.cycle.triggers import Accepted, Refused, Trigger
 from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import Selection
-from capture.station.triggers import Accepted, Refused, Trigger
 from classify.errors import InputError, Ps4rigError
 
 from .results_access import ResultsAccess

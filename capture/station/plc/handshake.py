@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture.station.events import (
+from capture.station.cycle.events import (
     Event,
     ExposureComplete,
     PartAnnounced,
@@ -18,10 +18,10 @@ from capture.station.events import (
     RecipeLoaded,
     StateChanged,
 )
+from capture.station.cycle.states import State
+from capture.station.cycle.triggers import Accepted, Answer, Refusal, Refused
 from capture.station.results.part_id import require_given_part_id
 from capture.station.results.part_result import PartResult
-from capture.station.states import State
-from capture.station.triggers import Accepted, Answer, Refusal, Refused
 from classify.errors import InputError
 
 from .registers import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any
 
-from capture.station.states import State
+from capture.station.cycle.states import State
 from capture.station.verdict import Cause, Decision
 
 from .registers import CAUSES, STATES, VERDICTS, Command, Status

@@ -6,11 +6,11 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from capture.station.events import Event
+from capture.station.cycle.events import Event
+from capture.station.cycle.recipe_request import RecipeRefused
+from capture.station.cycle.triggers import Trigger
 from capture.station.live.devices import Device, Status
 from capture.station.live.live_station import LiveStation
-from capture.station.recipe_request import RecipeRefused
-from capture.station.triggers import Trigger
 
 from .handshake import Handshake, TriggerRequest
 from .selection import ASKER, SOURCE, RecipeRequest

@@ -11,7 +11,13 @@ from urllib.parse import unquote, urlsplit
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from capture.station.events import Event, PartAnnounced, PartRecovered, RecipeLoaded, StateChanged
+from capture.station.cycle.events import (
+    Event,
+    PartAnnounced,
+    PartRecovered,
+    RecipeLoaded,
+    StateChanged,
+)
 from capture.station.face_config import MqttConfig
 from capture.station.results.rows import row_of
 

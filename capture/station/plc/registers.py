@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Any, Literal
 
-from capture.station.states import State
+from capture.station.cycle.states import State
 from capture.station.verdict import Cause, Decision
 
 PAGE_VERSION = 2  # 2 has SelectRecipe

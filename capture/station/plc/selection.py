@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from capture.station.events import RecipeLoaded
-from capture.station.recipe_request import Asker, RecipeRefusal
+from capture.station.cycle.events import RecipeLoaded
+from capture.station.cycle.recipe_request import Asker, RecipeRefusal
 
 from .registers import SelectError
 

@@ -29,7 +29,7 @@ _DUMP_TIMEOUT_S = 3600.0
 
 
 @dataclass(frozen=True)
-class Snapshot:
+class ResultsSnapshot:
     """Contents of a copy of the results.
 
     Attributes
@@ -44,7 +44,7 @@ class Snapshot:
     set_files: tuple[str, ...]
 
 
-def copy_results(address: str, station: str, target: Path) -> Snapshot:
+def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
     """Copy a database of results to a file, as it is at one moment, without blocking writers.
 
     SQLite's backup copies a file within one transaction. PostgreSQL's pg_dump writes all tables of
@@ -91,7 +91,7 @@ def _copy_file(path: Path, target: Path) -> None:
         raise InputError(f"{path}: damaged: {said}; restore a backup")
 
 
-def _dump(url: URL, station: str, target: Path) -> Snapshot:
+def _dump(url: URL, station: str, target: Path) -> ResultsSnapshot:
     program = shutil.which("pg_dump")
     if program is None:
         raise InputError(
@@ -153,7 +153,7 @@ def _connection(url: URL) -> Iterator[Connection]:
         engine.dispose()
 
 
-def _snapshot(connection: Connection, station: str) -> Snapshot:
+def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:
     source: FromClause = results
     kept: ColumnElement[bool] = true()
     if inspect(connection).has_table(removed_sets.name):
@@ -170,4 +170,4 @@ def _snapshot(connection: Connection, station: str) -> Snapshot:
         parts += 1
         if set_file is not None and is_kept:
             files.append(set_file)
-    return Snapshot(parts, tuple(files))
+    return ResultsSnapshot(parts, tuple(files))

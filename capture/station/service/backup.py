@@ -14,7 +14,7 @@ from capture.process.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.station.config import CONFIG, SIM, StationConfig
 from capture.station.folder import PARTS, RECIPES, StationFolder
-from capture.station.results.snapshot import Snapshot, copy_results
+from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.retention import inside_parts, sets_stay
 from classify.durable_file import durable_file, locked_temporary, require_folder
 from classify.errors import InputError
@@ -45,7 +45,7 @@ class Backup:
         self,
         folder: Path,
         config: StationConfig,
-        found: Snapshot,
+        found: ResultsSnapshot,
         database: tuple[str, Path] | None,
     ) -> None:
         self._folder, self._config = folder, config
@@ -129,7 +129,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
         # Beside the backup, which needs the space for it anyhow.
         locked_temporary(path.absolute().parent, path) as copy,
     ):
-        found, database = Snapshot(0, ()), None
+        found, database = ResultsSnapshot(0, ()), None
         if "://" in results:
             found, database = copy_results(results, config.name, copy), (DUMP, copy)
         elif Path(results).exists():

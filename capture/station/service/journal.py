@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from capture.station.event_lines import json_fields, text_lines
-from capture.station.events import (
+from capture.station.cycle.event_lines import json_fields, text_lines
+from capture.station.cycle.events import (
     Event,
     PartAnnounced,
     PartRecovered,
@@ -20,7 +20,7 @@ from capture.station.events import (
     TriggerRefused,
     Warned,
 )
-from capture.station.states import State
+from capture.station.cycle.states import State
 from capture.station.verdict import Decision
 
 SOCKET = Path("/run/systemd/journal/socket")

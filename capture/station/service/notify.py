@@ -8,21 +8,21 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Self, get_args
 
-from capture.station.events import Event, PartAnnounced, StateChanged, StationStopped
-from capture.station.parts import Worker
-from capture.station.states import State
+from capture.station.cycle.equipment import Worker
+from capture.station.cycle.events import Event, PartAnnounced, StateChanged, StationStopped
+from capture.station.cycle.states import State
 from classify.errors import InputError
 
-# Workers turn several times a second; systemd need not hear of each turn.
+# Workers report several times a second; systemd need not hear of each report.
 _PING_S = 1.0
 _WORKERS = set(get_args(Worker))
 
 
 class Notifier:
-    """Subscriber to a station's events, and to the turns of its workers.
+    """Subscriber to a station's events, to which its workers report that they are alive.
 
     systemd hears that the station is ready when it is so for the first time. The watchdog gets a
-    ping whenever all workers have turned since the last one: a worker that hangs ends the pings,
+    ping as soon as all workers reported that they are alive: one that hangs ends the pings,
     and there is no thread that could go on without it. Never blocks, and never raises.
 
     Parameters
@@ -48,7 +48,7 @@ class Notifier:
         self._now_s = now_s
         # Guards everything below.
         self._lock = threading.Lock()
-        self._turned: set[Worker] = set()
+        self._alive: set[Worker] = set()
         self._pinged_s = -float("inf")
         self._is_ready = False
         self._state = ""
@@ -95,16 +95,16 @@ class Notifier:
                 self._send(*self._lines())
                 self._told = self._lines()
 
-    def turned(self, worker: Worker) -> None:
-        """Take a turn of a worker."""
+    def report_alive(self, worker: Worker) -> None:
+        """Note that a worker is alive."""
         with self._lock:
-            self._turned.add(worker)
-            if self._ping_s is None or not self._is_ready or self._turned != _WORKERS:
+            self._alive.add(worker)
+            if self._ping_s is None or not self._is_ready or self._alive != _WORKERS:
                 return
             if self._now_s() >= self._pinged_s + self._ping_s:
                 # The whole state again: a datagram before may have been lost.
                 self._send("WATCHDOG=1", *self._lines())
-                self._turned.clear()
+                self._alive.clear()
                 self._pinged_s = self._now_s()
 
     def _lines(self) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from rig.config.rig import config_of
 
 USER = "ps4rig"
 _UNITS = "/etc/systemd/system"
-# Longest turn of a worker beside its exposures: a database that does not answer is given up after
-# 40 s at the latest, and some cameras take 10 s to open.
+# Longest time between two reports of a worker, beside its exposures: a database that does not
+# answer is given up after 40 s at the latest, and some cameras take 10 s to open.
 _PATIENCE_S = 60.0
 # Frame periods of a self-test for each light: three tests, two attempts, three frames.
 _PERIODS = 18

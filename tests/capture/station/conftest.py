@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.challenge_set import add_to_challenge
+from capture.station.challenge.challenge_set import add_to_challenge
 from capture.station.folder import StationFolder, make_station
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.teaching import teach
-from capture.station.teaching_result import Teaching
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.teaching.teaching import teach
+from capture.station.teaching.teaching_result import Teaching
 from tests.capture.station.teaching_sets import SIDE_PX, saved
 
 

@@ -30,11 +30,11 @@ import cv2
 from capture.process.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX
 from capture.station.config import SimulatedParts
-from capture.station.event_lines import json_fields
-from capture.station.events import Event, PartAnnounced
+from capture.station.cycle.event_lines import json_fields
+from capture.station.cycle.events import Event, PartAnnounced
+from capture.station.cycle.simulated_parts import SimulatedPart, simulated_part
 from capture.station.folder import StationFolder
 from capture.station.results.store import open_store
-from capture.station.simulated_parts import SimulatedPart, simulated_part
 from tests.capture.station.production import (
     contradictions,
     in_memory,
@@ -103,7 +103,7 @@ def produce(folder: Path, parts: int, announced: Path) -> list[Reading]:
 
         with (
             suppress(KeyboardInterrupt),
-            patch("capture.station.station_rig.simulated_part", known_part),
+            patch("capture.station.cycle.station_rig.simulated_part", known_part),
             patch("capture.station.retention.removed_until", some_time_ago),
             patch("capture.station.retention_thread.PERIOD_S", REMOVED_EACH_S),
         ):

@@ -21,9 +21,9 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 import cv2
 
 from capture.station.config import CONFIG
-from capture.station.events import Event, PartAnnounced
+from capture.station.cycle.events import Event, PartAnnounced
+from capture.station.cycle.simulated_parts import simulated_part
 from capture.station.folder import StationFolder
-from capture.station.simulated_parts import simulated_part
 from capture.station.verdict import Decision
 from classify.errors import Ps4rigError
 from tests.capture.acquisition.test_fault_matrix import FAMILIES

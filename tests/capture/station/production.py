@@ -20,18 +20,18 @@ from typing import Any
 
 from capture.session.verification import verify_file
 from capture.sets.ome_tiff import SUFFIX
-from capture.station.approval import approve
-from capture.station.challenge_set import add_to_challenge
+from capture.station.approval.approval import approve
+from capture.station.challenge.challenge_set import add_to_challenge
 from capture.station.config import CONFIG
-from capture.station.event_lines import json_fields
-from capture.station.events import Event, Publisher
+from capture.station.cycle.event_lines import json_fields
+from capture.station.cycle.events import Event, Publisher
+from capture.station.cycle.triggers import TimerTrigger
 from capture.station.folder import StationFolder, make_station, station_folder
-from capture.station.inspector import Inspector
+from capture.station.inspection.inspector import Inspector
 from capture.station.results.store import open_store
 from capture.station.run import RunOptions, run_station
-from capture.station.teaching import teach
-from capture.station.teaching_page import write_teaching_page
-from capture.station.triggers import TimerTrigger
+from capture.station.teaching.teaching import teach
+from capture.station.teaching.teaching_page import write_teaching_page
 from capture.station.verification import verify_station
 from rig import RigConfig
 from tests.capture.station.teaching_sets import SIDE_PX, saved

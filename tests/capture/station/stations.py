@@ -9,19 +9,19 @@ from typing import Any
 
 from capture.acquisition.attempts import capture_set
 from capture.sets.captured_set import CapturedSet
-from capture.station.changeover import UsableRecipe
 from capture.station.config import StationConfig
-from capture.station.cycle import Station
-from capture.station.events import Event, PartAnnounced, PartRecovered, Publisher
+from capture.station.cycle.changeover import UsableRecipe
+from capture.station.cycle.cycle import Station
+from capture.station.cycle.equipment import Equipment, ReportAlive
+from capture.station.cycle.events import Event, PartAnnounced, PartRecovered, Publisher
+from capture.station.cycle.outcome import PartJudge
+from capture.station.cycle.recipe_request import Asker
+from capture.station.cycle.recovery import finish_interrupted
+from capture.station.cycle.station_clock import StationClock
+from capture.station.cycle.triggers import Answer, Trigger, TriggerTarget
 from capture.station.folder import StationFolder, make_station
-from capture.station.outcome import PartJudge
-from capture.station.parts import Parts, Turned
-from capture.station.recipe import Recipe
-from capture.station.recipe_request import Asker
-from capture.station.recovery import finish_interrupted
+from capture.station.recipe.recipe import Recipe
 from capture.station.results.store import ResultStore, open_store
-from capture.station.station_clock import StationClock
-from capture.station.triggers import Answer, Trigger, TriggerTarget
 from capture.station.verdict import Decision, Verdict
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
@@ -153,7 +153,7 @@ class Bench:
     clock: StationClock = field(default_factory=StationClock)
     prepare: Callable[[], list[Check]] = list
     listen: Callable[[Event], None] = lambda _: None
-    turned: Turned = lambda _: None
+    report_alive: ReportAlive = lambda _: None
     recipes: FakeRecipes | None = None
 
     def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
@@ -183,14 +183,14 @@ class Bench:
                 self.recipes.begin(judge_of, FIRST)
                 judge = self.recipes.present.judge
                 publisher.publish(self.recipes.present.loaded)
-            parts = Parts(
+            parts = Equipment(
                 self.camera,
                 judge,
                 self.store,
                 prepare,
                 self.clock,
                 publisher,
-                turned=self.turned,
+                report_alive=self.report_alive,
                 recipes=self.recipes,
             )
             Station(self.folder.path, config, parts, count).run(source)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.station.inspector import Inspection, Inspector
-from capture.station.measured_surface import MeasuredSurface
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.inspection.inspector import Inspection, Inspector
+from capture.station.inspection.measured_surface import MeasuredSurface
+from capture.station.recipe.recipe_folder import RecipeFolder
 from classify.errors import InputError
 from tests.capture.station.teaching_sets import patch
 

@@ -9,7 +9,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.config import CONFIG
-from capture.station.events import (
+from capture.station.cycle.events import (
     PartAnnounced,
     PartBegun,
     RecipeLoaded,
@@ -17,11 +17,11 @@ from capture.station.events import (
     TriggerRefused,
     Warned,
 )
+from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.cycle.states import State
+from capture.station.cycle.triggers import Accepted, Refusal, Refused, Trigger, TriggerTarget
 from capture.station.folder import StationFolder
 from capture.station.last_recipe import FILE, first_recipe, keep_recipe
-from capture.station.recipe_request import Asker, RecipeRefusal, RecipeRefused
-from capture.station.states import State
-from capture.station.triggers import Accepted, Refusal, Refused, Trigger, TriggerTarget
 from classify.errors import InputError
 from rig import HardwareError
 from tests.capture.station.stations import (
@@ -238,7 +238,7 @@ def failing_once(station: Bench) -> Callable[..., Any]:
 
 
 def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.changeover.PATIENCE_S", 0.01)
+    monkeypatch.setattr("capture.station.cycle.changeover.PATIENCE_S", 0.01)
     loading, go_on = threading.Event(), threading.Event()
 
     def load(_: str) -> None:

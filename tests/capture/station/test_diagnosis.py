@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from capture.station.approval import approve
-from capture.station.challenge import require_challenge
-from capture.station.inspector import Inspector
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.approval.approval import approve
+from capture.station.challenge.challenge import require_challenge
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe_folder import RecipeFolder
 
 
 def statuses(result: Any) -> dict[str, str]:

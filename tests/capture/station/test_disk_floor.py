@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.station.self_test import floor_fault
+from capture.station.cycle.self_test import floor_fault
 
 
 @given(st.integers(0, 10**15), st.integers(0, 10**11), st.integers(1, 10**7))

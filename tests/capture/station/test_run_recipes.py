@@ -5,18 +5,18 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.approval import approve
-from capture.station.challenge_set import add_to_challenge, challenge_sets
+from capture.station.approval.approval import approve
+from capture.station.challenge.challenge_set import add_to_challenge, challenge_sets
+from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.cycle.station_clock import StationClock
+from capture.station.cycle.station_rig import StationRig
 from capture.station.folder import StationFolder
 from capture.station.last_recipe import FILE, keep_recipe
-from capture.station.recipe_file import read_recipe, write_recipe
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.recipe_request import Asker, RecipeRefusal, RecipeRefused
+from capture.station.recipe.recipe_file import read_recipe, write_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.change_log import newest_changes
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run_recipes import RecipeLoader, RunRecipes
-from capture.station.station_clock import StationClock
-from capture.station.station_rig import StationRig
 from classify.errors import InputError
 from tests.capture.station.production import SMALL_RIG
 

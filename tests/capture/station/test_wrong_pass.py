@@ -8,15 +8,15 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.errors import SetRejected
-from capture.station.approval import approve
+from capture.station.approval.approval import approve
 from capture.station.config import CONFIG
+from capture.station.cycle.events import Event, PartAnnounced
+from capture.station.cycle.station_rig import StationRig
 from capture.station.errors import RecipeError
-from capture.station.events import Event, PartAnnounced
 from capture.station.folder import StationFolder, station_folder
-from capture.station.inspector import Inspector
-from capture.station.recipe_file import read_recipe, write_recipe
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.station_rig import StationRig
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe_file import read_recipe, write_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.verdict import Cause, Decision
 from classify.errors import InputError
 from classify.library.texture_library import TextureLibrary
@@ -58,7 +58,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
         kept.append(capture_set(*args, **options))
         return kept[0]
 
-    monkeypatch.setattr("capture.station.station_rig.capture_set", frozen)
+    monkeypatch.setattr("capture.station.cycle.station_rig.capture_set", frozen)
     first, *others = results_of(line, 3)
     assert first.verdict.decision is Decision.PASS
     for result in others:
@@ -67,7 +67,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
 
 
 def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.station_rig.MOST_KNOWN", 2)
+    monkeypatch.setattr("capture.station.cycle.station_rig.MOST_KNOWN", 2)
     folder = StationFolder(line)
     rig = StationRig(folder.config, SMALL_RIG, read_recipe(folder.recipe_files().file))
     sets = iter([1, 2, 3, 1, 3])
@@ -77,7 +77,7 @@ def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatc
         about = captured.metadata.model_copy(update={"pixels_sha256": f"{next(sets):064}"})
         return replace(captured, metadata=about)
 
-    monkeypatch.setattr("capture.station.station_rig.capture_set", numbered)
+    monkeypatch.setattr("capture.station.cycle.station_rig.capture_set", numbered)
     rig.open()
     for number in range(1, 5):
         rig.capture(number)

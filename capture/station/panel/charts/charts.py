@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from capture.station.control_history import ChartHistory
-from capture.station.gauge import ACCEPTABLE
-from capture.station.gauge_report import GaugeReport
+from capture.station.control_charts.control_history import ChartHistory
+from capture.station.gauge.gauge import ACCEPTABLE
+from capture.station.gauge.gauge_report import GaugeReport
 from capture.station.results.statistics import CauseCount, Period
 from capture.station.verdict import Decision
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from capture.station.errors import RecipeError
 from capture.station.folder import StationFolder
-from capture.station.recipe import Recipe
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.recipe.taught import read_taught
+from capture.station.recipe.taught_files import defect_model_of
 from capture.station.results.part_result import PartResult
-from capture.station.taught import read_taught
-from capture.station.taught_files import defect_model_of
 from classify import Method, TextureLibrary
 from classify.defects.defect_model import DefectModel
 from classify.errors import InputError

@@ -12,8 +12,8 @@ from capture.batch.tasks import LoadedSet
 from capture.errors import CalibrationError
 from capture.sets.captured_set import CapturedSet
 from capture.station.folder import StationFolder
-from capture.station.measured_surface import MeasuredSurface, fits
-from capture.station.recipe import Region
+from capture.station.inspection.measured_surface import MeasuredSurface, fits
+from capture.station.recipe.recipe import Region
 from capture.station.results.part_result import DefectRecord, PartResult
 from classify.defects.defect_map import KINDS, DefectMap, regions_of
 from classify.errors import InputError

@@ -6,27 +6,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capture.station.approval import approve, approved_states, require_seen, roll_back
-from capture.station.challenge_set import (
+from capture.station.approval.approval import approve, approved_states, require_seen, roll_back
+from capture.station.approval.recipe_settings import save_settings, setting_changes, with_settings
+from capture.station.approval.recipe_state import RecipeState, state_of
+from capture.station.challenge.challenge_set import (
     Expected,
     add_to_challenge,
     challenge_sets,
     remove_from_challenge,
 )
-from capture.station.errors import said
+from capture.station.errors import error_text
 from capture.station.folder import StationFolder
 from capture.station.panel.access.change_log import ChangeLog
 from capture.station.panel.access.on_the_terminal import changing_on_the_terminal
 from capture.station.panel.access.roles import Identity
-from capture.station.recipe import Recipe
-from capture.station.recipe_file import read_recipe
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.recipe_settings import save_settings, setting_changes, with_settings
-from capture.station.recipe_state import RecipeState, state_of
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import read_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.database import ResultsUnavailable
-from capture.station.teaching import teach
-from capture.station.teaching_page import write_teaching_page
-from capture.station.teaching_result import Teaching
+from capture.station.teaching.teaching import teach
+from capture.station.teaching.teaching_page import write_teaching_page
+from capture.station.teaching.teaching_result import Teaching
 from rig.config.rig import config_of
 
 _DIGITS = 8
@@ -57,7 +57,7 @@ class LongChange:
         try:
             yield
         except BaseException as error:
-            self.failed(said(error))
+            self.failed(error_text(error))
             raise
 
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from capture.station.recipe import (
+from capture.station.approval.recipe_settings import Place, dotted
+from capture.station.recipe.recipe import (
     CalibrationRule,
     GeneralLimits,
     Light,
@@ -13,8 +14,7 @@ from capture.station.recipe import (
     Recipe,
     Region,
 )
-from capture.station.recipe_file import COMMENTS, SECTIONS
-from capture.station.recipe_settings import Place, dotted
+from capture.station.recipe.recipe_file import COMMENTS, SECTIONS
 from rig.config.section import Section
 
 _MODELS: dict[str, type[Section]] = {

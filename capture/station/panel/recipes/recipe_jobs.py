@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from capture.console import ShowProgress
-from capture.station.challenge import run_challenge
-from capture.station.inspector import Inspector
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.teaching import teach
-from capture.station.teaching_page import write_teaching_page
+from capture.station.challenge.challenge import run_challenge
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.teaching.teaching import teach
+from capture.station.teaching.teaching_page import write_teaching_page
 
 
 def teach_parts(

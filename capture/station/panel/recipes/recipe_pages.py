@@ -5,22 +5,22 @@ from typing import Any
 
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.approval import approved_states
-from capture.station.challenge_set import challenge_sets
-from capture.station.events import RecipeLoaded
+from capture.station.approval.approval import approved_states
+from capture.station.approval.recipe_settings import SettingsRefused
+from capture.station.approval.recipe_state import RecipeState
+from capture.station.challenge.challenge_set import challenge_sets
+from capture.station.cycle.events import RecipeLoaded
+from capture.station.cycle.recipe_request import Asker
 from capture.station.panel.access.roles import Role
 from capture.station.panel.api import whole_number
 from capture.station.panel.render import page
 from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
-from capture.station.recipe_file import SUFFIX, read_recipe
-from capture.station.recipe_folder import RecipeFolder
-from capture.station.recipe_request import Asker
-from capture.station.recipe_settings import SettingsRefused
-from capture.station.recipe_state import RecipeState
+from capture.station.recipe.recipe_file import SUFFIX, read_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.recipe.taught import read_taught
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import HistoryEntry, Selection
-from capture.station.taught import read_taught
 from capture.station.verdict import Decision
 from classify.errors import InputError, Ps4rigError
 from classify.regular_file import read_regular_file

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from capture.station.challenge_set import Expected
+from capture.station.challenge.challenge_set import Expected
+from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.stored_set import stored_set
 from capture.station.panel.security import Denied
@@ -13,7 +14,6 @@ from capture.station.verdict import Decision
 from classify.errors import InputError
 from classify.labels import checked_label
 
-from .background_jobs import Job, Work
 from .recipe_changes import LongChange, RecipeChanges
 from .recipe_jobs import replay_parts, teach_parts
 

@@ -5,20 +5,20 @@ from typing import Any
 
 from starlette.responses import Response
 
-from capture.station.approval import approved_states
-from capture.station.challenge_set import challenge_sets
+from capture.station.approval.approval import approved_states
+from capture.station.approval.recipe_settings import SettingsRefused, dotted
+from capture.station.challenge.challenge_set import challenge_sets
+from capture.station.cycle.recipe_request import RecipeRefused
 from capture.station.panel.access.roles import Role
 from capture.station.panel.api import V1
-from capture.station.panel.render import Answer
+from capture.station.panel.background_jobs import Job
+from capture.station.panel.render import JsonAnswer
 from capture.station.panel.routes import Call, PanelRoute
 from capture.station.panel.security import Denied
-from capture.station.recipe import Recipe
-from capture.station.recipe_file import read_recipe
-from capture.station.recipe_request import RecipeRefused
-from capture.station.recipe_settings import SettingsRefused, dotted
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import read_recipe
 from classify.errors import InputError
 
-from .background_jobs import Job
 from .recipe_changes import RecipeChanges
 from .recipe_pages import changes_of, known_changes_of, load_recipe_of, recipe_names
 from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
@@ -29,7 +29,7 @@ _SEEN = {"sha256": "hash of the recipe as it was seen"}
 
 def _recipes(call: Call) -> Response:
     loaded = call.panel.live.snapshot().recipe
-    return Answer(
+    return JsonAnswer(
         {
             "recipes": recipe_names(call),
             "configured": call.panel.folder.config.recipe,
@@ -39,7 +39,7 @@ def _recipes(call: Call) -> Response:
 
 
 def _recipe(call: Call) -> Response:
-    return Answer(_state(call, known_changes_of(call)))
+    return JsonAnswer(_state(call, known_changes_of(call)))
 
 
 def _state(call: Call, changes: RecipeChanges) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def _fields(recipe: Recipe) -> dict[str, Any]:
 
 def _versions(call: Call) -> Response:
     files = known_changes_of(call).files
-    return Answer(
+    return JsonAnswer(
         {
             "present": read_recipe(files.file).sha256,
             "approved": [_fields(each) for each in approved_states(files)],
@@ -77,27 +77,27 @@ def _save(call: Call) -> Response:
         changes.save_settings(call.text("sha256"), values)
     except SettingsRefused as error:
         wrong = {dotted(place): message for place, message in error.messages.items()}
-        return Answer({"error": str(error), "settings": wrong}, 400)
-    return Answer(_state(call, changes))
+        return JsonAnswer({"error": str(error), "settings": wrong}, 400)
+    return JsonAnswer(_state(call, changes))
 
 
 def _approve(call: Call) -> Response:
     changes = known_changes_of(call)
     changes.approve(call.name, call.text("sha256"))
-    return Answer(_state(call, changes))
+    return JsonAnswer(_state(call, changes))
 
 
 def _roll_back(call: Call) -> Response:
     changes = known_changes_of(call)
     changes.roll_back(call.text("sha256"))
-    return Answer(_state(call, changes))
+    return JsonAnswer(_state(call, changes))
 
 
 def _load(call: Call) -> Response:
     try:
-        return Answer({"running": vars(load_recipe_of(call))})
+        return JsonAnswer({"running": vars(load_recipe_of(call))})
     except RecipeRefused as error:
-        return Answer({"error": str(error), "kind": error.kind.name}, 409)
+        return JsonAnswer({"error": str(error), "kind": error.kind.name}, 409)
 
 
 def _teach(call: Call) -> Response:
@@ -118,13 +118,13 @@ def _part_ids(call: Call) -> list[str]:
 
 
 def _started(job: Job) -> Response:
-    return Answer(asdict(job), 202, {"Location": f"{V1}/job"})
+    return JsonAnswer(asdict(job), 202, {"Location": f"{V1}/job"})
 
 
 def _challenge(call: Call) -> Response:
     changes = known_changes_of(call)
     state, files = changes.state, changes.files
-    return Answer(
+    return JsonAnswer(
         {
             "sets": challenge_sets(files.challenge),
             "state": state.challenge,
@@ -141,20 +141,20 @@ def _replay(call: Call) -> Response:
 def _add(call: Call) -> Response:
     changes = changes_of(call)
     add_parts_to_challenge(call.panel, changes, _part_ids(call), call.text("expected"))
-    return Answer({"sets": challenge_sets(changes.files.challenge)}, 201)
+    return JsonAnswer({"sets": challenge_sets(changes.files.challenge)}, 201)
 
 
 def _remove(call: Call) -> Response:
     changes = changes_of(call)
     changes.remove_from_challenge(call.path["file"])
-    return Answer({"sets": challenge_sets(changes.files.challenge)})
+    return JsonAnswer({"sets": challenge_sets(changes.files.challenge)})
 
 
 def _job(call: Call) -> Response:
     job = call.panel.jobs.last
     if job is None:
         raise Denied(404, "no job was started since the station runs")
-    return Answer(asdict(job))
+    return JsonAnswer(asdict(job))
 
 
 def _end(call: Call) -> Response:

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from capture.station.config import CONFIG
-from capture.station.gauge import GaugeStudy, Presentation
-from capture.station.gauge_report import GaugeReport, write_gauge_report
+from capture.station.gauge.gauge import GaugeStudy, Presentation
+from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
 from capture.station.panel.access.roles import Role
 from capture.station.verdict import Cause, Decision
 from rig import RigConfig

@@ -12,7 +12,8 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.events import Publisher
+from capture.station.cycle.events import Publisher
+from capture.station.cycle.triggers import TriggerSource
 from capture.station.face_config import PanelConfig
 from capture.station.folder import station_folder
 from capture.station.live.live_station import LiveStation
@@ -26,7 +27,6 @@ from capture.station.panel.part_pictures.picture_maker import (
 )
 from capture.station.panel.server import serving_panel
 from capture.station.run import run_station
-from capture.station.triggers import TriggerSource
 from rig import RigConfig
 from tests.capture.station.stations import Bench, FakeRecipes, bench
 

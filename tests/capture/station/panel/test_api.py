@@ -10,12 +10,12 @@ from urllib.parse import quote
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.cycle.triggers import Refused, Trigger
 from capture.station.panel.access.roles import Role
 from capture.station.panel.filters import selection_of
 from capture.station.panel.triggering import MOST_WAITING
-from capture.station.recipe import Recipe
-from capture.station.recipe_file import write_recipe
-from capture.station.triggers import Refused, Trigger
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import write_recipe
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from capture.station.panel.recipes.background_jobs import BackgroundJobs, Job, JobRefused, Work
+from capture.station.panel.background_jobs import BackgroundJobs, Job, JobRefused, Work
 from tests.capture.station.panel import quick_jobs
 from tests.capture.station.panel.panels import WAIT_S
 

@@ -12,8 +12,8 @@ from capture.station.folder import StationFolder
 from capture.station.panel.access.change_log import ChangeLog
 from capture.station.panel.access.roles import Identity, Role
 from capture.station.panel.results_access import ResultsAccess
-from capture.station.recipe_file import read_recipe, write_recipe
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe.recipe_file import read_recipe, write_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.results.change_log import ChangeRecord, newest_changes
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import open_store

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from capture.station.bench import BenchResult, run_bench
-from capture.station.events import Event, PartAnnounced
+from capture.station.cycle.events import Event, PartAnnounced
 from capture.station.folder import StationFolder, make_station
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.panel import Panel

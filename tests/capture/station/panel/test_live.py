@@ -13,21 +13,21 @@ from typing import Any
 from unittest.mock import AsyncMock
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.events import (
+from capture.station.cycle.events import (
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
     StateChanged,
     TriggerRefused,
 )
+from capture.station.cycle.states import Change, State
+from capture.station.cycle.triggers import Refused, Trigger
 from capture.station.live.devices import Device
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
 from capture.station.panel import event_stream
 from capture.station.panel.access.roles import Role
 from capture.station.results.part_result import PartResult
-from capture.station.states import Change, State
-from capture.station.triggers import Refused, Trigger
 from capture.station.verdict import Cause, Decision, Verdict
 from rig.doctor.check import Check
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel

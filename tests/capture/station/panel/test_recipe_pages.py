@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.events import RecipeLoaded
+from capture.station.cycle.events import RecipeLoaded
 from capture.station.panel.access.roles import Role
-from capture.station.recipe import Recipe
-from capture.station.recipe_file import read_recipe
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import read_recipe
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 
 PAGE, API = "/recipes/example", "/api/v1/recipes/example"

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from capture.commands.station.faces import panel_of, panel_settings
-from capture.station.approval import approve
+from capture.station.approval.approval import approve
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.server import PortTaken
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe.recipe_folder import RecipeFolder
 from rig.errors import ConfigError
 from tests.capture.station.panel.panels import Client
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.gauge import GaugeStudy, Presentation
-from capture.station.gauge_report import GaugeReport, write_gauge_report
+from capture.station.gauge.gauge import GaugeStudy, Presentation
+from capture.station.gauge.gauge_report import GaugeReport, write_gauge_report
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
 from capture.station.verdict import Decision

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.events import ExposureComplete, PartAnnounced, PartBegun, StateChanged
+from capture.station.cycle.events import ExposureComplete, PartAnnounced, PartBegun, StateChanged
+from capture.station.cycle.states import Change, State
 from capture.station.face_config import PanelConfig
 from capture.station.folder import StationFolder, make_station
 from capture.station.live.live_station import LiveStation
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
-from capture.station.states import Change, State
 from tests.capture.station.panel.panels import Client
 from tests.capture.station.panel.test_live import result
 

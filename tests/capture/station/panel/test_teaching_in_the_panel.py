@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture.station.inspector import Inspector
+from capture.station.inspection.inspector import Inspector
 from capture.station.panel.access.roles import Role
-from capture.station.recipe_file import read_recipe, write_recipe
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe.recipe_file import read_recipe, write_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
 from capture.station.verdict import Decision
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.panels import WAIT_S as SOON_S

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.events import Event, TriggerRefused
+from capture.station.cycle.events import Event, TriggerRefused
 from capture.station.face_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake

@@ -8,7 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from capture.station.events import (
+from capture.station.cycle.events import (
     ExposureComplete,
     PartAnnounced,
     PartBegun,
@@ -16,6 +16,9 @@ from capture.station.events import (
     RecipeLoaded,
     StateChanged,
 )
+from capture.station.cycle.recipe_request import RecipeRefusal
+from capture.station.cycle.states import State
+from capture.station.cycle.triggers import Accepted, Refusal, Refused
 from capture.station.plc.handshake import MOST_WAITING, Handshake, TriggerRequest
 from capture.station.plc.ladder import ANSWER_S, Judged, Ladder
 from capture.station.plc.registers import (
@@ -33,10 +36,7 @@ from capture.station.plc.registers import (
     encoded,
 )
 from capture.station.plc.selection import RecipeRequest
-from capture.station.recipe_request import RecipeRefusal
 from capture.station.results.part_result import PartResult
-from capture.station.states import State
-from capture.station.triggers import Accepted, Refusal, Refused
 from capture.station.verdict import Cause, Decision, Verdict
 from tests.capture.station.plc.lines import NOTHING
 

@@ -6,13 +6,13 @@ import time
 
 import pytest
 
+from capture.station.cycle.triggers import Refused, Trigger
 from capture.station.face_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
 from capture.station.plc.line import PlcLine
 from capture.station.plc.modbus import serving_modbus
 from capture.station.plc.registers import PLC, PLC_ADDRESS, Command, encoded
-from capture.station.triggers import Refused, Trigger
 from tests.capture.station.plc.lines import NOTHING
 
 WAIT_S = 60.0

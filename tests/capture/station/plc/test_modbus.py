@@ -15,7 +15,8 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.constants import ExcCodes
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.events import PartAnnounced
+from capture.station.cycle.events import PartAnnounced
+from capture.station.cycle.triggers import Trigger
 from capture.station.face_config import ModbusConfig
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.handshake import Handshake
@@ -32,7 +33,6 @@ from capture.station.plc.registers import (
     ErrorCode,
     Status,
 )
-from capture.station.triggers import Trigger
 from capture.station.verdict import Cause, Decision
 from classify.errors import InputError
 from tests.capture.station.plc.lines import (

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from capture.station.events import PartAnnounced, StateChanged
+from capture.station.cycle.events import PartAnnounced, StateChanged
+from capture.station.cycle.states import State
 from capture.station.face_config import MqttConfig
 from capture.station.plc.mqtt import MOST_WAITING, MqttPublisher
-from capture.station.states import State
 from tests.capture.station.plc.broker import Broker, mqtt_broker
 from tests.capture.station.plc.lines import until_so
 from tests.capture.station.plc.test_handshake import FAILED, result

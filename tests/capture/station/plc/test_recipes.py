@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.events import Publisher
+from capture.station.cycle.events import Publisher
+from capture.station.cycle.recipe_request import Asker, RecipeRefused
+from capture.station.cycle.triggers import TriggerTarget
 from capture.station.folder import station_folder
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
@@ -15,9 +17,7 @@ from capture.station.plc.ladder import Judged
 from capture.station.plc.line import PlcLine
 from capture.station.plc.modbus import serving_modbus
 from capture.station.plc.registers import VERDICTS
-from capture.station.recipe_request import Asker, RecipeRefused
 from capture.station.run import run_station
-from capture.station.triggers import TriggerTarget
 from capture.station.verdict import Decision
 from tests.capture.station.plc.kills import (
     RECIPES,

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from capture.commands.station.faces import modbus_of, mqtt_of, plc_line
-from capture.station.approval import approve
+from capture.station.approval.approval import approve
 from capture.station.config import StationConfig
 from capture.station.face_config import ModbusConfig, MqttConfig
 from capture.station.folder import StationFolder, make_station
 from capture.station.live.live_station import LiveStation
 from capture.station.plc.example_client import run_ladder
 from capture.station.plc.ladder import Judged
-from capture.station.recipe_folder import RecipeFolder
+from capture.station.recipe.recipe_folder import RecipeFolder
 from classify.errors import InputError
 
 PARTS = 3

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.control_history import chart_histories
+from capture.station.control_charts.control_history import chart_histories
 from capture.station.results.history import Selection
 from capture.station.results.statistics import (
     MOST_PERIODS,

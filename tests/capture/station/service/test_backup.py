@@ -16,13 +16,13 @@ from typing import Any
 import pytest
 
 from capture.station.config import Retention
+from capture.station.cycle.triggers import TriggerTarget
 from capture.station.folder import StationFolder, make_station
 from capture.station.results.store import open_store
 from capture.station.retention import remove_old_sets, sets_stay
 from capture.station.service.backup import prepared_backup
 from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
-from capture.station.triggers import TriggerTarget
 from capture.station.verification import verify_station
 from classify.errors import InputError
 from tests.capture.station.days_with_parts import make_days

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.events import (
+from capture.station.cycle.events import (
     ExposureComplete,
     PartAnnounced,
     SelfTestFinished,
@@ -16,10 +16,10 @@ from capture.station.events import (
     TriggerRefused,
     Warned,
 )
+from capture.station.cycle.states import State
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 from capture.station.service.journal import Journal, is_connected_to_journal
-from capture.station.states import State
 from capture.station.verdict import Decision
 from rig.doctor.check import Check
 from tests.capture.station.results.parts import UTC, result_of

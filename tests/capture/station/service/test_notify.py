@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from capture.station.events import PartAnnounced, StateChanged
+from capture.station.cycle.events import PartAnnounced, StateChanged
+from capture.station.cycle.states import State
+from capture.station.cycle.triggers import Trigger, TriggerTarget
 from capture.station.service.notify import Notifier
-from capture.station.states import State
-from capture.station.triggers import Trigger, TriggerTarget
 from classify.errors import InputError
 from rig import HardwareError
 from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, small_set
@@ -34,7 +34,7 @@ def systemd(tmp_path: Path) -> Iterator[SystemdSocket]:
 def station(tmp_path: Path, systemd: SystemdSocket) -> Iterator[Bench]:
     with bench(tmp_path / "line-1", small_set()) as made:
         notifier = Notifier(systemd.address, WATCHDOG_S)
-        made.listen, made.turned = notifier.tell, notifier.turned
+        made.listen, made.report_alive = notifier.tell, notifier.report_alive
         yield made
 
 
@@ -150,9 +150,9 @@ def test_the_environment_of_systemd_is_understood(systemd: SystemdSocket) -> Non
     for process, pings in ((str(os.getpid()), 1), ("1", 0)):
         notifier = Notifier.from_environment(given | {"WATCHDOG_PID": process})
         notifier.tell(StateChanged(State.READY, ""))
-        notifier.turned("capture")
-        notifier.turned("capture")
-        notifier.turned("verdict")
+        notifier.report_alive("capture")
+        notifier.report_alive("capture")
+        notifier.report_alive("verdict")
         systemd.receive(60.0)
         assert systemd.pings() == pings
         systemd.said.clear()
@@ -165,13 +165,13 @@ def test_without_systemd_nothing_is_told_and_nothing_fails() -> None:
     notifier = Notifier.from_environment({"WATCHDOG_USEC": "30000000"})
     notifier.tell(StateChanged(State.READY, ""))
     for worker in ("capture", "verdict"):
-        notifier.turned(worker)
+        notifier.report_alive(worker)
 
 
 def test_a_socket_that_nobody_serves_does_not_disturb_the_station(
     station: Bench, tmp_path: Path
 ) -> None:
     notifier = Notifier(str(tmp_path / "gone"), WATCHDOG_S)
-    station.listen, station.turned = notifier.tell, notifier.turned
+    station.listen, station.report_alive = notifier.tell, notifier.report_alive
     station.run(Manual(triggered), 1)
     assert len(station.of(PartAnnounced)) == 1

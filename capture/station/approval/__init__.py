@@ -1,0 +1,1 @@
+"""The life of a recipe: settings, approval, roll back, and what it lacks."""

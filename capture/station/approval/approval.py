@@ -1,0 +1,104 @@
+"""Approve a recipe by its hash, list the approved states, and roll back to one of them."""
+
+from collections.abc import Callable
+
+from capture.process.utc_time import utc_text
+from capture.station.errors import RecipeError
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe import Approval, Recipe
+from capture.station.recipe.recipe_file import read_recipe, write_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
+from classify.errors import InputError
+from rig.config.toml_file import read_toml_as, validated
+
+Record = Callable[[Recipe, Recipe], None]
+"""Is called with a recipe before and after, once nothing but the disk can prevent the change."""
+
+
+def approve(
+    files: RecipeFolder,
+    by: str,
+    seen_sha256: str | None = None,
+    record: Record = lambda *_: None,
+) -> Recipe:
+    """Approve a recipe as it is, and keep a copy of it beside what was taught.
+
+    Parameters
+    ----------
+    by
+        Who approves it.
+    seen_sha256
+        Hash of the recipe that this person has seen; None skips the comparison.
+    record
+        Records the change, and prevents it by an exception.
+
+    Raises
+    ------
+    RecipeError
+        If the recipe was not taught, something was changed since, or it is not the one that was
+        seen.
+    ConfigError
+        If the name is empty or contains control characters.
+    """
+    with files.changing():
+        recipe = Inspector.load(files).recipe
+        require_seen(recipe, seen_sha256)
+        values = {"by": by, "utc": utc_text(), "sha256": recipe.sha256}
+        approval = validated(values, Approval, "approval")
+        approved = recipe.model_copy(update={"approval": approval})
+        record(recipe, approved)
+        write_recipe(files.version(recipe.version).approved(recipe.sha256), approved)
+        write_recipe(files.file, approved)
+        return approved
+
+
+def require_seen(recipe: Recipe, seen_sha256: str | None) -> None:
+    """Check that a recipe has the hash that somebody has seen; None skips the check.
+
+    Raises
+    ------
+    RecipeError
+        If it was changed since.
+    """
+    if seen_sha256 is not None and recipe.sha256 != seen_sha256:
+        raise RecipeError(
+            f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"
+        )
+
+
+def approved_states(files: RecipeFolder) -> list[Recipe]:
+    """Return every approved state of a recipe, the last approval first.
+
+    A copy that is damaged or was changed since is left out: it cannot be rolled back to.
+    """
+    found = []
+    for version in files.taught_versions():
+        for copy in files.version(version).folder.glob("approved-*.toml"):
+            try:
+                recipe = read_toml_as(copy, Recipe, "there is none")
+            except InputError:
+                continue
+            if recipe.is_approved and (recipe.name, recipe.version) == (files.name, version):
+                found.append(recipe)
+    return sorted(found, key=lambda each: each.approval.utc if each.approval else "", reverse=True)
+
+
+def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:
+    """Replace the recipe by an earlier approved state, with its approval.
+
+    Later versions stay on disk. The challenge set must be met again before the recipe runs.
+    `record` is that of `approve`.
+
+    Raises
+    ------
+    RecipeError
+        If there is no such approved state, or what was taught for it was changed since.
+    """
+    with files.changing():
+        state = next((each for each in approved_states(files) if each.sha256 == sha256), None)
+        if state is None:
+            raise RecipeError(f"recipe {files.name}: no approved state has hash {sha256[:64]!r}")
+        Inspector.of(state, files)  # raises if it could not run
+        record(read_recipe(files.file), state)
+        write_recipe(files.file, state)
+        return state

@@ -1,0 +1,83 @@
+"""`RecipeState`: what a recipe lacks to be run, found without loading library and models."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture.calibration.lookup import read_calibration
+from capture.station.challenge.challenge import Replay, last_replay, valid_replay
+from capture.station.challenge.challenge_set import read_challenge
+from capture.station.inspection.fingerprint import Fingerprint
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import read_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.recipe.taught_files import taught_for
+from classify.errors import InputError
+
+
+@dataclass(frozen=True)
+class RecipeState:
+    """A recipe, and what it lacks to be run.
+
+    Attributes
+    ----------
+    recipe
+        The recipe.
+    problem
+        Why it cannot judge anything; None if it can.
+    challenge
+        State of the challenge set, in words.
+    has_met_challenge
+        Whether every part got its verdict from exactly this recipe, calibration and software.
+    replay
+        The last replay, of this state or an earlier one; None without one.
+    """
+
+    recipe: Recipe
+    problem: str | None
+    challenge: str
+    has_met_challenge: bool
+    replay: Replay | None
+
+    @property
+    def approval(self) -> str:
+        """Who approved it, in words."""
+        approval = self.recipe.approval
+        if approval is None:
+            return "not approved"
+        if not self.recipe.is_approved:
+            return f"changed since {approval.by} approved it"
+        return f"approved by {approval.by}, {approval.utc}"
+
+
+def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
+    """Return the state of a recipe.
+
+    Parameters
+    ----------
+    calibration
+        Calibration of the rig; None for a rig without one.
+
+    Raises
+    ------
+    InputError
+        If the recipe cannot be read.
+    """
+    recipe, replay = read_recipe(files.file), last_replay(files)
+    try:
+        taught = taught_for(recipe, files)
+        file = None if calibration is None else read_calibration(calibration)
+    except InputError as error:
+        return RecipeState(recipe, str(error), "not replayed", False, replay)
+    try:
+        parts = len(read_challenge(files.challenge).sets)
+        valid = valid_replay(files, Fingerprint.of(recipe, taught, file))
+    except InputError as error:
+        return RecipeState(recipe, None, str(error), False, replay)
+    if valid is None:
+        said = f"{parts} parts, not replayed since something changed"
+    elif valid.regressions:
+        said = f"{len(valid.regressions)} of {parts} parts got another verdict"
+    else:
+        said = f"all {parts} parts got their verdict, {valid.utc}"
+    has_met = valid is not None and not valid.regressions
+    return RecipeState(recipe, None, said, has_met, replay)

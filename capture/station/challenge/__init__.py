@@ -1,0 +1,1 @@
+"""Captured sets that must get their verdict before a changed recipe runs."""

@@ -1,0 +1,210 @@
+"""Replay the challenge set of a recipe, and require that before the recipe runs."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from capture.calibration.lookup import named_by
+from capture.console import ShowProgress, progress
+from capture.process.utc_time import utc_text
+from capture.sets.captured_set import CapturedSet
+from capture.station.error_verdict import error_verdict
+from capture.station.errors import ChallengeFailed
+from capture.station.inspection.fingerprint import Fingerprint
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
+from capture.station.verdict import Decision, Verdict
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+
+from .challenge_set import MOST_SETS, Expected, read_challenge
+
+# 10,000 parts of 600 bytes.
+_MAX_BYTES = 1 << 23
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PartOutcome(_Record):
+    """The verdict on a part of a challenge, and the one that it must get.
+
+    `file_sha256` is None for a file that could not be read, and in a replay of an older program.
+    """
+
+    file: str
+    file_sha256: str | None = None
+    pixels_sha256: str | None
+    expected: Expected
+    found: Decision
+    reason: str
+
+    @property
+    def is_regression(self) -> bool:
+        """Whether the verdict is another one."""
+        return self.found != self.expected
+
+    def __str__(self) -> str:
+        return f"{self.file} must be {self.expected} and is {self.found}: {self.reason}"
+
+
+class Replay(_Record):
+    """The outcome of a replay; `fingerprint` is of all that the verdicts depend on."""
+
+    format: Literal["ps4rig-challenge"] = "ps4rig-challenge"
+    version: Literal[1] = 1
+    utc: str
+    fingerprint: Fingerprint
+    parts: tuple[PartOutcome, ...]
+
+    @property
+    def regressions(self) -> tuple[PartOutcome, ...]:
+        """Parts with another verdict than they must get."""
+        return tuple(part for part in self.parts if part.is_regression)
+
+
+def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[PartOutcome]:
+    """Judge every part of the challenge as if it were captured now with the present calibration.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    for file, expected in read_challenge(files.challenge).sets.items():
+        path = files.challenge / file
+        sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
+        verdict, pixels_sha256 = _replayed(path, inspector)
+        yield PartOutcome(
+            file=file,
+            file_sha256=sha256,
+            pixels_sha256=pixels_sha256,
+            expected=expected,
+            found=verdict.decision,
+            reason=verdict.reason,
+        )
+
+
+def run_challenge(
+    files: RecipeFolder, inspector: Inspector, show: ShowProgress = progress
+) -> Replay:
+    """Judge every part of the challenge, and keep the outcome; raises as `replay_challenge`."""
+    total = len(read_challenge(files.challenge).sets)
+    parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
+    return keep_replay(files, inspector, parts)
+
+
+def keep_replay(
+    files: RecipeFolder, inspector: Inspector, parts: tuple[PartOutcome, ...]
+) -> Replay:
+    """Write the outcome of a replay; raises InputError if that cannot be done."""
+    replay = Replay(utc=utc_text(), fingerprint=inspector.fingerprint, parts=parts)
+    with durable_file(files.replay) as temporary:
+        temporary.write_text(replay.model_dump_json(indent=1), encoding="utf-8")
+    return replay
+
+
+def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
+    """Check that the challenge set was met by exactly what would run; replay it if it was not yet.
+
+    All its files are hashed, and its first part is judged, in any case: the first part of the line
+    would else wait for kernels to be loaded.
+
+    Raises
+    ------
+    ChallengeFailed
+        If a part gets another verdict than it must; the message names it.
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    _known_sha256.cache_clear()  # what runs now does not depend on times of files
+    replay, outcomes = (
+        valid_replay(files, inspector.fingerprint),
+        replay_challenge(files, inspector),
+    )
+    first = next(outcomes)
+    if replay is None or first.is_regression:
+        replay = keep_replay(files, inspector, (first, *outcomes))
+    if replay.regressions:
+        named = "; ".join(map(str, replay.regressions))
+        raise ChallengeFailed(
+            f"recipe {inspector.recipe.name} does not run: {len(replay.regressions)} of "
+            f"{len(replay.parts)} parts of its challenge set get another verdict: {named}"
+        )
+    return replay
+
+
+def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
+    """Whether a replay by this inspector is on record, and every part got its verdict.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    replay = valid_replay(files, inspector.fingerprint)
+    return replay is not None and not replay.regressions
+
+
+def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
+    pixels_sha256 = None
+    try:
+        captured = CapturedSet.load(path)
+        pixels_sha256 = captured.metadata.pixels_sha256
+        changes: dict[str, object] = {"created_utc": utc_text(), "calibration_ids": ()}
+        captured = replace(captured, metadata=captured.metadata.model_copy(update=changes))
+        if inspector.calibration is not None:
+            captured = named_by(captured, inspector.calibration.file)
+        return inspector.inspect(captured).verdict, pixels_sha256
+    except Exception as error:  # as in the cycle of the station: whatever it is, no PASS
+        return error_verdict(error), pixels_sha256
+
+
+def valid_replay(files: RecipeFolder, fingerprint: Fingerprint) -> Replay | None:
+    """Return the replay on record, if it was of the present challenge set with this fingerprint.
+
+    Raises
+    ------
+    InputError
+        If there is no challenge set, or it proves nothing.
+    """
+    replay = last_replay(files)
+    if replay is None or replay.fingerprint != fingerprint:
+        return None
+    expected = {part.file: part.expected for part in replay.parts}
+    is_present = expected == dict(read_challenge(files.challenge).sets) and all(
+        part.file_sha256 is not None and part.file_sha256 == _sha256(files.challenge / part.file)
+        for part in replay.parts
+    )
+    return replay if is_present else None
+
+
+def _sha256(path: Path) -> str | None:
+    """Hash of a file; None if it cannot be read."""
+    try:
+        found = path.stat()
+        return _known_sha256(
+            path, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        )
+    except (InputError, OSError):
+        return None
+
+
+# A page that shows the state of a recipe would else read 10 MB for each set of 1024 px.
+@lru_cache(MOST_SETS)
+def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
+    return file_sha256(path)
+
+
+def last_replay(files: RecipeFolder) -> Replay | None:
+    """Return the replay on record, of whatever it was; None if there is none, or it is damaged."""
+    try:
+        return Replay.model_validate_json(read_regular_file(files.replay, _MAX_BYTES))
+    except (InputError, ValidationError):
+        return None

@@ -1,0 +1,147 @@
+"""The challenge set of a recipe: captured sets with the verdict that each must get."""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from capture.batch.tasks import LoadedSet
+from capture.process.folder_lock import folder_lock
+from capture.session.plan import Name
+from capture.station.errors import RecipeError
+from capture.station.verdict import Decision
+from classify.durable_file import durable_file, make_folder
+from classify.errors import InputError
+from rig.config.section import Section
+from rig.config.toml_file import read_toml_as, validated
+
+FILE = "challenge.toml"
+_LOCK = "challenge.lock"
+Expected = Literal["PASS", "FAIL", "UNKNOWN"]
+Record = Callable[[str, Expected | None, Expected | None], None]
+"""Is called with a file and its verdict before and after, before anything is written."""
+MOST_SETS = 10_000
+
+_HEAD = """\
+# Captured sets in this folder, and the verdict that each must get before a changed recipe runs.
+# ps4rig station challenge DIR --add SET --expect PASS|FAIL|UNKNOWN adds one.
+
+[sets]
+"""
+
+
+class ChallengeSet(Section):
+    """The files of a challenge and the verdict that each must get."""
+
+    sets: Annotated[Mapping[Name, Expected], Field(max_length=MOST_SETS)]
+
+
+def read_challenge(folder: Path) -> ChallengeSet:
+    """Read a challenge set.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, or its list is damaged.
+    RecipeError
+        If it has no part that must pass, or none that must not.
+    """
+    missing = (
+        "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
+        "--expect PASS|FAIL|UNKNOWN"
+    )
+    found = read_toml_as(folder / FILE, ChallengeSet, missing)
+    passing = sum(expected == Decision.PASS for expected in found.sets.values())
+    if not 0 < passing < len(found.sets):
+        raise RecipeError(
+            f"{folder / FILE}: {passing} parts that must pass and {len(found.sets) - passing} that "
+            "must not: it takes one of each, because a station that passes or rejects everything "
+            "would meet the challenge"
+        )
+    return found
+
+
+def challenge_sets(folder: Path) -> dict[str, Expected]:
+    """Return the files of a challenge and their verdicts; empty if there is no challenge set.
+
+    Raises
+    ------
+    ConfigError
+        If its list is damaged.
+    """
+    if not (folder / FILE).exists():
+        return {}
+    return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+
+
+def add_to_challenge(
+    folder: Path,
+    paths: Sequence[Path],
+    expected: Expected,
+    record: Record = lambda *_: None,
+) -> None:
+    """Copy sets into a challenge; a set that it contains already gets the new verdict.
+
+    Parameters
+    ----------
+    record
+        Records each change, and prevents all by an exception.
+
+    Raises
+    ------
+    InputError
+        If a set cannot be read or copied, its name is invalid, or another program holds the lock.
+    RecipeError
+        If the challenge contains another set of this name.
+    """
+    make_folder(folder)
+    with folder_lock(folder, _LOCK):
+        before = challenge_sets(folder)
+        sets = before | {path.name: expected for path in paths}
+        checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
+        missing = [path for path in paths if not _is_there(folder / path.name, path)]
+        for name in sets:
+            if before.get(name) != sets[name]:
+                record(name, before.get(name), sets[name])
+        for path in missing:
+            if not _is_there(folder / path.name, path):  # two of them may have one name
+                with durable_file(folder / path.name) as temporary:
+                    shutil.copyfile(path, temporary)
+        _write(folder, checked)
+
+
+def _is_there(copy: Path, path: Path) -> bool:
+    """Whether a set is in the challenge already; another set of its name is refused."""
+    pixels_sha256 = LoadedSet.of(path).captured.metadata.pixels_sha256
+    if not copy.exists():
+        return False
+    if LoadedSet.of(copy).captured.metadata.pixels_sha256 != pixels_sha256:
+        raise RecipeError(f"{copy}: is another set; rename {path} to add it")
+    return True
+
+
+def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: None) -> None:
+    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`.
+
+    Raises
+    ------
+    InputError
+        If the challenge does not contain it, or another program holds the lock.
+    """
+    make_folder(folder)
+    with folder_lock(folder, _LOCK):
+        sets = challenge_sets(folder)
+        before = sets.pop(file, None)
+        if before is None:
+            raise InputError(f"{file[:100]!r} is not in the challenge set")
+        record(file, before, None)
+        _write(folder, ChallengeSet(sets=sets))
+
+
+def _write(folder: Path, challenge: ChallengeSet) -> None:
+    lines = "".join(f'{json.dumps(name)} = "{each}"\n' for name, each in challenge.sets.items())
+    with durable_file(folder / FILE) as temporary:
+        temporary.write_text(_HEAD + lines, encoding="utf-8")

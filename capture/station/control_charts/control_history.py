@@ -1,0 +1,105 @@
+"""Control charts of recorded parts, with the points and rules of `control_chart`."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+from capture.station.results.statistics import ChartedPart
+
+from .control_chart import (
+    BASELINE_POINTS,
+    GROUP,
+    NewWarnings,
+    RuleSeries,
+    is_measured,
+    mean_log_distance,
+)
+
+
+@dataclass(frozen=True)
+class ChartPoint:
+    """A point of a chart: the mean of some parts.
+
+    Attributes
+    ----------
+    number, part_id, triggered_utc
+        Those of its last part.
+    value
+        Arithmetic mean of levels, geometric mean of distances.
+    broken, begun
+        Western Electric rules that it breaks, in words, and those of which a running station would
+        warn at this point.
+    """
+
+    number: int
+    part_id: str
+    triggered_utc: str
+    value: float
+    broken: tuple[str, ...]
+    begun: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ChartHistory:
+    """A control chart.
+
+    Attributes
+    ----------
+    points
+        In the order of the parts.
+    baseline_points
+        Number of first points that form the baseline.
+    centre, lower, upper
+        The mean of the baseline, and the limits at three standard deviations; None if there are too
+        few points.
+    """
+
+    points: tuple[ChartPoint, ...]
+    baseline_points: int
+    centre: float | None
+    lower: float | None
+    upper: float | None
+
+
+def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
+    """Return the chart of the distance and those of each LED, in the order of the lights.
+
+    A point is the mean of five parts, and the first 20 points are the baseline. Parts with another
+    number of lights than the last one are left out.
+    """
+    listed = list(parts)
+    leds = len(listed[-1].led_levels) if listed else 0
+    measured = [each for each in listed if is_measured(each.distance, each.led_levels, leds)]
+    groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
+    return (
+        _history(
+            groups,
+            [mean_log_distance(each.distance for each in group) for group in groups],
+            math.exp,
+        ),
+        *(
+            _history(groups, [fmean(each.led_levels[led] for each in group) for group in groups])
+            for led in range(leds)
+        ),
+    )
+
+
+def _history(
+    groups: Sequence[Sequence[ChartedPart]],
+    points: Sequence[float],
+    value_of: Callable[[float], float] = lambda point: point,
+) -> ChartHistory:
+    """Apply the rules to the points of groups; `value_of` converts a point to the chart's unit."""
+    series, warnings, shown = RuleSeries(), NewWarnings(), []
+    for (*_, last), point in zip(groups, points, strict=True):
+        broken = series.add(point)
+        begun, value = warnings.begun(broken), value_of(point)
+        shown.append(
+            ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
+        )
+    if series.baseline is None:
+        return ChartHistory(tuple(shown), len(shown), None, None, None)
+    mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
+    centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
+    return ChartHistory(tuple(shown), BASELINE_POINTS, centre, lower, upper)

@@ -1,0 +1,1 @@
+"""The run of a station: trigger, exposure, verdict, record, announcement."""

@@ -1,0 +1,174 @@
+"""`Changeover`: a running station takes another recipe, between two parts."""
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from capture.calibration.lookup import FoundCalibration
+from capture.sets.captured_set import CapturedSet
+from capture.station.errors import error_text
+from capture.station.recipe.recipe import Recipe
+from rig.doctor.check import Check
+
+from .events import RecipeLoaded, Warned
+from .outcome import PartJudge
+from .recipe_request import Asker, RecipeRefusal, RecipeRefused
+from .self_test import SelfTest
+from .station_rig import PartCamera
+
+# How long a second asker waits for the first, whose recipe may have been taken just now.
+PATIENCE_S = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class UsableRecipe:
+    """A recipe that may judge parts: approved, with everything loaded, its challenge set met.
+
+    Attributes
+    ----------
+    judge
+        Makes results by it.
+    recipe
+        The recipe.
+    begin
+        Is given the images of each part before their checks.
+    calibration
+        Calibration of the rig.
+    checks
+        What was found when it was loaded.
+    by
+        Who asked for it; empty for that of the start.
+    """
+
+    judge: PartJudge
+    recipe: Recipe
+    begin: Callable[[CapturedSet], None] = lambda _: None
+    calibration: FoundCalibration | None = None
+    checks: tuple[Check, ...] = ()
+    by: str = ""
+
+    @property
+    def loaded(self) -> RecipeLoaded:
+        """What is announced when it is taken."""
+        return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
+
+
+class Recipes(Protocol):
+    """The recipes of a station. One method runs at a time; only `load` beside parts."""
+
+    @property
+    def present(self) -> UsableRecipe:
+        """The one that judges now."""
+
+    def load(self, name: str, by: Asker) -> UsableRecipe:
+        """Load a recipe, and record that it was asked for; raises RecipeRefused."""
+
+    def use(self, recipe: UsableRecipe) -> list[Check]:
+        """Give the rig the settings of a recipe, and check what it requires."""
+
+    def use_present(self) -> None:
+        """Give the rig, which is closed, the settings of the present recipe again."""
+
+    def keep(self, recipe: UsableRecipe) -> None:
+        """Make a recipe the present one, with which the station also begins again."""
+
+
+@dataclass(frozen=True, eq=False)
+class WantedRecipe:
+    """A recipe that is loaded and waits for the parts in progress, and the answer to its asker."""
+
+    recipe: UsableRecipe
+    answer: "Future[RecipeLoaded]" = field(default_factory=Future)
+
+
+class Changeover:
+    """The exchange of the recipe of a station.
+
+    The asker waits in `loading`, in a thread of its own, until the station has taken the recipe or
+    refused it. The station calls all other methods under its lock, but `take`.
+
+    Parameters
+    ----------
+    recipes
+        Those of the station; None if it judges no parts.
+    publish
+        Gets `RecipeLoaded`, and a warning for each recipe that is not loaded.
+    """
+
+    def __init__(
+        self, recipes: Recipes | None, publish: Callable[[RecipeLoaded | Warned], None]
+    ) -> None:
+        self._recipes, self._publish = recipes, publish
+        self._one = threading.Lock()
+        self._wanted: WantedRecipe | None = None
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a recipe waits for the end of the parts in progress."""
+        return self._wanted is not None
+
+    def lacks(self, name: str | None) -> bool:
+        """Whether another recipe is loaded than a trigger requires; None requires none."""
+        recipes = self._recipes
+        return name is not None and (recipes is None or recipes.present.recipe.name != name)
+
+    @contextmanager
+    def loading(self, name: str, by: Asker) -> Iterator[WantedRecipe]:
+        """Load a recipe while parts go on, and run the block with it.
+
+        Raises
+        ------
+        RecipeRefused
+            If it cannot be loaded, or another one is being loaded.
+        """
+        if self._recipes is None:
+            raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
+        if not self._one.acquire(timeout=PATIENCE_S):
+            raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
+        try:
+            yield WantedRecipe(self._recipes.load(name, by))
+        except RecipeRefused as error:
+            self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
+            raise
+        finally:
+            self._one.release()
+
+    def want(self, wanted: WantedRecipe) -> None:
+        """Let the station take a recipe as soon as no part is in progress."""
+        self._wanted = wanted
+
+    def refuse(self, reason: str) -> None:
+        """Refuse the recipe that waits, if there is one."""
+        wanted, self._wanted = self._wanted, None
+        if wanted is not None:
+            wanted.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
+
+    def taken(self) -> WantedRecipe | None:
+        """Return the recipe that waits, if there is one, for `take`; it is not refused any more."""
+        wanted, self._wanted = self._wanted, None
+        return wanted
+
+    def take(self, wanted: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
+        """Exchange the recipe while no part is in progress; return what judges from now on.
+
+        The asker has its answer as soon as the station is ready. If something is raised, the
+        present recipe holds, the rig is closed, and the asker knows.
+        """
+        recipes, recipe = self._recipes, wanted.recipe
+        assert recipes is not None
+        try:
+            with self_test.told() as require:
+                require(recipes.use(recipe))
+                require(camera.test(is_start=False))
+            # Before anybody hears of it: a kill now leaves a recipe that could be taken.
+            recipes.keep(recipe)
+        except Exception as error:
+            camera.close()
+            recipes.use_present()
+            wanted.answer.set_exception(RecipeRefused(error_text(error), RecipeRefusal.RIG))
+            raise
+        self._publish(recipe.loaded)
+        return recipe.judge

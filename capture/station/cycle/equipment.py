@@ -1,0 +1,75 @@
+"""`Equipment`: the objects that the cycle of a station works with."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal
+
+from capture.station.results.store import ResultStore
+from rig.doctor.check import Check
+
+from .changeover import Recipes
+from .events import Publisher, TriggerRefused
+from .outcome import PartJudge
+from .part_sensor import PartSensor
+from .station_clock import StationClock
+from .station_rig import PartCamera
+from .triggers import Trigger
+
+Worker = Literal["capture", "verdict"]
+"""A thread of the cycle."""
+ReportAlive = Callable[[Worker], None]
+"""Called by each worker several times a second, also while it waits for a part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equipment:
+    """The objects that a station works with.
+
+    Attributes
+    ----------
+    camera
+        The rig.
+    judge
+        Makes the result of an exposed part, until another recipe is loaded.
+    store
+        The results.
+    prepare
+        Makes all checks but those of the rig before the station becomes ready, while no part is in
+        progress.
+    clock
+        The clock for times in records.
+    publisher
+        Gets all events.
+    sensor
+        The part sensor, if it triggers the parts.
+    report_alive
+        Called by each worker several times a second while it waits, and between two steps of its
+        work. A worker that hangs does not call it.
+    recipes
+        The recipes that can be loaded; None if no parts are judged.
+    """
+
+    camera: PartCamera
+    judge: PartJudge
+    store: ResultStore
+    prepare: Callable[[], list[Check]]
+    clock: StationClock
+    publisher: Publisher
+    sensor: PartSensor | None = None
+    report_alive: ReportAlive = lambda _: None
+    recipes: Recipes | None = None
+
+    def refused(self, trigger: Trigger, reason: str) -> TriggerRefused:
+        """Record a trigger that cannot be served; return what is to be published. Never raises."""
+        is_recorded = False
+        with suppress(BaseException):
+            self.store.refuse(
+                trigger=trigger.source,
+                utc=self.clock.now(),
+                reason=reason,
+                simulated=self.camera.is_simulated,
+                part_id=trigger.part_id,
+            )
+            is_recorded = True
+        return TriggerRefused(trigger.source, trigger.part_id, reason, is_recorded)

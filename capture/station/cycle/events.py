@@ -1,0 +1,174 @@
+"""Events of a station, to which terminal, log, panel and PLC subscribe."""
+
+import logging
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from capture.station.results.part_result import PartResult
+from capture.station.verdict import Decision
+from rig.doctor.check import Check
+
+from .states import State
+
+_log = logging.getLogger(__name__)
+# Events of some hundred parts: a subscriber so far behind hangs.
+_MOST_EVENTS = 1000
+
+
+@dataclass(frozen=True)
+class RecipeLoaded:
+    """The recipe by which all parts are judged that are triggered from now on.
+
+    `by` says who asked for it; empty at the start. All earlier parts have their results.
+    """
+
+    name: str
+    version: int
+    sha256: str
+    by: str = ""
+
+
+@dataclass(frozen=True)
+class StateChanged:
+    """The station is in another state."""
+
+    state: State
+    reason: str
+
+
+@dataclass(frozen=True)
+class SelfTestFinished:
+    """The self-test was made; a fault among its checks keeps the station from ready."""
+
+    checks: tuple[Check, ...]
+
+
+@dataclass(frozen=True)
+class TriggerRefused:
+    """A trigger could not be served; `recorded` says whether the refusal is in the results."""
+
+    source: str
+    part_id: str | None
+    reason: str
+    recorded: bool
+
+
+@dataclass(frozen=True)
+class PartBegun:
+    """A trigger was accepted, and the part has its row in the results."""
+
+    part_id: str
+    number: int
+
+
+@dataclass(frozen=True)
+class ExposureComplete:
+    """No further exposure of the part is needed: it may move.
+
+    Published when the set has passed its checks: one that fails is captured again.
+    """
+
+    part_id: str
+    number: int
+
+
+@dataclass(frozen=True)
+class PartAnnounced:
+    """The result of a part; its set file and its row are on disk.
+
+    `latency_ms` is the time since the end of its last exposure.
+    """
+
+    result: PartResult
+    latency_ms: float
+
+
+@dataclass(frozen=True)
+class PartRecovered:
+    """A part that an earlier run began and did not finish got the verdict ERROR."""
+
+    result: PartResult
+
+
+@dataclass(frozen=True)
+class Warned:
+    """Something that a person should look at; the station goes on."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class StationStopped:
+    """The run is over.
+
+    Attributes
+    ----------
+    reason
+        Why.
+    announced
+        Number of its parts by verdict.
+    refused
+        Number of triggers that were not served.
+    """
+
+    reason: str
+    announced: Mapping[Decision, int]
+    refused: int
+
+    @property
+    def rejected(self) -> int:
+        """Number of parts that did not pass."""
+        return sum(count for verdict, count in self.announced.items() if verdict != Decision.PASS)
+
+
+Event = (
+    RecipeLoaded
+    | StateChanged
+    | SelfTestFinished
+    | TriggerRefused
+    | PartBegun
+    | ExposureComplete
+    | PartAnnounced
+    | PartRecovered
+    | Warned
+    | StationStopped
+)
+Subscriber = Callable[[Event], None]
+
+
+class Publisher:
+    """Passes events to all subscribers, one after the other, from a thread of its own.
+
+    A subscriber may therefore call the station. An error of a subscriber is logged and concerns
+    neither the station nor other subscribers. `publish` waits if subscribers are `_MOST_EVENTS`
+    behind: results are not lost, and memory is bounded. Within a ``with`` block; at its end all
+    events have been passed on.
+    """
+
+    def __init__(self, *subscribers: Subscriber) -> None:
+        self._subscribers = subscribers
+        self._events: queue.Queue[Event | None] = queue.Queue(_MOST_EVENTS)
+        self._thread = threading.Thread(target=self._run, name="station events")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._events.put(None)
+        self._thread.join()
+
+    def publish(self, event: Event) -> None:
+        """Pass an event on to every subscriber."""
+        self._events.put(event)
+
+    def _run(self) -> None:
+        while (event := self._events.get()) is not None:
+            for subscriber in self._subscribers:
+                try:
+                    subscriber(event)
+                except Exception:
+                    _log.exception("a subscriber failed on %s", type(event).__name__)

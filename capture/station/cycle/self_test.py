@@ -1,0 +1,203 @@
+"""The self-test of a station: what must hold before it accepts a trigger."""
+
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from capture.acquisition.attempts import MAX_ATTEMPTS
+from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.rig_check import checks_of_drift, drift_of_rig
+from capture.station.challenge.challenge import replay_challenge
+from capture.station.folder import PARTS
+from capture.station.inspection.inspector import Inspector
+from capture.station.recipe.recipe import CalibrationRule
+from capture.station.recipe.recipe_folder import RecipeFolder
+from capture.station.results.store import ResultStore
+from capture.station.verdict import Decision
+from classify.durable_file import durable_file, make_folder
+from rig import HardwareError, Rig
+from rig.doctor.check import Check, collected
+from rig.doctor.light_images import capture_light_images, check_leds
+
+from .events import SelfTestFinished
+
+# Two computers that write to one database may differ by this much.
+_CLOCK_TOLERANCE = timedelta(seconds=2)
+_PROBE = "self-test.tmp"
+
+
+class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, no program error
+    """The self-test found faults; the message names all of them."""
+
+
+def require_no_fault(checks: Iterable[Check]) -> None:
+    """Check that no check found a fault.
+
+    Raises
+    ------
+    SelfTestFailed
+        Naming every fault.
+    """
+    faults = [
+        ": ".join(filter(None, (each.name, each.seen, each.advice)))
+        for each in checks
+        if each.status == "fault"
+    ]
+    if faults:
+        raise SelfTestFailed("self-test: " + "; ".join(faults))
+
+
+class SelfTest:
+    """Collects the checks of a self-test, and tells of one that found something else than before.
+
+    Parameters
+    ----------
+    publish
+        Gets the event.
+    """
+
+    def __init__(self, publish: Callable[[SelfTestFinished], None]) -> None:
+        self._publish = publish
+        self._told: list[str] = []
+
+    @contextmanager
+    def told(self) -> Iterator[Callable[[list[Check]], None]]:
+        """Yield a function that takes checks and raises as `require_no_fault`."""
+        checks: list[Check] = []
+
+        def require(found: list[Check]) -> None:
+            checks.extend(found)
+            require_no_fault(checks)
+
+        try:
+            yield require
+        finally:
+            found = [f"{each.name} {each.status}" for each in checks]
+            if found != self._told:
+                self._publish(SelfTestFinished(tuple(checks)))
+            self._told = found
+
+
+def disk_fault(folder: Path, floor_mb: int, sets_bytes: int = 0) -> str | None:
+    """Return why no set may be written to `folder`, or None if there is room for it.
+
+    Parameters
+    ----------
+    sets_bytes
+        Space that sets in progress, and the next one, will take.
+    """
+    try:
+        free_bytes = shutil.disk_usage(folder).free
+    except OSError as error:
+        return f"disk: {folder}: {error.strerror}"
+    return floor_fault(free_bytes, sets_bytes, floor_mb)
+
+
+def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> str | None:
+    """Return why no set may be written, or None if `floor_mb` stays free after the sets."""
+    if free_bytes - sets_bytes >= floor_mb * 1_000_000:
+        return None
+    needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""
+    return f"disk: {free_bytes / 1e6:.0f} MB free, the floor is {floor_mb} MB{needed}; make room"
+
+
+def check_disk(folder: Path, floor_mb: int) -> Iterator[Check]:
+    """Check that a set can be written below `folder`, and that more than the floor is free.
+
+    Raises
+    ------
+    InputError
+        If nothing can be written.
+    """
+    make_folder(folder / PARTS)
+    reason = disk_fault(folder / PARTS, floor_mb)
+    if reason is not None:
+        yield Check("disk", "fault", reason.removeprefix("disk: "))
+        return
+    with durable_file(folder / PARTS / _PROBE) as probe:
+        probe.write_bytes(b"self-test")
+    (folder / PARTS / _PROBE).unlink()
+    yield Check("disk", "ok", f"can be written, more than {floor_mb} MB free")
+
+
+def check_results(store: ResultStore) -> Iterator[Check]:
+    """Check that the database answers, and that the clock is not behind its last result."""
+    last = next(store.parts(newest=1), None)
+    yield Check("results", "ok", "the database answers")
+    if last is None:
+        yield Check("clock", "ok", "there is no earlier result")
+        return
+    last_utc = last.result.decided_utc
+    behind = datetime.fromisoformat(last_utc) - datetime.now(UTC)
+    if behind > _CLOCK_TOLERANCE:
+        seen = f"{behind.total_seconds():.0f} s behind the last result, of {last_utc}"
+        yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
+        return
+    yield Check("clock", "ok", f"after the last result, of {last_utc}")
+
+
+def check_judge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
+    """Judge the challenge set up to its first good part, which also loads all kernels.
+
+    Without it the first part of a run waits a second for them.
+    """
+    for outcome in replay_challenge(files, inspector):
+        if outcome.is_regression:
+            yield Check("judge", "warning", str(outcome), "run ps4rig station challenge")
+            return
+        if outcome.expected == Decision.PASS:
+            yield Check("judge", "ok", f"{outcome.file} of the challenge set passes")
+            return
+
+
+def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:
+    """Check that there is a calibration where the recipe requires one, and its greatest age."""
+    name = "calibration"
+    if file is None:
+        if rule.required:
+            advice = "set calibration = 'NAME.ps4cal' in rig.toml; ps4rig calibrate makes one"
+            yield Check(name, "fault", "the recipe requires one, the rig names none", advice)
+        return
+    ages = [record.age_days(datetime.now(UTC)) for record in file.records.values()]
+    if None in ages:
+        yield Check(name, "fault", "a part of it has no date", "calibrate again")
+        return
+    days = max(age for age in ages if age is not None)
+    seen = f"{days} days old, the recipe allows {rule.max_age_days}"
+    if days > rule.max_age_days:
+        yield Check(name, "fault", seen, "calibrate again")
+        return
+    yield Check(name, "ok", seen)
+
+
+def check_rig(rig: Rig, plate: CalibrationFile | None) -> list[Check]:
+    """Check an open rig: dark with all LEDs off, light under each of them, and a white sheet.
+
+    A test with a fault is repeated: a short disturbance seldom affects two tests in a row.
+
+    Parameters
+    ----------
+    plate
+        Calibration to compare a white sheet below the camera with; None without a sheet. A
+        simulated rig lays the sheet down, and its part back afterwards.
+    """
+
+    def checks() -> Iterator[Check]:
+        yield from check_leds(capture_light_images(rig))
+        if plate is not None:
+            yield from checks_of_drift(drift_of_rig(rig, plate))
+
+    for _ in range(MAX_ATTEMPTS):
+        found = collected("rig", checks)
+        if not any(each.status == "fault" for each in found):
+            break
+        # A transmission error leaves the line to the controller unusable until it is opened anew.
+        found += collected("light controller", lambda: _recovered(rig))
+    return found
+
+
+def _recovered(rig: Rig) -> Iterator[Check]:
+    rig.lights.recover()
+    return iter(())

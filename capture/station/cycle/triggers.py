@@ -1,0 +1,167 @@
+"""Triggers: what tells the station that a part lies below the camera."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Protocol
+
+from capture.station.results.database import ResultsUnavailable
+from classify.errors import InputError
+
+from .events import RecipeLoaded
+from .recipe_request import Asker
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """A part lies below the camera.
+
+    Attributes
+    ----------
+    source
+        ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``.
+    part_id
+        Identity of the part, unique in the station; None lets the station choose one.
+    recipe
+        Name of the recipe that must judge it; None for whichever is loaded.
+    """
+
+    source: str
+    part_id: str | None = None
+    recipe: str | None = None
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """The part has its row in the results, and its exposure begins."""
+
+    part_id: str
+    number: int
+
+
+class Refusal(Enum):
+    """Why a trigger was refused, as a code for programs."""
+
+    NOT_READY = auto()
+    BUSY = auto()  # another part is exposed, or no buffer is free
+    STOPPING = auto()
+    DISK = auto()
+    DATABASE = auto()
+    PART_ID = auto()  # invalid, or used before
+    RECIPE = auto()  # another one is loaded than the trigger requires
+    UNFORESEEN = auto()
+
+
+def refusal_by(error: BaseException) -> Refusal:
+    """Return the code of a refusal because of an error while the part was begun."""
+    if isinstance(error, InputError):
+        return Refusal.PART_ID
+    return Refusal.DATABASE if isinstance(error, ResultsUnavailable) else Refusal.UNFORESEEN
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The trigger is not served, because of `reason`; nothing is exposed."""
+
+    reason: str
+    kind: Refusal = Refusal.NOT_READY
+
+
+Answer = Accepted | Refused
+
+
+class TriggerTarget(Protocol):
+    """The side of a station that triggers see. Its methods may be called from any thread."""
+
+    def submit(self, trigger: Trigger) -> Answer:
+        """Accept or refuse a trigger; the answer comes before the exposure. Never raises."""
+
+    def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        """Record a trigger that cannot be served. Never raises."""
+
+    def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
+        """Load another recipe; raises RecipeRefused, and the present one holds."""
+
+    def wait_until_ready(self, timeout_s: float) -> bool:
+        """Wait until a trigger would be accepted; False after the time-out or a stop."""
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether no further trigger will be accepted."""
+
+
+class TriggerSource(Protocol):
+    """Submits triggers until the station stops."""
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers; return when `station` is stopping or no more triggers come."""
+
+
+# How often a waiting source looks whether the station stops.
+_POLL_S = 0.2
+
+
+class TimerTrigger:
+    """A trigger in each period; a period of 0 triggers whenever the station is ready.
+
+    A trigger during the exposure of another part is refused and recorded, like any other trigger.
+    """
+
+    def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._period_s = period_s
+        self._now_s = now_s
+        self._pause = threading.Event()  # never set: waiting on it can be interrupted
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit triggers until the station stops."""
+        station_was_ready = False
+        next_s = self._now_s()
+        while not station.is_stopping:
+            # The first trigger waits for the self-test; with a period of 0 each one waits.
+            if self._period_s == 0.0 or not station_was_ready:
+                station_was_ready = station.wait_until_ready(_POLL_S)
+                next_s = self._now_s()
+                if not station_was_ready:
+                    continue
+            wait_s = next_s - self._now_s()
+            if wait_s > 0.0:
+                self._pause.wait(min(wait_s, _POLL_S))
+                continue
+            station.submit(Trigger("timer"))
+            next_s += self._period_s
+
+
+class SensorTrigger:
+    """The part sensor at the light controller; the cycle itself waits for it."""
+
+    def run(self, station: TriggerTarget) -> None:
+        """Wait until the station stops."""
+        pause = threading.Event()
+        while not station.is_stopping:
+            pause.wait(_POLL_S)
+
+
+class LineTrigger:
+    """A trigger for each line of text, such as the Enter key; the text is the part's id.
+
+    ``q`` alone, or the end of the text, ends the source.
+
+    Parameters
+    ----------
+    read_line
+        Returns the next line with its line end, and an empty text at the end.
+    """
+
+    def __init__(self, read_line: Callable[[], str]) -> None:
+        self._read_line = read_line
+
+    def run(self, station: TriggerTarget) -> None:
+        """Submit a trigger for each line."""
+        while not station.is_stopping:
+            line = self._read_line()
+            text = line.strip()
+            if not line or text == "q":
+                return
+            station.submit(Trigger("enter", text or None))

@@ -1,0 +1,1 @@
+"""Gauge studies: known parts presented again and again."""

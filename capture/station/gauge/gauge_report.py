@@ -1,0 +1,118 @@
+"""`GaugeReport`: the last gauge study of a recipe, as a JSON file beside what teaching made."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from capture.process.utc_time import utc_text
+from capture.station.recipe.recipe import Sha256
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
+
+from .gauge import GaugeStudy, Rating, Share
+
+_MAX_BYTES = 1 << 22
+# Number of parts with a wrong verdict that a report names.
+_MOST_WRONG = 200
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class GaugeShare(_Record):
+    """A `Share` of a study; `share` is None without trials."""
+
+    events: int
+    trials: int
+    share: FiniteFloat | None
+    bound: FiniteFloat
+
+    @classmethod
+    def of(cls, found: Share) -> Self:
+        """Return the share as a record."""
+        return cls(events=found.events, trials=found.trials, share=found.value, bound=found.bound)
+
+
+class GaugeReport(_Record):
+    """What a gauge study found.
+
+    Attributes
+    ----------
+    utc, software_version
+        When the study ended, and the version of ps4rig.
+    recipe, recipe_sha256
+        The recipe that judged; the hash is None for results of an earlier run.
+    simulated
+        Whether the parts are those of a simulated rig.
+    presentations
+        Number of presentations.
+    effectiveness, misses, false_alarms, rating, lines, wrong
+        As in `GaugeStudy`.
+    """
+
+    format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
+    version: Literal[1] = 1
+    utc: str
+    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+    recipe: str
+    recipe_sha256: Sha256 | None
+    simulated: bool
+    presentations: int
+    effectiveness: GaugeShare
+    misses: GaugeShare
+    false_alarms: GaugeShare
+    rating: Rating
+    lines: tuple[str, ...]
+    wrong: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, study: GaugeStudy, recipe: str, recipe_sha256: str | None, *, simulated: bool
+    ) -> Self:
+        """Return the report of a study that has just ended."""
+        return cls(
+            utc=utc_text(timespec="seconds"),
+            recipe=recipe,
+            recipe_sha256=recipe_sha256,
+            simulated=simulated,
+            presentations=len(study.presentations),
+            effectiveness=GaugeShare.of(study.effectiveness),
+            misses=GaugeShare.of(study.misses),
+            false_alarms=GaugeShare.of(study.false_alarms),
+            rating=study.rating,
+            lines=tuple(study.lines()),
+            wrong=tuple(study.wrong()[:_MOST_WRONG]),
+        )
+
+
+def write_gauge_report(path: Path, report: GaugeReport) -> None:
+    """Write the file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    with durable_file(path) as temporary:
+        temporary.write_text(report.model_dump_json(indent=1), encoding="utf-8")
+
+
+def read_gauge_report(path: Path) -> GaugeReport | None:
+    """Read the report of a recipe; None if no study was made.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    if not path.exists():
+        return None
+    try:
+        return GaugeReport.model_validate_json(read_regular_file(path, _MAX_BYTES))
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_fault(error)}; run ps4rig station gauge") from error

@@ -1,0 +1,1 @@
+"""From a captured set to measures and the verdict."""

@@ -1,0 +1,38 @@
+"""`Fingerprint`: hashes of everything that a verdict depends on, except the part."""
+
+from importlib.metadata import version
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict
+
+from capture.calibration.ps4cal import CalibrationFile
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.taught import Taught
+
+from .software import software_sha256
+
+
+class Fingerprint(BaseModel):
+    """Hashes of everything that a verdict depends on, except the part."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    recipe_sha256: str
+    library_sha256: str
+    defects_sha256: tuple[str, ...]
+    calibration_sha256: str | None
+    software_version: str
+    software_sha256: str
+
+    @classmethod
+    def of(cls, recipe: Recipe, taught: Taught, calibration: CalibrationFile | None) -> Self:
+        """Return the hashes of a recipe, of what was taught for it, and of a calibration."""
+        models = (taught.textures[name].defects_sha256 for name in recipe.passes)
+        return cls(
+            recipe_sha256=recipe.sha256,
+            library_sha256=taught.library_sha256,
+            defects_sha256=tuple(sha256 or "" for sha256 in models),
+            calibration_sha256=None if calibration is None else calibration.hash,
+            software_version=version("ps4rig"),
+            software_sha256=software_sha256(),
+        )

@@ -1,0 +1,343 @@
+"""`Inspector`: from the captured set of a part to its verdict, without files."""
+
+import math
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture.calibration.lookup import FoundCalibration, read_calibration
+from capture.calibration.parts import PartName
+from capture.calibration.setting import Setting
+from capture.sets.captured_set import CapturedSet
+from capture.station.recipe.recipe import Recipe
+from capture.station.recipe.recipe_file import read_recipe
+from capture.station.recipe.recipe_folder import RecipeFolder, file_sha256
+from capture.station.recipe.taught import Taught
+from capture.station.recipe.taught_files import check_unchanged, defect_model_of, taught_for
+from capture.station.results.part_result import DefectRecord
+from capture.station.verdict import Cause, Verdict
+from classify import Match, SurfaceEstimate, TextureLibrary
+from classify.defects.defect_map import KINDS, DefectMap, regions_of
+from classify.defects.defect_model import DefectModel
+from classify.threads import beside
+
+from .fingerprint import Fingerprint
+from .judge import Finding, Measures, invalid, verdict_of
+from .measured_surface import MeasuredSurface, fits
+
+# Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
+_WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
+_OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+# Number of defects that a result lists; a part of another texture may have hundreds.
+_MOST_DEFECTS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Verdict on one part, and the measures that it follows from.
+
+    Attributes
+    ----------
+    verdict
+        The verdict.
+    measures
+        The measures of the region.
+    defect_map
+        Scores of the region; None for a part whose nearest texture does not pass.
+    defects
+        Regions of the defect map above the recipe's limit, the largest score first, in px of the
+        whole image.
+    led_levels
+        Mean signal of each light against that of the taught parts of its texture, or of all taught
+        parts if it matches none that passes; empty where the set was not measured.
+    timings_ms
+        Duration of each step by name.
+    """
+
+    verdict: Verdict
+    measures: Measures = field(default_factory=Measures)
+    defect_map: DefectMap | None = None
+    defects: tuple[DefectRecord, ...] = ()
+    led_levels: tuple[float, ...] = ()
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+    def result_fields(self) -> dict[str, Any]:
+        """Return the fields of a `PartResult` that follow from the inspection, by name.
+
+        NaN and infinite values become None: not measured.
+        """
+        fields: dict[str, Any] = {}
+        for source, names in (
+            (self, ("verdict", "defects", "led_levels", "timings_ms")),
+            (self.measures, ("sdq", "shadow_fraction", "defect_score")),
+            (self.measures.match, _OF_MATCH),
+        ):
+            if source is not None:
+                fields |= {name: _known(getattr(source, name)) for name in names}
+        return fields
+
+
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """Images that are judged while they are checked; `inspection` waits for the result."""
+
+    unchecked: CapturedSet
+    inspection: Callable[[], Inspection]
+
+    def is_of(self, captured: CapturedSet) -> bool:
+        """Whether a set that has passed its checks has these images."""
+        unchecked = self.unchecked
+        return (
+            captured.images is unchecked.images
+            and captured.ambient is unchecked.ambient
+            and captured.mask is unchecked.mask
+        )
+
+
+class Inspector:
+    """Judges parts by one recipe, whose files are loaded and hashed once.
+
+    Parameters
+    ----------
+    recipe, taught, library, defect_models
+        The recipe, and what teaching made for it; one defect model for each texture that passes.
+    calibration
+        Calibration of the rig with its file; None for a rig without one.
+
+    Attributes
+    ----------
+    recipe
+        The recipe.
+    calibration
+        As given.
+    fingerprint
+        Hashes of everything that its verdicts depend on.
+    """
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        taught: Taught,
+        library: TextureLibrary,
+        defect_models: Mapping[str, DefectModel],
+        calibration: FoundCalibration | None = None,
+    ) -> None:
+        self.recipe = recipe
+        self._taught = taught
+        self._library = library
+        self._defect_models = defect_models
+        self.calibration = calibration
+        self._begun: _Begun | None = None
+        self._signals = {
+            texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
+        }
+        self.fingerprint = Fingerprint.of(
+            recipe, taught, None if calibration is None else calibration.file
+        )
+
+    @classmethod
+    def load(cls, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load a recipe with all that teaching made for it, and the calibration of the rig.
+
+        Raises
+        ------
+        InputError
+            If something is missing or damaged.
+        RecipeError
+            If the recipe was not taught, or something was changed since.
+        """
+        return cls.of(read_recipe(files.file), files, calibration)
+
+    @classmethod
+    def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
+        """Load what teaching made for a recipe that was read; raises as `load`."""
+        made = files.version(recipe.version)
+        taught = taught_for(recipe, files)
+        models = {name: defect_model_of(made, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(made.library)
+        # After loading, so that a file that is exchanged meanwhile is found.
+        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
+        found = None
+        if calibration is not None:
+            found = FoundCalibration(calibration, read_calibration(calibration), ())
+        return cls(recipe, taught, library, models, found)
+
+    def begin(self, unchecked: CapturedSet) -> None:
+        """Start to judge images that are still checked, in another thread; return at once.
+
+        `inspect` takes the inspection if it is given the same arrays, and drops it otherwise: then
+        the set was captured again, or other parts came between.
+        """
+        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked)))
+
+    def inspect(self, captured: CapturedSet) -> Inspection:
+        """Judge one part.
+
+        A set that cannot be judged gets the verdict ERROR with its cause. Any other problem is
+        raised, and the caller turns it into the verdict ERROR.
+        """
+        begun = self._begun
+        if begun is not None and begun.is_of(captured):
+            return begun.inspection()
+        return self._inspection(captured)
+
+    def _inspection(self, captured: CapturedSet) -> Inspection:
+        faults = list(self._faults(captured))
+        if faults:
+            return Inspection(verdict_of(self.recipe, Measures(), faults))
+        timings_ms: dict[str, float] = {}
+        with _timed(timings_ms, "solve"):
+            measured = MeasuredSurface.of(
+                captured, self.recipe.region, self.calibration, self._library.method
+            )
+            measures = Measures(
+                unmeasured_fraction=measured.unmeasured_fraction,
+                saturated_fraction=measured.share(measured.saturated),
+                led_levels=self._relative_levels(captured, measured.light_signals),
+                sdq=measured.sdq,
+                shadow_fraction=measured.share(measured.shadowed),
+            )
+        if not any(invalid(self.recipe, measures)):
+            with _timed(timings_ms, "match"):
+                measures = replace(measures, match=_matched(self._library, measured.surface))
+        # A part with a large defect may be unknown: its defects are recorded against the nearest
+        # texture.
+        match = measures.match
+        texture = "" if match is None else match.label or match.nearest
+        defect_map: DefectMap | None = None
+        defects: tuple[DefectRecord, ...] = ()
+        if match is not None and texture in self._defect_models:
+            with _timed(timings_ms, "defects"):
+                model = self._defect_models[texture]
+                defect_map = model.map_of(measured.surface, match.orientation_deg)
+                gap_px = _largest_gap_px(defect_map, measured.inside)
+                measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
+                defects = self._defects(defect_map, self.recipe.limits_for(texture).defect)
+        taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
+        levels = np.array(measured.light_signals) / taught
+        verdict = verdict_of(self.recipe, measures)
+        return Inspection(
+            verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
+        )
+
+    def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
+        """Outline the defects above a limit; their scores are in units of it."""
+        unit = 1.0 if limit is None else limit
+        scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
+        left, top = (
+            (0, 0) if self.recipe.region is None else (self.recipe.region.x, self.recipe.region.y)
+        )
+        records = []
+        for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
+            x, y, width, height = region.box
+            records.append(
+                DefectRecord(
+                    region.kind, top + y, left + x, height, width, region.area_px, region.score
+                )
+            )
+        return tuple(records)
+
+    def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        """Why the set cannot be judged, whatever part it shows."""
+        for difference in setting_differences(self._taught.setting, Setting.of_set(captured)):
+            yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
+        if not fits(self.recipe.region, captured):
+            yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")
+        yield from self._calibration_faults(captured)
+
+    def _calibration_faults(self, captured: CapturedSet) -> Iterator[Finding]:
+        named, rule = captured.metadata.calibration_ids, self.recipe.calibration
+        if self.calibration is None:
+            if named:
+                yield Finding(
+                    Cause.CALIBRATION, "the set names a calibration, the station has none"
+                )
+            if rule.required or self._taught.has_calibration:
+                yield Finding(Cause.CALIBRATION, "the recipe needs a calibration; give the rig one")
+            return
+        file = self.calibration.file
+        if file.hash not in named:
+            yield Finding(Cause.CALIBRATION, "the set does not name the calibration of the station")
+        if not self._taught.has_calibration:
+            yield Finding(Cause.CALIBRATION, "the recipe was taught without a calibration")
+        try:
+            at = datetime.fromisoformat(captured.metadata.created_utc)
+        except ValueError:
+            yield Finding(Cause.CALIBRATION, "the set has no date")
+            return
+        at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+        for name, record in file.records.items():
+            age_days = record.age_days(at)
+            # -1: the clocks of two computers may differ.
+            if age_days is None or not -1 <= age_days <= rule.max_age_days:
+                text = f"{name.replace('_', ' ')} was measured {age_days} days before the part"
+                yield Finding(Cause.CALIBRATION, f"{text}, at most {rule.max_age_days}")
+
+    def _relative_levels(
+        self, captured: CapturedSet, signals: tuple[float, ...]
+    ) -> tuple[tuple[str, float], ...]:
+        """Level of each LED against the brightest, as a share of the taught ratio.
+
+        The albedo of the part cancels: an LED is not called weak because a part is dark.
+        """
+        taught = np.mean([each / each.mean() for each in self._signals.values()], axis=0)
+        ratios = np.array(signals) / taught
+        brightest = ratios.max()
+        levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
+        tilts_deg = captured.lighting.tilts_deg
+        return tuple(
+            (f"LED {tilt_deg:.0f}", level)
+            for tilt_deg, level in zip(tilts_deg.tolist(), levels.tolist(), strict=True)
+        )
+
+
+def _known(value: Any) -> Any:
+    """A value, or None for NaN and infinity, which results do not hold."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def setting_differences(taught: Setting, other: Setting) -> list[str]:
+    """Return how another setting differs from the taught one, in words."""
+    each = (taught.differences(other, part) for part in _WHOLE_SETTING)
+    return list(dict.fromkeys(chain.from_iterable(each)))
+
+
+def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
+    """Largest connected area of cells without a score, of which a half or more is inside, in px."""
+    rows, columns = defect_map.score.shape
+    cell = defect_map.cell_px
+    share = cv2.resize(
+        np.pad(
+            inside.astype(np.float32),
+            [(0, rows * cell - inside.shape[0]), (0, columns * cell - inside.shape[1])],
+        ),
+        (columns, rows),
+        interpolation=cv2.INTER_AREA,
+    )
+    gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
+    _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
+    return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
+
+
+def _matched(library: TextureLibrary, surface: SurfaceEstimate) -> Match:
+    with warnings.catch_warnings():
+        # A calibration may have a flat field where that of teaching had none.
+        warnings.simplefilter("ignore")
+        return library.classify(surface)
+
+
+@contextmanager
+def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
+    started_s = time.perf_counter()
+    yield
+    timings_ms[step] = 1000.0 * (time.perf_counter() - started_s)

@@ -1,0 +1,1 @@
+"""The recipe, and what was taught for it, on disk."""

@@ -1,0 +1,205 @@
+"""`Recipe`: which textures pass, with which limits; a file that people read, change and approve."""
+
+from collections.abc import Mapping
+from typing import Annotated, Self
+
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
+
+from capture.session.plan import Label, Name, Text
+from capture.station.errors import NotApproved
+from rig.config.section import Section
+from rig.set_file import fields_sha256
+
+_MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
+
+Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class Orientation(Section):
+    """How a part must lie.
+
+    Attributes
+    ----------
+    tolerance_deg
+        Largest difference from `reference_deg`; None accepts every orientation.
+    reference_deg
+        Required orientation, anticlockwise, with the zero of the taught parts.
+    full_turn
+        Whether a part at `reference_deg` + 180 degrees is wrong. It needs a texture that looks
+        clearly different at that orientation.
+    """
+
+    tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = 0.0
+    full_turn: bool = False
+
+
+class Limits(Section):
+    """Limits of a part that passes; None sets no limit.
+
+    Attributes
+    ----------
+    distance
+        Largest distance to the texture, beside the limit of the library.
+    margin
+        Least margin to the next texture, beside that of the library, 0.15.
+    sdq
+        Least and largest Sdq, the root mean square slope of ISO 25178-2.
+    shadow_fraction
+        Largest share of pixels that a light does not reach.
+    unmeasured_fraction
+        Largest share of pixels without a slope: too dark, saturated, or lit by too few lights.
+    blur_px
+        Largest blur against the taught parts, the sigma of a Gaussian.
+    defect
+        Largest score of the defect map; 1 is the threshold that was taught.
+    unjudged_px
+        Largest connected area, in px, without a score in the defect map.
+    """
+
+    distance: Positive | None = None
+    margin: Share | None = None
+    sdq: tuple[Annotated[float, Field(ge=0.0)], Positive] | None = Field(default=None, strict=False)
+    shadow_fraction: Share | None = None
+    unmeasured_fraction: Share | None = None
+    blur_px: Positive | None = None
+    defect: Positive | None = None
+    unjudged_px: Annotated[int, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _sdq_rises(self) -> Self:
+        if self.sdq is not None and not self.sdq[0] < self.sdq[1]:
+            raise ValueError(f"sdq = {list(self.sdq)}: give the least and the largest value")
+        return self
+
+
+class GeneralLimits(Limits):
+    """Limits of all textures, with the default values of those that a recipe does not set.
+
+    A blur of 1 px costs the statistics of the finest scale (``classify/texture/blur.py``). A part
+    is not judged where its slope is unknown; teaching limits that to what the good parts show. Four
+    adjacent cells of the defect map without a score, 2 x 2 or 256 px, are a hole in the surface.
+    """
+
+    unmeasured_fraction: Share = 0.05
+    blur_px: Positive = 1.0
+    defect: Positive = 1.0
+    unjudged_px: Annotated[int, Field(ge=0)] = 255
+
+
+class Region(Section):
+    """The part of the image that is judged, in px: column and row of its top left corner, size."""
+
+    x: int = Field(ge=0, le=32767)
+    y: int = Field(ge=0, le=32767)
+    width: int = Field(ge=16, le=32768)
+    height: int = Field(ge=16, le=32768)
+
+    def __str__(self) -> str:
+        return f"{self.width} x {self.height} px at column {self.x}, row {self.y}"
+
+
+class Light(Section):
+    """Settings of the camera for this recipe; None leaves those of ``rig.toml``."""
+
+    exposure_ms: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = None
+    gain: int | None = Field(default=None, ge=0, le=2**31 - 1)
+
+
+class CalibrationRule(Section):
+    """Whether a calibration is required, and its greatest age.
+
+    The age is that of the oldest part of the calibration. 365 days is the interval at which
+    instruments are usually calibrated again (ILAC-G24, OIML D 10).
+    """
+
+    required: bool = False
+    max_age_days: int = Field(default=365, ge=1, le=36_500)
+
+
+class Approval(Section):
+    """Who approved a recipe, when (UTC), and the hash of the recipe that was approved."""
+
+    by: Text = Field(min_length=1, max_length=200)
+    utc: Text = Field(min_length=1, max_length=40)
+    sha256: Sha256
+
+
+class Recipe(Section):
+    """Which textures pass, with which limits, on which region, under which light.
+
+    Attributes
+    ----------
+    version
+        Raised by each teaching, from 1.
+    passes, fails
+        Textures of parts that pass and of known bad parts; ``pass`` and ``fail`` in the file. A
+        texture of the library that is in neither fails too.
+    limits, limits_of
+        Limits of all textures that pass, and those that differ for one of them.
+    taught
+        Hash of what teaching measured; None for a recipe that was never taught.
+    """
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    name: Name
+    version: int = Field(default=1, ge=1, le=2**31 - 1)
+    note: Text | None = Field(default=None, max_length=1000)
+    passes: tuple[Label, ...] = Field(alias="pass", max_length=_MAX_TEXTURES, strict=False)
+    fails: tuple[Label, ...] = Field(
+        default=(), alias="fail", max_length=_MAX_TEXTURES, strict=False
+    )
+    orientation: Orientation = Orientation()
+    limits: GeneralLimits = GeneralLimits()
+    limits_of: Mapping[Label, Limits] = Field(default_factory=dict)
+    region: Region | None = None
+    light: Light = Light()
+    calibration: CalibrationRule = CalibrationRule()
+    taught: Sha256 | None = None
+    approval: Approval | None = None
+
+    @model_validator(mode="after")
+    def _textures_are_named_once(self) -> Self:
+        named = [*self.passes, *self.fails]
+        twice = next((each for each in named if named.count(each) > 1), None)
+        if twice is not None:
+            raise ValueError(f"pass, fail: {twice!r} is named twice; name each texture once")
+        other = next((each for each in self.limits_of if each not in self.passes), None)
+        if other is not None:
+            raise ValueError(f"limits_of.{other}: is not in pass; leave these limits out")
+        return self
+
+    @property
+    def sha256(self) -> str:
+        """Hash of everything but the approval. Not cached: `model_copy` would copy it too."""
+        return fields_sha256(self.model_dump(mode="json", by_alias=True, exclude={"approval"}))
+
+    @property
+    def is_approved(self) -> bool:
+        """Whether somebody approved exactly this recipe."""
+        return self.approval is not None and self.approval.sha256 == self.sha256
+
+    def limits_for(self, texture: str) -> Limits:
+        """Return the limits of a texture: its own ones, and the general ones for the rest."""
+        own = self.limits_of.get(texture, Limits())
+        return Limits.model_validate({**dict(self.limits), **own.model_dump(exclude_none=True)})
+
+
+def require_approved(recipe: Recipe) -> None:
+    """Check that somebody approved exactly this recipe.
+
+    Raises
+    ------
+    NotApproved
+        If it was never approved, or was changed since.
+    """
+    if recipe.is_approved:
+        return
+    state = "was changed since it was approved" if recipe.approval else "is not approved"
+    raise NotApproved(
+        f"recipe {recipe.name}, version {recipe.version}, {state}; run ps4rig station approve, or "
+        "approve it in the panel of a run with --collect"
+    )

@@ -1,0 +1,119 @@
+"""`Taught`: what teaching measured on the good and bad parts of a recipe; a JSON file."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from capture.calibration.setting import Setting
+from capture.session.plan import Label, Name
+from capture.station.errors import RecipeError
+from classify.durable_file import durable_file
+from classify.errors import InputError
+from classify.regular_file import read_regular_file
+from rig.config.validation_message import first_fault
+from rig.set_file import fields_sha256
+
+from .recipe import Region, Sha256
+
+# 10,000 parts with their hashes take 2 MB.
+_MAX_BYTES = 1 << 24
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class TaughtSet(_Record):
+    """A captured set that was taught: its file in the folder ``sets``, the hash of its pixels.
+
+    `found`, `nearest` and `distance` are of the match with a library of all other sets; `found` is
+    None for an unknown texture.
+    """
+
+    file: Name
+    pixels_sha256: Sha256
+    found: Label | None = None
+    nearest: Label | None = None
+    distance: FiniteFloat | None = None
+
+
+class TaughtTexture(_Record):
+    """What teaching measured on the parts of one texture.
+
+    Attributes
+    ----------
+    sets
+        The parts, in the order they were given.
+    light_signals
+        Mean signal of each light over all parts, as a share of full scale.
+    defects_file, defects_sha256
+        The defect model and its hash; None for a texture that does not pass.
+    """
+
+    sets: tuple[TaughtSet, ...] = Field(min_length=1)
+    light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
+    defects_file: Name | None = None
+    defects_sha256: Sha256 | None = None
+
+
+class Taught(_Record):
+    """What teaching measured.
+
+    Attributes
+    ----------
+    setting
+        Setting of the rig; a set with another setting cannot be judged.
+    region
+        Region of the recipe, within which everything was measured.
+    has_calibration
+        Whether the parts were captured with a calibration.
+    library_sha256
+        Hash of the library's file.
+    """
+
+    format: Literal["ps4rig-taught"] = "ps4rig-taught"
+    version: Literal[1] = 1
+    utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+    setting: Setting
+    region: Region | None = None
+    has_calibration: bool
+    library_sha256: Sha256
+    textures: Mapping[Label, TaughtTexture] = Field(min_length=1)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all fields, which the recipe names."""
+        return fields_sha256(self.model_dump(mode="json"))
+
+
+def read_taught(path: Path) -> Taught:
+    """Read what teaching measured.
+
+    Raises
+    ------
+    RecipeError
+        If the file is missing or damaged.
+    """
+    try:
+        return Taught.model_validate_json(read_regular_file(path, _MAX_BYTES))
+    except InputError as error:
+        raise RecipeError(f"{error}; run ps4rig station teach") from error
+    except ValidationError as error:
+        raise RecipeError(f"{path}: {first_fault(error)}; run ps4rig station teach") from error
+
+
+def write_taught(path: Path, taught: Taught) -> None:
+    """Write the file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written.
+    """
+    with durable_file(path) as temporary:
+        temporary.write_text(taught.model_dump_json(indent=1), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""From sets of good and bad parts to a new version of a recipe."""

@@ -1,0 +1,104 @@
+"""`TaughtPart`: the measures of one captured set that teaching keeps in memory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from capture.batch.tasks import LoadedSet
+from capture.calibration.setting import Setting
+from capture.station.errors import RecipeError
+from capture.station.inspection.inspector import setting_differences
+from capture.station.inspection.measured_surface import MeasuredSurface, fits
+from capture.station.recipe.recipe import Region
+from classify import Lighting
+from classify.classifiers import Observation, classifier_named
+from classify.errors import InputError
+from classify.library.training import TrainingRow, observe
+from classify.methods import DEFAULT_CLASSIFIER
+from classify.texture.spectra import segment_for
+
+from .taught_sets import KeptSet
+
+
+@dataclass(frozen=True, eq=False)
+class TaughtPart:
+    """A set with its measures; its surface is not kept and is solved again when it is needed.
+
+    Attributes
+    ----------
+    row, test
+        Its observations for training and for matching.
+    lighting
+        Its lights, from its calibration if it has one.
+    """
+
+    kept: KeptSet
+    setting: Setting
+    has_calibration: bool
+    row: TrainingRow
+    test: Observation
+    segment_px: int
+    lighting: Lighting | None
+    sdq: float
+    shadow_fraction: float
+    unmeasured_fraction: float
+    light_signals: tuple[float, ...]
+
+
+def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
+    """Load and solve a kept set by the default solver for its lights.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or solved, or the region exceeds its images; the message names it.
+    """
+    loaded = LoadedSet.of(kept.path)
+    if not fits(region, loaded.captured):
+        rows, columns = loaded.captured.images.shape[1:]
+        raise RecipeError(f"{kept.path}: {columns} x {rows} px; the region is {region}")
+    return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found, None)
+
+
+def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
+    """Measure a kept set; raises as `solved`, or if its region shows no texture."""
+    loaded, measured = solved(kept, region)
+    surface, about = measured.surface, loaded.captured.metadata
+    try:
+        segment_px = segment_for(surface.shape)
+        observation = observe(surface, segment_px)
+        test = classifier_named(DEFAULT_CLASSIFIER).observe(surface, segment_px)
+    except InputError as error:
+        raise InputError(f"{kept.path}: {error}") from error
+    return TaughtPart(
+        kept,
+        Setting.of_set(loaded.captured),
+        loaded.found is not None,
+        TrainingRow(kept.texture, observation, about.orientation_deg),
+        test,
+        segment_px,
+        surface.lighting,
+        measured.sdq,
+        measured.share(measured.shadowed),
+        measured.unmeasured_fraction,
+        measured.light_signals,
+    )
+
+
+def check_alike(parts: Sequence[TaughtPart]) -> None:
+    """Check that all sets were captured at one setting, and all or none with a calibration.
+
+    Raises
+    ------
+    RecipeError
+        Naming the first set that differs, and how.
+    """
+    first = parts[0]
+    for part in parts[1:]:
+        differences = setting_differences(first.setting, part.setting)
+        if part.has_calibration != first.has_calibration:
+            differences.append("one has a calibration and the other has none")
+        if differences:
+            raise RecipeError(
+                f"{part.kept.path} and {first.kept.path} differ: {'; '.join(differences)}; teach "
+                "sets of one setting, or remove one of the files"
+            )

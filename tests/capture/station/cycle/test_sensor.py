@@ -1,0 +1,95 @@
+"""Parts that a part sensor triggers, on the simulated controller."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from capture.sets.captured_set import CapturedSet
+from capture.station.config import StationConfig
+from capture.station.cycle.cycle import Station
+from capture.station.cycle.equipment import Equipment
+from capture.station.cycle.events import PartAnnounced, Publisher, TriggerRefused
+from capture.station.cycle.outcome import PartJudge
+from capture.station.cycle.part_sensor import PartSensor
+from capture.station.cycle.station_rig import StationRig
+from capture.station.cycle.triggers import SensorTrigger
+from capture.station.recipe.recipe import Recipe
+from capture.station.verdict import Decision
+from rig import RigConfig, Simulation
+from tests.capture.station.stations import Bench, bench, small_set
+
+
+class WatchedRig(StationRig):
+    """Does what a test says when the first part is captured."""
+
+    on_first: Callable[[Simulation], None] = staticmethod(lambda _: None)
+
+    def capture(self, number: int) -> tuple[CapturedSet, float]:
+        if number == 1:
+            self.on_first(self._opened().simulation)
+        return super().capture(number)
+
+
+class Line:
+    """A station whose rig has a part sensor; events are in those of its bench."""
+
+    def __init__(self, made: Bench, synchronisation: str = "trigger") -> None:
+        self.bench = made
+        values = made.folder.config.model_dump() | {
+            "timer_s": 0.2,
+            "disk_floor_mb": 1,
+            "reconnect_s": 0.01,
+        }
+        self.config = StationConfig.model_validate(values)
+        camera = {"width_px": 32, "height_px": 32}
+        config = RigConfig().with_changes(
+            camera=camera, lights={"synchronisation": synchronisation}
+        )
+        self.rig = WatchedRig(self.config, config, Recipe(name="sheet", passes=("rock",)))
+
+    def run(self, count: int) -> None:
+        store, clock = self.bench.store, self.bench.clock
+
+        def save(captured: CapturedSet, set_file: str) -> None:
+            path = self.bench.folder.path / set_file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            captured.save(path)
+
+        with Publisher(self.bench.events.append) as publisher:
+            judge = PartJudge(self.config.name, "Ada", self.bench.inspector, {}, save, clock)
+            sensor = PartSensor(self.rig, store)
+            parts = Equipment(self.rig, judge, store, list, clock, publisher, sensor)
+            Station(self.bench.folder.path, self.config, parts, count).run(SensorTrigger())
+
+
+@pytest.fixture(params=["trigger", "strobe"])
+def line(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Line]:
+    with bench(tmp_path / "line-1", small_set()) as made:
+        yield Line(made, request.param)
+
+
+def test_each_part_at_the_sensor_is_inspected(line: Line) -> None:
+    line.run(4)
+    results = [event.result for event in line.bench.of(PartAnnounced)]
+    assert [(each.number, each.trigger) for each in results] == [
+        (n, "sensor") for n in (1, 2, 3, 4)
+    ]
+    assert {each.verdict.decision for each in results} == {Decision.PASS}
+    assert line.bench.rows() == line.bench.announced()
+    assert not line.bench.of(TriggerRefused)
+
+
+def test_a_part_during_an_exposure_is_on_record_as_refused(line: Line) -> None:
+    line.rig.on_first = Simulation.see_part
+    line.run(2)
+    assert [event.source for event in line.bench.of(TriggerRefused)] == ["sensor"]
+    assert [event.result.number for event in line.bench.of(PartAnnounced)] == [1, 2]
+
+
+def test_a_controller_that_is_lost_during_a_set_makes_the_part_an_error(line: Line) -> None:
+    line.rig.on_first = Simulation.unplug_lights
+    line.run(2)
+    first, second = (event.result for event in line.bench.of(PartAnnounced))
+    assert first.verdict.decision is Decision.ERROR
+    assert second.verdict.decision is Decision.PASS
