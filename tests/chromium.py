@@ -127,12 +127,12 @@ class Page:
         except PageLeftError:
             return False
 
-    def until(self, script: str, wait_s: float = WAIT_S) -> None:
-        """Wait until an expression of JavaScript is true."""
+    def until(self, script: str, wait_s: float = WAIT_S, pause_s: float = 0.02) -> None:
+        """Wait until an expression of JavaScript is true; ask again after each pause."""
         given_up_s = time.monotonic() + wait_s
         while not self.is_true(script):
             assert time.monotonic() < given_up_s, f"never true: {script}"
-            time.sleep(0.02)
+            time.sleep(pause_s)
 
     def press(self, key: str) -> None:
         """Press a key."""

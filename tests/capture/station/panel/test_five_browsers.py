@@ -6,28 +6,32 @@ takes them. The browsers stand for panel computers, but draw five pages with the
 judge the parts: with the policy SCHED_IDLE they use what the station leaves.
 """
 
+import json
 import os
-import threading
-import time
+import subprocess
+import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from select import select
 
 import numpy as np
 import pytest
 
-from capture.station.bench import BenchResult, run_bench
-from capture.station.cycle.events import Event, PartAnnounced
-from capture.station.folder import StationFolder, make_station
-from capture.station.live.live_station import LiveStation
-from capture.station.panel.panel import Panel
-from capture.station.panel.server import serving_panel
-from tests.capture.station.panel.panels import ANY_PORT
 from tests.chromium import Page, chromium
 
 PARTS = int(os.environ.get("PARTS", "20"))
 FRAME_PX = int(os.environ.get("FRAME_PX", "256"))
 BROWSERS, CLASSES = 5, 30
+# Preparation, and the longest time of a part on a machine that does other work too.
+SILENCE_S = 300.0 + 5.0 * PARTS
+END_S = 60.0
+# The number of judged parts that a page shows.
+JUDGED = (
+    "['PASS', 'FAIL', 'UNKNOWN', 'ERROR'].map((name) => document.getElementById('count-' + name))"
+    ".reduce((sum, count) => sum + Number(count.textContent), 0)"
+)
 
 
 @dataclass(frozen=True)
@@ -36,15 +40,18 @@ class Watched:
 
     Attributes
     ----------
-    bench
-        What the bench measured.
+    latencies_ms
+        From the end of the last exposure to the announced result, of each part.
+    station_mb
+        Memory of the station after a tenth of the parts, and at the end.
     used_ms
         Processor time of the station and its panel for each part.
     early_mb, late_mb
         The heap of each page after a tenth of the parts, and at the end.
     """
 
-    bench: BenchResult
+    latencies_ms: list[float]
+    station_mb: tuple[float, float]
     used_ms: float
     early_mb: list[float]
     late_mb: list[float]
@@ -56,54 +63,66 @@ def heap_mb(page: Page) -> float:
     return float(page.call("Runtime.getHeapUsage")["usedSize"]) / 1e6
 
 
+def station(stack: ExitStack, *arguments: object) -> tuple[Callable[[], str], Callable[[], None]]:
+    """Start the bench with its panel; return what reads a line of it, and what lets it begin."""
+    process = stack.enter_context(
+        subprocess.Popen(
+            (sys.executable, "-m", f"{__package__}.watched_bench", *map(str, arguments)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    commands, lines = process.stdin, process.stdout
+
+    def line() -> str:
+        assert select([lines], [], [], SILENCE_S)[0], "the station says nothing"
+        return lines.readline().decode()
+
+    def begin() -> None:
+        commands.write(b"\n")
+        commands.flush()
+
+    def end() -> None:
+        commands.close()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+
+    stack.callback(end)
+    return line, begin
+
+
 def watched(folder: Path, parts: int, browsers: int) -> Watched:
     """Judge parts while browsers show the operator's page."""
-    make_station(folder)
-    live, is_early = LiveStation("bench", simulated=True), threading.Event()
-    found: list[BenchResult] = []
-    used_s: list[float] = []
-
-    def count_parts(event: Event) -> None:
-        if isinstance(event, PartAnnounced):
-            used_s.append(time.process_time())
-            if len(used_s) == parts // 10:
-                is_early.set()
-
-    def judge() -> None:
-        try:
-            found.append(
-                run_bench(folder, parts, FRAME_PX, CLASSES, subscribers=(live.tell, count_parts))
-            )
-        finally:
-            is_early.set()
-
     with ExitStack() as stack:
-        panel = Panel.of(StationFolder(folder), live, ANY_PORT)
-        url = stack.enter_context(serving_panel(panel))
-        pages = []
+        line, begin = station(stack, folder, parts, FRAME_PX, CLASSES)
+        url, pages = line().strip(), []
         if browsers:
             browser = stack.enter_context(chromium(folder.parent / "profile", is_elsewhere=True))
             pages = [browser.page(url, alone=True) for _ in range(browsers)]
-            for page in pages:
-                page.call("HeapProfiler.enable")
-        judging = threading.Thread(target=judge)
-        judging.start()
-        is_early.wait()
-        early_mb = [heap_mb(page) for page in pages]
-        judging.join()
-        (bench,) = found
         for page in pages:
-            last = live.snapshot().last
-            assert last is not None
-            page.until(f"document.getElementById('part').textContent == '{last.part_id}'")
-            shown = [
-                int(page.text(f"count-{name}")) for name in ("PASS", "FAIL", "UNKNOWN", "ERROR")
-            ]
-            assert sum(shown) == parts
+            page.call("HeapProfiler.enable")
+        begin()
+        for page in pages[:1]:
+            page.until(f"{JUDGED} >= {parts // 10}", SILENCE_S, pause_s=1.0)
+        early_mb = [heap_mb(page) for page in pages]
+        found = json.loads(line())
+        for page in pages:
+            page.until(f"document.getElementById('part').textContent == '{found['last_part']}'")
+            assert page.value(JUDGED) == parts
             # The bench keeps the last sets only; pictures of the others cannot be made.
             assert [each for each in page.errors() if "/pictures" not in each] == []
-        used_ms = 1e3 * (used_s[-1] - used_s[0]) / (parts - 1)
-        return Watched(bench, used_ms, early_mb, [heap_mb(page) for page in pages])
+        bench = found["bench"]
+        return Watched(
+            bench["latencies_ms"],
+            bench["memory_mb"],
+            found["used_ms"],
+            early_mb,
+            [heap_mb(page) for page in pages],
+        )
 
 
 @pytest.mark.browser
@@ -111,8 +130,8 @@ def test_browsers_see_every_part_and_cost_no_memory(tmp_path: Path) -> None:
     before = watched(tmp_path / "before" / "bench", PARTS // 2, 0)
     seen = watched(tmp_path / "seen" / "bench", PARTS, BROWSERS)
     after = watched(tmp_path / "after" / "bench", PARTS // 2, 0)
-    without_ms = np.array([*before.bench.latencies_ms, *after.bench.latencies_ms])
-    with_ms = np.array(seen.bench.latencies_ms)
+    without_ms = np.array([*before.latencies_ms, *after.latencies_ms])
+    with_ms = np.array(seen.latencies_ms)
     for percent in (50, 99):
         alone_ms, open_ms = (np.percentile(each, percent) for each in (without_ms, with_ms))
         print(
@@ -124,7 +143,6 @@ def test_browsers_see_every_part_and_cost_no_memory(tmp_path: Path) -> None:
     grown_mb = np.subtract(seen.late_mb, seen.early_mb)
     print(f"memory of a page: {max(seen.early_mb):.1f} MB, {max(grown_mb):+.1f} MB to the end")
     assert max(grown_mb) < 2.0
-    assert seen.bench.memory_mb is not None
-    early_mb, late_mb = seen.bench.memory_mb
+    early_mb, late_mb = seen.station_mb
     print(f"memory of the station: {early_mb:.0f} MB after a tenth, {late_mb:.0f} MB at the end")
     assert late_mb - early_mb < 30.0

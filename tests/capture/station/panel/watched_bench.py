@@ -1,0 +1,51 @@
+"""The bench of a station with its panel, in a process of its own, as `ps4rig station run` is.
+
+    python -m tests.capture.station.panel.watched_bench FOLDER PARTS FRAME_PX CLASSES
+
+Prints the address of the panel, and waits for a line. Then it judges the parts, prints what it
+measured as one line of JSON, and serves the panel until its input ends.
+"""
+
+import json
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from capture.process_settings import settle_process
+
+
+def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
+    """Run the bench; see the module."""
+    settle_process()  # before numpy is imported
+
+    from capture.station.bench import run_bench
+    from capture.station.cycle.events import Event, PartAnnounced
+    from capture.station.folder import StationFolder, make_station
+    from capture.station.live.live_station import LiveStation
+    from capture.station.panel.panel import Panel
+    from capture.station.panel.server import serving_panel
+    from tests.capture.station.panel.panels import ANY_PORT
+
+    make_station(folder)
+    live = LiveStation("bench", simulated=True)
+    used_s: list[float] = []
+
+    def measure(event: Event) -> None:
+        if isinstance(event, PartAnnounced):
+            used_s.append(time.process_time())
+
+    with serving_panel(Panel.of(StationFolder(folder), live, ANY_PORT)) as url:
+        print(url, flush=True)
+        sys.stdin.readline()
+        result = run_bench(folder, parts, frame_px, classes, subscribers=(live.tell, measure))
+        last = live.snapshot().last
+        assert last is not None
+        used_ms = 1e3 * (used_s[-1] - used_s[0]) / (parts - 1)
+        found = {"bench": asdict(result), "used_ms": used_ms, "last_part": last.part_id}
+        print(json.dumps(found), flush=True)
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))
