@@ -217,5 +217,5 @@ def bench(folder: Path, captured: CapturedSet) -> Iterator[Bench]:
         make_station(folder)
     opened = StationFolder(folder)
     results = opened.config.results_in(folder)
-    with open_store(results, opened.config.name, create=True, patience_s=0.2) as store:
+    with open_store(results, opened.config.name, create=True) as store:
         yield Bench(opened, store, FakeCamera(captured), FakeInspector())

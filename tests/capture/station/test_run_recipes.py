@@ -37,7 +37,7 @@ def loader(opened: StationFolder) -> RecipeLoader:
 @pytest.fixture
 def store(opened: StationFolder) -> Iterator[ResultStore]:
     results = opened.config.results_in(opened.path)
-    with open_store(results, opened.config.name, create=True, patience_s=0.1) as made:
+    with open_store(results, opened.config.name, create=True) as made:
         yield made
 
 
