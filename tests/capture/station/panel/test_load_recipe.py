@@ -14,6 +14,7 @@ from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
+from tests.chromium import chromium
 
 API = "/api/v1/recipes/example"
 
@@ -76,3 +77,24 @@ def test_only_an_approved_recipe_that_does_not_run_has_a_button(
     line.live.tell(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
     assert button not in kim.get("/recipes").text
     assert button not in kim.get("/recipes/example").text
+
+
+@pytest.mark.browser
+def test_a_recipe_is_loaded_by_the_keyboard_and_the_operator_sees_it(
+    line: RunningPanel, tmp_path: Path
+) -> None:
+    with chromium(tmp_path / "profile") as browser:
+        engineer = browser.page(f"{line.url}login")
+        engineer.type("kim")
+        engineer.press("Tab")
+        engineer.type(PASSWORD)
+        engineer.press("Enter")
+        engineer.until("location.pathname == '/'")
+        operator = browser.page(line.url)
+        assert operator.text("recipe").startswith(FIRST)
+        engineer.go(f"{line.url}recipes")
+        engineer.tab_to("[aria-label='Load recipe example']")
+        engineer.press("Enter")
+        engineer.until("!document.querySelector('[aria-label=\\'Load recipe example\\']')")
+        operator.until("document.getElementById('recipe').textContent == 'example, version 1'")
+        assert operator.errors() == engineer.errors() == []
