@@ -145,7 +145,12 @@ async def _asked(
     # Nobody may be left to hear of an error.
     made.add_done_callback(lambda made: made.cancelled() or made.exception())
     # Shielded, because others may wait for the same pictures.
-    return await asyncio.wait_for(asyncio.shield(made), timeout_s)
+    try:
+        return await asyncio.wait_for(asyncio.shield(made), timeout_s)
+    except asyncio.CancelledError:
+        if not made.cancelled():
+            raise
+        raise TimeoutError from None  # somebody else could not wait, and has them
 
 
 ROUTES = (

@@ -68,9 +68,6 @@ class PictureWorker(Protocol):
     ) -> Future[PartPictures]:
         """Have the pictures of a part made."""
 
-    def renew(self) -> None:
-        """Go on after the process has died."""
-
     def abort(self) -> None:
         """End at once."""
 
@@ -110,7 +107,7 @@ class PictureMaker:
         """Return the pictures of a part, in future; None if too many parts wait already.
 
         The future raises `BrokenExecutor` if the process dies; it is started again for the next
-        part.
+        part. It is cancelled if the pictures were made for somebody who could not wait.
 
         Parameters
         ----------
@@ -153,7 +150,9 @@ class PictureMaker:
         try:
             return self._worker.submit(made_pictures, task)
         except BrokenExecutor:
-            self._worker.renew()
+            # Its end waits until all who wait for it were told, which needs the lock.
+            self._thread.submit(self._worker.abort)
+            self._worker = self._start()
             return self._worker.submit(made_pictures, task)
 
     def _keep(self, key: _Key, waits: bool, made: Future[PartPictures]) -> None:
@@ -164,6 +163,9 @@ class PictureMaker:
             self._kept[key] = made.result()
             while sum(each.size_bytes for each in self._kept.values()) > KEPT_BYTES:
                 self._kept.popitem(last=False)
+            late = None if waits else self._waiting.get((key, True))
+        if late is not None:
+            late.cancel()  # its place is for another part
 
 
 def made_pictures(task: PictureTask) -> PartPictures:

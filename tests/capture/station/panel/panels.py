@@ -121,9 +121,6 @@ class PictureThread:
     ) -> Future[PartPictures]:
         return self._executor.submit(function, item)
 
-    def renew(self) -> None:
-        raise AssertionError("a thread does not die")
-
     def abort(self) -> None:
         self._executor.shutdown(cancel_futures=True)
 

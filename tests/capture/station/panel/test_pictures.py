@@ -22,6 +22,7 @@ from capture.station.panel.part_pictures.picture_maker import (
     MOST_WAITING,
     PartPictures,
     PictureMaker,
+    PictureWorker,
 )
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
@@ -253,3 +254,81 @@ def test_pictures_do_not_wait_for_ever_for_an_idle_processor(
     monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
     assert {each["name"] for each in answer.json["pictures"]} == NAMES
+
+
+class DyingProcess:
+    """A process that died with two parts: a thread tells who waits, and its end waits for that."""
+
+    def __init__(self) -> None:
+        self.futures: list[Future[PartPictures]] = []
+        self.asked_again = threading.Event()
+        self.telling = threading.Thread(target=self._tell, daemon=True)
+
+    def submit(self, *_: object) -> Future[PartPictures]:
+        if len(self.futures) == 2:
+            self.asked_again.set()
+            raise BrokenExecutor("killed")
+        self.futures.append(Future())
+        return self.futures[-1]
+
+    def abort(self) -> None:
+        self.telling.join()
+
+    def _tell(self) -> None:
+        assert self.asked_again.wait(10)
+        for future in self.futures:
+            future.set_exception(BrokenExecutor("killed"))
+
+
+def test_a_process_that_died_is_replaced_while_others_hear_of_it(panel: RunningPanel) -> None:
+    (part_id,) = panel.parts(1)
+    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
+    path, dying = set_file(panel, part_id), DyingProcess()
+    workers: list[PictureWorker] = [dying, PictureThread()]
+    maker = PictureMaker(panel.bench.folder, lambda: workers.pop(0))
+    for number in range(2):
+        assert maker.ask(replace(result, part_id=f"lost-{number}"), path, "small") is not None
+    dying.telling.start()
+    found: Future[PartPictures] = Future()
+
+    def ask() -> None:
+        future = maker.ask(result, path, "small")
+        assert future is not None
+        found.set_result(future.result(10))
+
+    threading.Thread(target=ask, daemon=True).start()
+    assert found.result(10).pictures.keys() == NAMES
+    maker.close()
+
+
+def test_a_process_that_never_gets_a_processor_fills_no_queue(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part_ids = panel.parts(MOST_WAITING + 1)
+    monkeypatch.setattr(pictures_api, "PATIENCE_S", 0.02)
+    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
+    for part_id in part_ids:
+        assert panel.local.get(f"/api/v1/parts/{part_id}/pictures").status == 200
+
+
+def test_a_picture_that_was_made_elsewhere_is_an_answer_for_all_who_wait(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (part_id,) = panel.parts(1)
+    monkeypatch.setattr(pictures_api, "PATIENCE_S", 20.0)
+    monkeypatch.setattr(PictureThread, "submit", lambda *_: Future())  # never done
+    statuses: list[int] = []
+
+    def get() -> None:
+        statuses.append(panel.local.get(f"/api/v1/parts/{part_id}/pictures").status)
+
+    waiting = threading.Thread(target=get)
+    waiting.start()
+    result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
+    path, maker = set_file(panel, part_id), panel.panel.pictures
+    assert maker.ask(result, path, "small") is maker.ask(result, path, "small")
+    made = maker.ask(result, path, "small", waits=False)
+    assert made is not None
+    made.result(10)
+    waiting.join(10)
+    assert statuses == [200]
