@@ -1,8 +1,8 @@
 """Changes by commands: whoever may write into the folder of a station may change it."""
 
-import getpass
+import os
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 
 from capture.station.folder import StationFolder
 from capture.station.panel.results_access import ResultsAccess
@@ -10,6 +10,11 @@ from classify.errors import InputError
 
 from .change_log import ChangeLog
 from .roles import Identity, Role
+
+try:
+    import pwd
+except ImportError:  # Windows
+    pwd = None  # type: ignore[assignment]
 
 _LONGEST_NAME = 200  # as in the approval of a recipe
 
@@ -30,11 +35,19 @@ def changing_on_the_terminal(
     InputError
         If the name is empty, too long or does not print.
     """
-    user = "somebody"
-    with suppress(KeyError, OSError):  # a user without an entry in the system's list
-        user = getpass.getuser()
     if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
         raise InputError(f"--by {by[:20]!r}: give a name of 1 to {_LONGEST_NAME} characters")
+    user = system_user()
     name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
     with closing(ResultsAccess(folder)) as results:
         yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "local")
+
+
+def system_user() -> str:
+    """Return the user of this process, whatever environment variables such as LOGNAME say."""
+    if pwd is None:
+        return os.getlogin()
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # not in the system's list
+        return f"user {os.getuid()}"

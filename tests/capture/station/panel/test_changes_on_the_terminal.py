@@ -1,6 +1,5 @@
 """Changes by commands have the rows that the same changes in the panel have."""
 
-import getpass
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +9,7 @@ import pytest
 
 from capture.station.folder import StationFolder
 from capture.station.panel.access.change_log import ChangeLog
+from capture.station.panel.access.on_the_terminal import changing_on_the_terminal, system_user
 from capture.station.panel.access.roles import Identity, Role
 from capture.station.panel.results_access import ResultsAccess
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
@@ -37,7 +37,7 @@ def test_approving_and_rolling_back_have_rows(
 ) -> None:
     first = read_recipe(files.file)
     named = f"version {first.version}, {first.sha256[:8]}"
-    user = getpass.getuser()
+    user = system_user()
     assert ps4rig("station", "approve", station, "--by", "Ada").exit_code == 0
     # By hand, in the file.
     write_recipe(files.file, first.model_copy(update={"note": "sheet 7"}))
@@ -87,7 +87,7 @@ def test_changes_of_the_challenge_set_have_rows(
     missing = ps4rig(*challenge, "--add", tmp_path / "nothing.ome.tif", "--expect", "PASS")
     assert missing.exit_code == 2
     assert ps4rig(*challenge, "--remove", "a", "--add", part, "--expect", "PASS").exit_code == 2
-    what, user = "recipe example: challenge part seen.ome.tif", getpass.getuser()
+    what, user = "recipe example: challenge part seen.ome.tif", system_user()
     assert whats(station) == [
         (f"{user}, on the terminal", what, None, "PASS"),
         (f"{user}, on the terminal", what, "PASS", "FAIL"),
@@ -131,7 +131,7 @@ def test_an_override_on_the_terminal_has_the_row_of_one_in_the_panel(
         assert ps4rig("station", "override", folder, "nobody", *override[4:],
                       "--reason", "x").exit_code == 2  # fmt: skip
         (row,) = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
-    assert row["by"] == f"Ada, on the terminal as {getpass.getuser()}"
+    assert row["by"] == f"Ada, on the terminal as {system_user()}"
     assert (row["what"], row["before"], row["after"]) == (f"part {part}", "PASS", "FAIL: scratch")
 
 
@@ -143,6 +143,16 @@ def refused_log(station: Path) -> ChangeLog:
 def test_a_change_before_the_first_run_has_its_row(station: Path) -> None:
     refused_log(station).record(ADA, "user kim", None, "operator")
     assert [row.what for row in rows(station)] == ["user kim"]
+
+
+def test_the_user_of_the_system_is_not_that_of_the_environment(
+    station: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.setenv(name, "boss")
+    with changing_on_the_terminal(StationFolder(station)) as (_, who):
+        assert who.name == f"{system_user()}, on the terminal"
+        assert "boss" not in who.name
 
 
 @pytest.mark.parametrize("damage", ["lost", "later", "no database", "no server"])
