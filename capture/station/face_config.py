@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Self
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from capture.session.plan import Name
 from rig.config.section import Section
@@ -104,12 +104,20 @@ class ModbusConfig(Section):
     host, port
         Where it listens. Modbus has no passwords: whoever reaches the port can trigger.
     recipes
-        Names of recipes; the PLC knows them by their positions, from 1.
+        Names of recipes, each once; the PLC knows them by their positions, from 1.
     """
 
     host: Address = "127.0.0.1"
     port: int = Field(default=1502, ge=0, le=65535)
     recipes: tuple[Name, ...] = Field(default=(), max_length=1000, strict=False)
+
+    @field_validator("recipes")
+    @classmethod
+    def _recipes_differ(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        # The registers show one position of a recipe: a PLC would select the other one forever.
+        if len(set(names)) < len(names):
+            raise ValueError("a recipe is named twice; give each once")
+        return names
 
 
 def _broker(text: str) -> str:

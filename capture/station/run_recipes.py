@@ -69,11 +69,12 @@ class RecipeLoader:
         name, configured = first_recipe(self._folder), self._folder.config.recipe
         try:
             return self.load(self._folder.recipe_files(name))
-        except InputError as error:
+        except (InputError, ChallengeFailed) as error:
             if name == configured:
                 raise
             path = self._folder.path / FILE
-            raise InputError(
+            kind = ChallengeFailed if isinstance(error, ChallengeFailed) else InputError
+            raise kind(
                 f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
             ) from error
 

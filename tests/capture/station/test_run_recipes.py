@@ -10,6 +10,7 @@ from capture.station.challenge.challenge_set import add_to_challenge, challenge_
 from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.cycle.station_clock import StationClock
 from capture.station.cycle.station_rig import StationRig
+from capture.station.errors import ChallengeFailed
 from capture.station.folder import StationFolder
 from capture.station.last_recipe import FILE, keep_recipe
 from capture.station.recipe.recipe_file import read_recipe, write_recipe
@@ -18,7 +19,7 @@ from capture.station.results.change_log import newest_changes
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run_recipes import RecipeLoader, RunRecipes
 from classify.errors import InputError
-from tests.capture.station.production import SMALL_RIG
+from tests.capture.station.production import SMALL_RIG, configure
 
 KIM = Asker("kim", "engineer")
 
@@ -157,3 +158,17 @@ def test_a_last_recipe_that_cannot_be_loaded_is_named_with_the_way_out(
     said = rf"it was loaded last: remove .*{FILE} to begin with recipe example$"
     with pytest.raises(InputError, match=said):
         loader.first()
+
+
+def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
+    station: Path, files: RecipeFolder
+) -> None:
+    approve(files, "Ada")
+    [sand] = [name for name, want in challenge_sets(files.challenge).items() if want == "FAIL"]
+    add_to_challenge(files.challenge, [files.challenge / sand], "UNKNOWN")
+    configure(station, recipe="brass")
+    opened = StationFolder(station)
+    keep_recipe(opened, "example")
+    said = rf"{sand} must be UNKNOWN.*: remove .*{FILE} to begin with recipe brass$"
+    with pytest.raises(ChallengeFailed, match=said):
+        RecipeLoader(opened, None, "Ada", StationClock()).first()

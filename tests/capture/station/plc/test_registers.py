@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.station.face_config import ModbusConfig
 from capture.station.plc.handshake import MOST_WAITING
 from capture.station.plc.registers import (
     COMMAND_MEANINGS,
@@ -66,3 +67,9 @@ def test_every_bit_and_code_has_a_meaning() -> None:
     assert set(COMMAND_MEANINGS) == set(Command)
     assert set(ERROR_MEANINGS) == set(ErrorCode) - {ErrorCode.NONE}
     assert ERROR_MEANINGS[ErrorCode.RESULTS_WAITING].startswith(f"{MOST_WAITING} results")
+
+
+def test_a_recipe_has_one_position() -> None:
+    assert ModbusConfig(recipes=("steel", "brass")).recipes == ("steel", "brass")
+    with pytest.raises(ValueError, match="named twice"):
+        ModbusConfig(recipes=("steel", "brass", "steel"))
