@@ -75,7 +75,8 @@ class PlcLine:
             loader = self._loader
         self._thread.join()
         if loader is not None:
-            loader.join()  # the station stops, and has refused the recipe
+            # The stop refused a recipe that waits; one that is being loaded is refused after that.
+            loader.join()
 
     # The bus.
 
