@@ -277,11 +277,9 @@ class Inspector:
             return
         at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
         for name, record in file.records.items():
-            age_days = record.age_days(at)
-            # -1: the clocks of two computers may differ.
-            if age_days is None or not -1 <= age_days <= rule.max_age_days:
-                text = f"{name.replace('_', ' ')} was measured {age_days} days before the part"
-                yield Finding(Cause.CALIBRATION, f"{text}, at most {rule.max_age_days}")
+            fault = _age_fault(record.age_days(at), rule.max_age_days)
+            if fault is not None:
+                yield Finding(Cause.CALIBRATION, f"{name.replace('_', ' ')} {fault}")
 
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
@@ -327,6 +325,17 @@ def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int
     gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
     _, _, about, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
     return cell * cell * int(about[1:, cv2.CC_STAT_AREA].max(initial=0))
+
+
+def _age_fault(age_days: int | None, greatest_days: int) -> str | None:
+    """Return what is wrong with the age of a part of a calibration, when the set was captured."""
+    if age_days is None:
+        return "has a date that cannot be read; calibrate again"
+    if age_days < -1:  # the clocks of two computers may differ
+        return "was measured after the part; set the clock, or calibrate again"
+    if age_days > greatest_days:
+        return f"was measured {age_days} days before the part, at most {greatest_days}"
+    return None
 
 
 def _matched(library: TextureLibrary, surface: SurfaceEstimate) -> Match:

@@ -111,7 +111,7 @@ function plan() {
 async function work() {
   isDue = false;
   const [dueMs, load] = next();
-  if (dueMs <= now()) {
+  if (!document.hidden && dueMs <= now()) {
     isWorking = true;
     await load();
     isWorking = false;

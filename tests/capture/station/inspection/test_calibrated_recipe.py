@@ -94,7 +94,7 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
     about = known.metadata.model_copy(update={"calibration_ids": (read_calibration(ahead).hash,)})
     too_new = Inspector.load(files, ahead).inspect(replace(known, metadata=about)).verdict
     assert too_new.causes == (Cause.CALIBRATION,)
-    assert "was measured -3 days before the part" in too_new.reason
+    assert "flat field was measured after the part" in too_new.reason
 
     # A newer calibration may judge, once the challenge set was met with it.
     newer = tmp_path / "newer.ps4cal"
