@@ -94,13 +94,12 @@ def override(
     from capture.station.folder import StationFolder
     from capture.station.panel.access.on_the_terminal import changing_on_the_terminal
     from capture.station.panel.overriding import override_part
-    from capture.station.results.history import Selection
 
     with (
         changing_on_the_terminal(StationFolder(folder), by) as (log, who),
         _results_of(folder) as store,
     ):
-        entry = next(store.parts(Selection(part_id=part)), None)
+        entry = store.part(part)
         if entry is None:
             raise InputError(f"part {part[:100]}: station {store.station} has no result of it")
         override_part(store, log, who, entry, decision=verdict, by=by, reason=reason)

@@ -53,7 +53,7 @@ def entry_of(call: Call) -> HistoryEntry:
         If there is no result of it.
     """
     part_id = call.path["part_id"]
-    entry = next(call.panel.results.store.parts(Selection(part_id=part_id)), None)
+    entry = call.panel.results.store.part(part_id)
     if entry is None:
         raise Denied(404, f"part {part_id[:100]}: there is no result of it")
     return entry

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from capture.station.cycle.triggers import Accepted, Refused, Trigger
 from capture.station.live.live_station import LiveStation
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.history import Selection
 from classify.errors import InputError, Ps4rigError
 
 from .results_access import ResultsAccess
@@ -84,7 +83,7 @@ class KeyedTriggers:
             store = self._results.store
             if store.known([made]):
                 _require_same(None, part_id, made)
-                entry = next(store.parts(Selection(part_id=made)), None)
+                entry = store.part(made)
                 return Repeated(made, None if entry is None else entry.result.number)
             answer = self._live.submit(Trigger("http", part_id or made))
             # A refused trigger may be sent again with its key.

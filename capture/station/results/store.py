@@ -303,14 +303,12 @@ class ResultStore:
         """
         return entries(self.reading, self.station, selection, newest)
 
-    def counters(self, selection: Selection = EVERY_PART) -> Counters:
-        """Count the selected parts, those of a simulated rig apart.
+    def part(self, part_id: str) -> HistoryEntry | None:
+        """Return one part; None if there is no result of it. Raises as `parts`."""
+        return next(self.parts(Selection(part_id=part_id)), None)
 
-        Raises
-        ------
-        ResultsUnavailable
-            If the database does not answer.
-        """
+    def counters(self, selection: Selection = EVERY_PART) -> Counters:
+        """Count the selected parts, those of a simulated rig apart; raises as `parts`."""
         with self.reading() as connection:
             return counters(connection, self.station, selection)
 

@@ -9,7 +9,6 @@ from capture.station.panel.background_jobs import Job, Work
 from capture.station.panel.panel import Panel
 from capture.station.panel.part_pictures.stored_set import stored_set
 from capture.station.panel.security import Denied
-from capture.station.results.history import Selection
 from capture.station.verdict import Decision
 from classify.errors import InputError
 from classify.labels import checked_label
@@ -98,7 +97,7 @@ def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
         raise InputError(f"{len(part_ids)} parts: give {MOST_PARTS} or fewer")
     store, paths = panel.results.store, []
     for part_id in dict.fromkeys(part_ids):
-        entry = next(store.parts(Selection(part_id=part_id)), None)
+        entry = store.part(part_id)
         if entry is None:
             raise InputError(f"part {part_id[:100]}: there is no result of it")
         if entry.result.exposed_utc is None or entry.result.verdict.decision is Decision.ERROR:
