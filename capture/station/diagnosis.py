@@ -5,7 +5,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
-from rig.config.rig import config_of
 from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 
@@ -44,7 +43,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 
 def _check_recipe(station: StationFolder) -> Iterator[Check]:
     files = station.recipe_files()
-    path = config_of(station.config.rig_in(station.path)).calibration
+    path = station.rig_config().calibration
     inspector = Inspector.load(files, None if path is None else Path(path))
     recipe = inspector.recipe
     seen = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"

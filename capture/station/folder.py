@@ -10,6 +10,7 @@ from capture.session.plan import file_name
 from capture.sets.ome_tiff import SUFFIX
 from classify.durable_file import durable_file, make_folder
 from classify.errors import InputError
+from rig.config.rig import RigConfig, config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
@@ -40,6 +41,10 @@ class StationFolder:
     def parts(self) -> Path:
         """Folder of the captured sets of all parts, with one folder for each day."""
         return self.path / PARTS
+
+    def rig_config(self) -> RigConfig:
+        """Read the configuration of its rig; raises InputError if there is none, or it is wrong."""
+        return config_of(self.config.rig_in(self.path))
 
     def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
         """Return the files of a recipe, by default those of the configured one.

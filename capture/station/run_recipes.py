@@ -35,8 +35,6 @@ _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (ResultsUnavailable, RecipeRefusal.DATABASE),
     (Ps4rigError, RecipeRefusal.UNUSABLE),
 )
-# Of a hash in the log of changes.
-_DIGITS = 8
 
 
 class RecipeLoader:
@@ -212,4 +210,4 @@ class RunRecipes:
 
 
 def _named(recipe: Recipe) -> str:
-    return f"{recipe.name}, version {recipe.version}, {recipe.sha256[:_DIGITS]}"
+    return f"{recipe.name}, {recipe.version_text}"

@@ -78,9 +78,8 @@ def _presented(
 ) -> tuple[Sequence[Presentation], _Judged]:
     from capture.station.gauge.simulated_gauge import known_parts, present
     from capture.station.inspection.inspector import Inspector
-    from rig.config.rig import config_of
 
-    rig_config = config_of(station.config.rig_in(station.path))
+    rig_config = station.rig_config()
     calibration = rig_config.calibration
     inspector = Inspector.load(
         station.recipe_files(), None if calibration is None else Path(calibration)

@@ -21,7 +21,6 @@ from capture.station.results.statistics import (
 )
 from capture.station.verdict import Decision
 from classify.errors import InputError
-from rig.config.rig import config_of
 
 from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
 from .charts.drawing import Drawing
@@ -133,7 +132,7 @@ def _one_at_a_time() -> Iterator[None]:
 def led_names(folder: StationFolder, leds: int) -> Sequence[str]:
     """Return names of LEDs as warnings have them, or numbers where the rig has other LEDs now."""
     try:
-        tilts_deg = config_of(folder.config.rig_in(folder.path)).lights.tilts_deg
+        tilts_deg = folder.rig_config().lights.tilts_deg
     except InputError:
         tilts_deg = ()
     if len(tilts_deg) == leds:

@@ -10,6 +10,7 @@ from capture.station.errors import NotApproved
 from rig.config.section import Section
 from rig.set_file import fields_sha256
 
+_DIGITS = 8  # of a hash that is shown
 _MAX_TEXTURES = 1000  # bounds the file; `station bench` measures a recipe with 30 textures
 
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -176,6 +177,11 @@ class Recipe(Section):
     def sha256(self) -> str:
         """Hash of everything but the approval. Not cached: `model_copy` would copy it too."""
         return fields_sha256(self.model_dump(mode="json", by_alias=True, exclude={"approval"}))
+
+    @property
+    def version_text(self) -> str:
+        """Version and the begin of the hash, for people to compare."""
+        return f"version {self.version}, {self.sha256[:_DIGITS]}"
 
     @property
     def is_approved(self) -> bool:

@@ -13,7 +13,6 @@ from classify.errors import InputError
 from rig import RigConfig
 from rig.config.camera import DeviceCameraConfig
 from rig.config.lights import AUTO
-from rig.config.rig import config_of
 
 USER = "ps4rig"
 _UNITS = "/etc/systemd/system"
@@ -84,7 +83,7 @@ def unit_text(station: StationFolder, user: str = USER) -> str:
         )
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
-    rig = config_of(config.rig_in(station.path))
+    rig = station.rig_config()
     command = " ".join(_word(each) for each in (sys.executable, "-P", "-m", "capture"))
     devices, groups = _devices(rig)
     lines = [

@@ -27,9 +27,6 @@ from capture.station.results.database import ResultsUnavailable
 from capture.station.teaching.teaching import teach
 from capture.station.teaching.teaching_page import write_teaching_page
 from capture.station.teaching.teaching_result import Teaching
-from rig.config.rig import config_of
-
-_DIGITS = 8
 
 
 @dataclass(frozen=True)
@@ -76,7 +73,7 @@ class RecipeChanges:
     @property
     def calibration(self) -> Path | None:
         """Calibration of the rig; None for a rig without one."""
-        found = config_of(self.folder.config.rig_in(self.folder.path)).calibration
+        found = self.folder.rig_config().calibration
         return None if found is None else Path(found)
 
     @property
@@ -222,4 +219,4 @@ def with_approval(recipe: Recipe) -> str:
     """Return version and hash of a recipe, and who approved it."""
     approval = recipe.approval
     by = f"approved by {approval.by}" if approval and recipe.is_approved else "not approved"
-    return f"version {recipe.version}, {recipe.sha256[:_DIGITS]}, {by}"
+    return f"{recipe.version_text}, {by}"
