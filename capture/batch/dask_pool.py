@@ -49,9 +49,11 @@ class DaskPool:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             self._client = Client(address, timeout=answer_s, set_as_default=False)
-        except (OSError, ValueError) as error:
+        # AssertionError: Dask's own thread does not start within 10 s, on a machine that hangs.
+        except (OSError, ValueError, AssertionError) as error:
+            cause = str(error) or "Dask's own thread did not start"
             raise InputError(
-                f"--scheduler {address}: no Dask scheduler answers ({error}); "
+                f"--scheduler {address}: no Dask scheduler answers ({cause}); "
                 "give its address, such as tcp://HOST:8786"
             ) from error
         try:

@@ -395,6 +395,19 @@ def test_a_scheduler_that_does_not_answer_is_an_input_error(address: str) -> Non
         DaskPool(address, answer_s=0.2)
 
 
+def test_a_machine_on_which_dask_does_not_start_is_an_input_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("distributed")
+
+    def asserting(*_: object, **__: object) -> None:
+        raise AssertionError  # as Dask does if its thread has not started after 10 s
+
+    monkeypatch.setattr("distributed.Client", asserting)
+    with pytest.raises(InputError, match=r"no Dask scheduler answers .Dask's own thread did not"):
+        DaskPool("tcp://127.0.0.1:1", answer_s=0.2)
+
+
 def test_workers_with_another_version_are_an_input_error(cluster: Cluster) -> None:
     with pytest.raises(InputError, match=r"worker tcp://.* has ps4rig .* this is ps4rig 0\.0\.7"):
         DaskPool(cluster.with_two_workers(), version="0.0.7")
