@@ -9,7 +9,7 @@ from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
 from .led import Led, LedLight
 
-_OUTPUT_BYTES = 4096  # that wait for a host; about 100 replies
+_OUTPUT_BYTES = 4096  # kept for a host that does not read; about 100 replies
 _CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
 
 
@@ -239,7 +239,7 @@ class SimulatedBoard:
         ------
         ValueError
             For an interval that ends in the future or before its start, or that starts before
-            the history of 65536 switches per LED.
+            the history of 8192 switches per LED.
         """
         with self._lock:
             if end_s < start_s:

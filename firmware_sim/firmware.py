@@ -128,7 +128,7 @@ class Sequence:
 
     The next step follows at the end of an exposure, or after a time with triggered exposures. An
     exposure counts if it began after its light had settled. All events are recorded for the host.
-    With a delay, the first step follows so long after the next edge of the part sensor.
+    With a delay, the first step starts that long after the next edge of the part sensor.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from .endpoints import Endpoint, HostLine, tcp_endpoint, unix_endpoint
 
 _POLL_S = 0.005  # longest time between two polls; the watchdog is late by this at most
 _READ_BYTES = 256  # few lines at a time, so that stop() does not wait for many link delays
-# Windows has no poll, and the selector for epoll takes five calls of the system for each wait.
+# Windows has no poll, and the selector for epoll takes five system calls for each wait.
 _Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
 
 

@@ -21,11 +21,11 @@ MAX_ON_MS = (120000, 120000, 120000, 120000)
 MAX_DUTY_PERCENT = (50, 50, 50, 50)
 
 PWM_HZ = 100000  # many periods in an exposure; at 100 % the LED is on without modulation
-PULSE_MS = 1
+PULSE_MS = 1  # the timer ends the pulse after 1 to 2 ms
 GLITCH_US = 20  # two edges closer than this are noise
 BOUNCE_US = 20000  # a part sensor's contact bounces for up to 10 ms
-READ_BYTES = 64
-OUTPUT_BYTES = 1024
+READ_BYTES = 64  # at most in one pass: about one line
+OUTPUT_BYTES = 1024  # kept for a host that does not read; about 25 replies
 USB_PACKET_BYTES = 64
 
 
