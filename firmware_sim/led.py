@@ -5,8 +5,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-# The history reaches back to the oldest frame in a camera's buffers. A set switches an LED twice, so
-# this covers 4,000 sets of which no frame is read; it takes 1.3 MB for each LED.
+# The history reaches back to the oldest frame in a camera's buffers. A set switches an LED twice:
+# 8192 switches cover 4,000 sets of which no frame is read, and take 1.3 MB for each LED.
 _HISTORY_EVENTS = 8192
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 

@@ -15,7 +15,7 @@ WEAK_LED_SHARE = 0.5
 MIN_SIGNAL_SHARE = 0.002
 # Share of the pixels of a light image at full scale. The solver masks a few specular glints.
 MAX_SATURATED_SHARE = 0.01
-# Above this a photograph is spoilt; an icon in gold saturates 39 % of one that is not.
+# Above this share a photograph cannot be used. A gilded icon saturates 39 % of a usable one.
 MAX_SATURATED_SHARE_OF_PHOTOGRAPH = 0.5
 # Mean of the ambient image. Above the first value its shot noise in every light image is worth a
 # warning; above the second the LEDs have less than half of the range.
@@ -42,5 +42,5 @@ EQUAL_LED_LEVELS = 0.02
 # explain; below the second a warning. Photographs of four real objects reach 0.51, with one of
 # another scene 0.22 (tests/capture/sets/test_photograph_rates.py).
 MIN_EXPLAINED_DETAIL, LITTLE_EXPLAINED_DETAIL = 0.3, 0.4
-# Share of rows in which all four light images are compared; another row may be torn.
+# Least share of rows in which the four light images are compared: a row left out may be torn.
 MIN_COMPARED_ROWS = 1.0

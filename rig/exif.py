@@ -31,7 +31,7 @@ def exif_exposure_ms(data: bytes) -> float | None:
 
 
 def _first_value(data: bytes, *path: tuple[int, int]) -> float | None:
-    """The value at the end of a path of tags and types, all but the last of directories."""
+    """Return the value at a path of (tag, type); all but the last lead to directories."""
     order = {b"II*\0": "<", b"MM\0*": ">"}.get(data[:4])
     if order is None:
         return None

@@ -49,7 +49,7 @@ def require_measured_mode(config: StampedCameraConfig) -> None:
 def require_exposure(exposure_ms: float, range_ms: tuple[float, float]) -> None:
     """Raise a `CameraError` for an exposure outside of a camera's range."""
     shortest_ms, longest_ms = range_ms
-    # Rounding may put the longest one, a frame period, above itself.
+    # The longest exposure is a frame period, which rounding may exceed.
     if not shortest_ms * (1.0 - 1e-9) <= exposure_ms <= longest_ms * (1.0 + 1e-9):
         raise CameraError(
             f"exposure of {exposure_ms:g} ms; the camera takes {shortest_ms:g} to {longest_ms:g} ms"

@@ -14,7 +14,8 @@ from .v4l2.pixel_formats import PIXEL_FORMATS
 
 Controllers = Sequence[tuple[SerialPort, ControllerIdentity]]
 
-# Grey first, since colour filters cost light and resolution; deep first; compressed last.
+# Pixel formats, best first: grey before colour, whose filters cost light and resolution; more bits
+# before fewer; compressed last.
 _PREFERRED = sorted(
     PIXEL_FORMAT_BITS,
     key=lambda name: (

@@ -27,7 +27,7 @@ _MANUAL = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
 
 
-_Grabbed = tuple[Pixels, float]  # and when it arrived, s
+_Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
 
 class OpencvCamera:
@@ -80,7 +80,7 @@ class OpencvCamera:
             bit_depth=8,
             frame_period_s=1.0 / config.frame_rate_hz,
             exposure_s=self._exposure_ms / 1e3,
-            # In the driver, in the queue, and in the thread.
+            # Frames wait in the driver's buffers, in the queue and in the thread.
             queue_length=self._buffers + 2,
             controls={
                 "opencv": {

@@ -58,7 +58,7 @@ class LightsConfig(Section):
         return usb_id.lower() if isinstance(usb_id, str) else usb_id
 
     @model_validator(mode="after")
-    def _is_looked_for_one_way(self) -> Self:
+    def _search_keys_need_port_auto(self) -> Self:
         if self.port != AUTO and (self.serial_number is not None or self.usb_id is not None):
             raise ValueError(
                 f"serial_number and usb_id are for port = {AUTO!r}, but port is {self.port!r}; "

@@ -23,7 +23,7 @@ def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     Parameters
     ----------
     if_missing
-        What to say of a missing file, after its path.
+        Error message for a missing file; its path is put in front.
 
     Raises
     ------

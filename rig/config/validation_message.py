@@ -17,7 +17,7 @@ _MISSING = {
 def validation_message(error: ValidationError, root: type[BaseModel]) -> str:
     """Describe an error of the validation of `root`, a model of the file's sections.
 
-    A misspelt key is said before the key that is missing because of it.
+    A misspelt key is reported rather than the key that is missing because of it.
     """
     errors = error.errors(include_url=False)
     first = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
@@ -61,7 +61,7 @@ def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str
 
 
 def _in_words(cause: str) -> str:
-    """Put a message of pydantic as this program says it."""
+    """Rewrite a message of pydantic in the wording of this program."""
     cause = cause.removeprefix("Value error, ").replace("Field required", "is missing; give it")
     for old, new in (("Input should", "must"), ("should", "must"), ("valid integer", "integer")):
         cause = cause.replace(old, new)

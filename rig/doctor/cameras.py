@@ -13,9 +13,9 @@ from rig.v4l2.measurement_mode import EXPOSURE_UNITS_PER_MS
 from .check import Check
 from .serial_ports import check_access
 
-# Number of frames for the rate and the losses, and the time after which fewer must do.
+# Frames that are read for the rate and the losses; fewer if they would take longer than this.
 _FRAMES, _FRAMES_TAKE_S = 30, 10.0
-_READ_TIMEOUT_S = 2.0
+_READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
 _RATE_TOLERANCE = 0.05
 _MOST_FORMATS = 6  # limit of one line of the report

@@ -27,6 +27,7 @@ from .check import Check, Status
 # The exposure is rated by this percentile, so that a few glints do not count. The proposed exposure
 # brings it to the target, so that a part may be a quarter brighter.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
+# From half of the target to just below full scale an exposure needs no change.
 _GOOD_EXPOSURE = (0.4, 0.95)
 # The factor for a saturated image, whose excess is unknown. Applied twice, it corrects an exposure
 # that is six times too long.
@@ -197,7 +198,7 @@ def _levels(images: LightImages, lighting: Lighting) -> Check:
     if all(abs(each - 1.0) <= EQUAL_LED_LEVELS for each in found.levels):
         return Check(name, "ok", seen)
     line = ", ".join(f"{each:.3f}" for each in lighting.intensities * found.levels)
-    advice = f"if the LEDs are built so, set lights.intensities = [{line}]"
+    advice = f"if the LEDs are built with these levels, set lights.intensities = [{line}]"
     return Check(name, "warning", seen, advice)
 
 

@@ -13,7 +13,7 @@ from rig.errors import ConfigError, LightControllerError
 from .port_holders import port_holders
 
 READ_SLICE_S = 0.05  # longest blocking read, and so the error of a time-out
-_CONNECT_S = 5.0  # on this machine it takes less than 1 ms; over a network a lost packet costs 3 s
+_CONNECT_S = 5.0  # over a network a lost packet costs 3 s; a local connection takes less than 1 ms
 _TCP_SCHEME = "socket"
 _TCP_READ_BYTES = 4096
 _IN_USE = "in use by {}; close that first"

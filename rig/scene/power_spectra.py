@@ -36,8 +36,8 @@ def ogilvy(cutoff_x_cpp: float, cutoff_y_cpp: float) -> PowerSpectrum:
 def ripples(frequency_cpp: float, width_along: float, width_across: float) -> PowerSpectrum:
     """Ripples with their wave vector along x: Gaussian lobes at +-frequency.
 
-    `width_along` the wave vector, in cycles/px, sets how even the spacing is; `width_across` it
-    how straight the crests are.
+    The widths of a lobe are in cycles/px: `width_along` the wave vector sets how even the spacing
+    of the ripples is, `width_across` the wave vector how straight their crests are.
     """
 
     def spectrum(u: Frequencies, v: Frequencies) -> Frequencies:

@@ -39,7 +39,7 @@ _SPHERE_SHARE, _BOARD_SHARE = 0.6, 0.8
 # of normals within half of that, as bright as a white surface that faces the LED.
 _MIRROR = Gloss(strength=1.0, exponent=2.0 / math.radians(1.3) ** 2)
 _CHROME = 0.6  # reflectance of polished chrome or steel
-# Light of an LED that comes back from the walls of the shroud.
+# Light that the walls of the shroud return, as a share of an LED's.
 _WALLS = 0.01
 _CARD_SHARE = 1.5  # side of the card on which a ball rests, in sides of the frame
 
@@ -169,8 +169,7 @@ class Sphere:
         """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card.
 
         The room is brighter towards +y, has a window, and gets a little light from each LED. The
-        rim of the ball reflects the card, as bright as the card beside it but for the loss in the
-        mirror.
+        rim of the ball reflects the card beside it, darkened only by the loss in the mirror.
         """
         if not self.mirror:
             return scene

@@ -19,7 +19,8 @@ from .sensor import RecordedPixels, Sensor
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4
-# Time after the exposure for which the processor is left to a controller that switches then.
+# Pause after an exposure, before the pixels are computed: a controller that switches then needs the
+# processor.
 _SWITCH_S = 0.001
 _SHORTEST_EXPOSURE_MS = 0.02  # of common industrial cameras
 

@@ -23,12 +23,13 @@ Number = TypeVar("Number", float, Image)
 
 Window = tuple[slice, slice]
 Placed = tuple[int, float, tuple[float, float], int, float]
-"""Size, rotation, shift, margin and magnification, as of `PeriodicSurface.patch`."""
+"""Size, rotation, shift, margin and magnification, as in `PeriodicSurface.patch`."""
 
 _MAPS = ("height", "p", "q", "albedo")
 # Half the distance between the two places where a groove is as high as the surface. Its spectrum
 # has 1 % of its peak at 0.4 cycles/px, the band limit of the surfaces: it does not alias.
 _GROOVE_PX = 1.5
+# The next three are free choices of a shape, not fitted to real defects.
 # Share of a scratch's length over which a stylus enters, and leaves.
 _ENTRY_SHARE = 0.25
 # Share of an outline's radius at which stains and patches begin to fade.
@@ -173,7 +174,7 @@ class DefectiveSurface:
 def _means_around(
     surface: Surface, defect: Defect, middle_px: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Means of height, p, q and albedo where the defect is, whichever part of it a frame shows."""
+    """Means of height, p, q and albedo under the whole defect, also beyond the frame."""
     side_px = math.ceil(defect.size_px)
     patch = surface.patch(side_px, 0.0, middle_px)
     weight = _bump(defect, *part_coordinates(side_px, 0.0, (0.0, 0.0), 0, 1.0)).value

@@ -60,7 +60,7 @@ class Exposures(ABC):
 
     @abstractmethod
     def started(self, by_s: float) -> int:
-        """Number of exposures that start until `by_s`."""
+        """Number of exposures that start up to `by_s`."""
 
     def await_start(self, number: int, deadline_s: float) -> bool:
         """Wait for the start of an exposure to be known; return False at the deadline."""
@@ -97,7 +97,7 @@ class FreeRunning(Exposures):
         return self._started_s + number * self.shutter.period_s
 
     def started(self, by_s: float) -> int:
-        """Number of exposures that start until `by_s`."""
+        """Number of exposures that start up to `by_s`."""
         periods = (by_s - self._started_s + _ROUNDING_S) / self.shutter.period_s
         return max(0, math.floor(periods) + 1)
 
@@ -127,7 +127,7 @@ class Triggered(Exposures):
         return self._starts_s[number]
 
     def started(self, by_s: float) -> int:
-        """Number of exposures that start until `by_s`."""
+        """Number of exposures that start up to `by_s`."""
         return bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:

@@ -127,7 +127,7 @@ class Simulation:
         self.placement = placement
 
     def see_part(self, in_s: float = 0.0) -> None:
-        """Let the part sensor see a part after some time."""
+        """Let the part sensor see a part after `in_s` seconds."""
         at_s = self.clock.now_s() + in_s
         self.clock.call_at(at_s, lambda: self.controller.see_part(at_s))
 

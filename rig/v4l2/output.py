@@ -8,7 +8,7 @@ from rig.errors import CameraError
 from . import abi
 from .node import VideoNode
 
-# Enough to write one while others are read; the driver may have fewer.
+# Enough to write one buffer while others are read; the driver may have fewer.
 _BUFFERS = 4
 
 
