@@ -1,5 +1,6 @@
 """Workers of a Dask cluster."""
 
+import asyncio
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -16,6 +17,20 @@ _MIN_IN_FLIGHT = 256
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+
+
+async def _greet(address: str, answer_s: float) -> None:
+    """Exchange greetings with the scheduler, as a `Client` does, and disconnect.
+
+    A `Client` waits for ever for a server that says nothing. One that has failed keeps its thread,
+    and if it becomes garbage in the thread of the next one, that does not start.
+    """
+    from distributed.comm.core import connect
+    from distributed.security import Security
+
+    async with asyncio.timeout(answer_s):
+        security = Security().get_connection_args("client")
+        await (await connect(address, timeout=answer_s, **security)).close()
 
 
 class DaskPool:
@@ -48,10 +63,11 @@ class DaskPool:
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
+            asyncio.run(_greet(address, answer_s))
             self._client = Client(address, timeout=answer_s, set_as_default=False)
-        # AssertionError: Dask's own thread does not start within 10 s, on a machine that hangs.
-        except (OSError, ValueError, AssertionError) as error:
-            cause = str(error) or "Dask's own thread did not start"
+        # Exception: Dask fails in many ways at the words of a server of another kind.
+        except Exception as error:
+            cause = str(error) or f"no greeting within {answer_s:g} s"
             raise InputError(
                 f"--scheduler {address}: no Dask scheduler answers ({cause}); "
                 "give its address, such as tcp://HOST:8786"

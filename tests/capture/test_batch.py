@@ -4,6 +4,7 @@ import json
 import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -391,21 +392,31 @@ def test_missing_dask_is_one_line(
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nowhere", "ipx://a:1"])
 def test_a_scheduler_that_does_not_answer_is_an_input_error(address: str) -> None:
     pytest.importorskip("distributed")
+    before = set(threading.enumerate())
     with pytest.raises(InputError, match=f"^--scheduler {address}: no Dask scheduler answers"):
         DaskPool(address, answer_s=0.2)
+    # A thread of a failed client can keep the next client from starting.
+    assert "IO loop" not in {thread.name for thread in set(threading.enumerate()) - before}
 
 
-def test_a_machine_on_which_dask_does_not_start_is_an_input_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+# Nothing, an SSH server, and frames of sizes that Dask believes.
+@pytest.mark.parametrize("words", [b"", b"SSH-2.0-OpenSSH_9.2p1\r\n", b"\1" + bytes(7) + b"\1" * 8])
+def test_a_server_of_another_kind_is_an_input_error(words: bytes) -> None:
     pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as server:
 
-    def asserting(*_: object, **__: object) -> None:
-        raise AssertionError  # as Dask does if its thread has not started after 10 s
+        def speak() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(words)
+                connection.recv(1 << 20)  # Dask's greeting
+                connection.recv(1)  # until Dask hangs up
 
-    monkeypatch.setattr("distributed.Client", asserting)
-    with pytest.raises(InputError, match=r"no Dask scheduler answers .Dask's own thread did not"):
-        DaskPool("tcp://127.0.0.1:1", answer_s=0.2)
+        thread = threading.Thread(target=speak, daemon=True)
+        thread.start()
+        with pytest.raises(InputError, match=r"no Dask scheduler answers \(.+\); give its address"):
+            DaskPool(f"tcp://127.0.0.1:{server.getsockname()[1]}", answer_s=0.2)
+        thread.join(DEADLINE_S)
 
 
 def test_workers_with_another_version_are_an_input_error(cluster: Cluster) -> None:
