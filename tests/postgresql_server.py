@@ -64,11 +64,11 @@ class PostgresqlServer:
         lock.unlink()
 
     def make_database(
-        self, name: str, script: Path | None = None, *, encoding: str = "UTF8"
+        self, name: str, script: Path | None = None, *, encoding: str = "UTF8", more: str = ""
     ) -> str:
         """Make an empty database, or one from a script of pg_dump; return its URL."""
         url = self.url_of(name)
-        command = f"""CREATE DATABASE "{name}" TEMPLATE template0 ENCODING '{encoding}'"""
+        command = f"""CREATE DATABASE "{name}" TEMPLATE template0 ENCODING '{encoding}' {more}"""
         self._run("psql", "-q", self.url_of("postgres"), "-c", command)
         if script is not None:
             self._run("psql", "-q", "-v", "ON_ERROR_STOP=1", url, stdin=script.read_text())

@@ -2,11 +2,11 @@
 
 import re
 
-from sqlalchemy import Connection, func, select
+from sqlalchemy import Connection, select
 
 from classify.errors import InputError
 
-from .schema import begun_parts
+from .schema import begun_parts, lower_ascii
 
 # They are also file names on every system: no leading dot, no blank.
 _GIVEN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -53,7 +53,7 @@ def require_new_part_id(connection: Connection, station: str, part_id: str) -> N
     known = connection.scalar(
         select(begun_parts.c.part_id)
         .where(begun_parts.c.station == station)
-        .where(func.lower(begun_parts.c.part_id) == part_id.lower())
+        .where(lower_ascii(begun_parts.c.part_id) == part_id.lower())
         .order_by(begun_parts.c.part_id != part_id)
     )
     if known == part_id:

@@ -4,6 +4,7 @@ A change of a table needs a new `VERSION` and its step in `migrations`.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 from sqlalchemy import (
     JSON,
@@ -24,12 +25,35 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
     and_,
-    func,
 )
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import GenericFunction
 
-VERSION = 4
+VERSION = 5
 
 metadata = MetaData()
+
+
+class lower_ascii(GenericFunction[str]):  # noqa: N801 - a function of SQL
+    """A text with the letters A to Z in lower case, whatever the collation of the database.
+
+    ``lower('I')`` is another letter in a Turkish database of PostgreSQL. SQLite knows A to Z only.
+    """
+
+    type = Text()
+    inherit_cache = True
+
+
+@compiles(lower_ascii)
+def _lower(element: lower_ascii, compiler: SQLCompiler, **how: Any) -> str:
+    return f"lower({compiler.process(element.clauses, **how)})"
+
+
+@compiles(lower_ascii, "postgresql")
+def _lower_in_postgresql(element: lower_ascii, compiler: SQLCompiler, **how: Any) -> str:
+    return f'lower({compiler.process(element.clauses, **how)} COLLATE "C")'
+
 
 # Which program brought the database to which version, and when.
 schema_versions = Table(
@@ -63,7 +87,7 @@ begun_parts = Table(
     UniqueConstraint("station", "number"),
     UniqueConstraint("station", "part_id", "number"),
 )
-Index("begun_parts_lower", begun_parts.c.station, func.lower(begun_parts.c.part_id))
+Index("begun_parts_lower", begun_parts.c.station, lower_ascii(begun_parts.c.part_id))
 
 # The fields of `PartResult`, in its words.
 results = Table(

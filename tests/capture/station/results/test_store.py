@@ -67,6 +67,17 @@ def test_ids_that_differ_only_in_case_would_share_a_file_and_are_refused(
         assert [part.part_id for part in one.unfinished()] == ["Oak.7"]
 
 
+@pytest.mark.postgresql
+def test_ids_are_compared_alike_in_a_turkish_database(server: PostgresqlServer) -> None:
+    # There, lower('I') is a dotless i.
+    turkish = "LOCALE_PROVIDER icu ICU_LOCALE 'tr'"
+    url = server.make_database("turkish", more=turkish)
+    with open_store(url, "line-1", create=True) as store:
+        begin(store, "LID-1")
+        with pytest.raises(InputError, match=r"has had part LID-1; ids that differ"):
+            begin(store, "lid-1")
+
+
 @pytest.mark.parametrize(
     "part_id",
     ["", ".hidden", "a b", "../x", "x" * 101, "part-000009", "é", "nul", "Con.1", "LPT1.a.b"],
