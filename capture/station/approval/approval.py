@@ -43,7 +43,9 @@ def approve(
     with files.changing():
         recipe = Inspector.load(files).recipe
         require_seen(recipe, seen_sha256)
-        values = {"by": by, "utc": utc_text(), "sha256": recipe.sha256}
+        # In milliseconds: the order of two approvals within a second is that of their times.
+        utc = utc_text(timespec="milliseconds")
+        values = {"by": by, "utc": utc, "sha256": recipe.sha256}
         approval = validated(values, Approval, "approval")
         approved = recipe.model_copy(update={"approval": approval})
         record(recipe, approved)
@@ -80,7 +82,13 @@ def approved_states(files: RecipeFolder) -> list[Recipe]:
                 continue
             if recipe.is_approved and (recipe.name, recipe.version) == (files.name, version):
                 found.append(recipe)
-    return sorted(found, key=lambda each: each.approval.utc if each.approval else "", reverse=True)
+    return sorted(found, key=_approved_at, reverse=True)
+
+
+def _approved_at(recipe: Recipe) -> tuple[str, int, str]:
+    """Key of the order of approvals; those of earlier programs have times in seconds."""
+    utc = "" if recipe.approval is None else recipe.approval.utc
+    return utc.removesuffix("Z"), recipe.version, recipe.sha256
 
 
 def roll_back(files: RecipeFolder, sha256: str, record: Record = lambda *_: None) -> Recipe:

@@ -10,6 +10,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 
+from capture.process.folder_lock import LOCK_FILE_SUFFIX
 from capture.process.utc_time import utc_text
 from capture.sets.ome_tiff import SUFFIX as SET_SUFFIX
 from capture.station.config import CONFIG, SIM, StationConfig
@@ -26,7 +27,7 @@ _BLOCK_BYTES = 1 << 20
 _MOST_FILE_BYTES = 1 << 40
 # Files of SQLite beside the database while programs have it open.
 _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
-_LOCKS = (".lock", ".lock.held")
+_LOCKS = (".lock", LOCK_FILE_SUFFIX)
 DUMP = "results.pgdump"
 
 

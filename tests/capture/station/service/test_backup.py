@@ -18,6 +18,8 @@ import pytest
 from capture.station.config import Retention
 from capture.station.cycle.triggers import TriggerTarget
 from capture.station.folder import StationFolder, make_station
+from capture.station.panel.access.roles import Role
+from capture.station.panel.access.tokens import Tokens
 from capture.station.results.store import open_store
 from capture.station.retention import remove_old_sets, sets_stay
 from capture.station.service.backup import prepared_backup
@@ -89,6 +91,17 @@ def test_rows_files_and_secrets_come_back(line: Path, stored: Path, tmp_path: Pa
     assert (restored / "users.json").stat().st_mode & 0o777 == 0o600
     assert stored.stat().st_mode & 0o777 == 0o600
     assert {finding.state for finding in verify_station(restored)} == {"good"}
+
+
+def test_locks_are_not_in_a_backup(line: Path, tmp_path: Path) -> None:
+    Tokens(line).add("plc", Role.OPERATOR)
+    (line / "recipes/example/teaching.lock").write_text("ps4rig, process 1")
+    locks = {path.name for path in line.rglob("*") if path.suffix in (".lock", ".held")}
+    assert {"tokens.json.held", "teaching.lock"} <= locks
+    with zipfile.ZipFile(back_up(line, tmp_path / "line-1.ps4backup")) as archive:
+        names = {Path(each).name for each in archive.namelist()}
+    assert "tokens.json" in names
+    assert not names & locks
 
 
 def test_a_backup_during_the_run_holds_what_was_announced_before_it(tmp_path: Path) -> None:

@@ -249,6 +249,14 @@ def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
     assert again.recipe.version == 3
 
 
+def test_approvals_within_a_second_keep_their_order(files: RecipeFolder) -> None:
+    recipe = read_recipe(files.file)
+    for note in (None, "other", None, "other"):
+        write_recipe(files.file, recipe.model_copy(update={"note": note}))
+        approved = approve(files, "Ada")
+        assert approved_states(files)[0] == approved
+
+
 def test_a_limit_that_somebody_changed_stays_until_it_is_removed(files: RecipeFolder) -> None:
     found = read_recipe(files.file)
     measured = found.limits_of["rock"]
