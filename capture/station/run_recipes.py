@@ -10,6 +10,7 @@ from classify.durable_file import make_folder
 from classify.errors import InputError, Ps4rigError
 from rig.doctor.check import Check
 
+from .approval.approval import require_seen
 from .challenge.challenge import require_challenge
 from .cycle.changeover import UsableRecipe
 from .cycle.outcome import PartInspector, PartJudge
@@ -164,6 +165,7 @@ class RunRecipes:
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: there is none", RecipeRefusal.UNKNOWN)
             wanted = self._loader.load(files, by.name)
+            require_seen(wanted.recipe, by.seen_sha256)
             require_no_fault(self._checks_of(wanted))
             self._record(wanted, by)
         except RecipeRefused:

@@ -7,10 +7,14 @@ from classify.errors import Ps4rigError
 
 
 class Asker(NamedTuple):
-    """Who asks for a recipe: a name, and a role such as ``engineer``."""
+    """Who asks for a recipe: a name, and a role such as ``engineer``.
+
+    `seen_sha256` is the hash of the recipe that the asker saw; None if none was shown.
+    """
 
     name: str
     role: str
+    seen_sha256: str | None = None
 
 
 class RecipeRefusal(Enum):
@@ -21,7 +25,7 @@ class RecipeRefusal(Enum):
     UNKNOWN = auto()
     NOT_APPROVED = auto()
     CHALLENGE = auto()
-    UNUSABLE = auto()  # not taught, damaged, or without its challenge set or calibration
+    UNUSABLE = auto()  # not taught, damaged, not the one seen, without challenge set or calibration
     RIG = auto()  # the self-test with its light found a fault
     DATABASE = auto()  # the change cannot be recorded
     UNFORESEEN = auto()

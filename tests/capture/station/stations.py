@@ -115,6 +115,7 @@ class FakeRecipes:
         self.on_use: Callable[[str], None] = lambda _: None
         self.on_keep: Callable[[str], None] = lambda _: None
         self.present: UsableRecipe
+        self.asker: Asker | None = None
 
     def begin(self, judge_of: Callable[[str], PartJudge], name: str) -> None:
         self._judge_of = judge_of
@@ -125,6 +126,7 @@ class FakeRecipes:
         return UsableRecipe(self._judge_of(name), recipe, by=by)
 
     def load(self, name: str, by: Asker) -> UsableRecipe:
+        self.asker = by
         self.on_load(name)
         return self.usable(name, by.name)
 

@@ -76,6 +76,18 @@ def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
     assert (opened.path / FILE).is_file()
 
 
+def test_a_recipe_that_was_changed_since_somebody_saw_it_is_refused(
+    recipes: RunRecipes, files: RecipeFolder
+) -> None:
+    seen = read_recipe(files.file).sha256
+    changed(files, note="sheet 7")
+    with pytest.raises(RecipeRefused, match="changed by somebody else since you saw it") as refused:
+        recipes.load("example", Asker("kim", "engineer", seen))
+    assert refused.value.kind is RecipeRefusal.UNUSABLE
+    now = read_recipe(files.file).sha256
+    assert recipes.load("example", Asker("kim", "engineer", now)).recipe.sha256 == now
+
+
 def test_the_light_of_the_recipe_is_that_of_the_rig(
     recipes: RunRecipes,
     opened: StationFolder,

@@ -74,7 +74,7 @@ def load_recipe_of(call: Call) -> RecipeLoaded:
     RecipeRefused
         If the station cannot: the recipe of before holds.
     """
-    asker = Asker(call.name, call.someone.role)
+    asker = Asker(call.name, call.someone.role, call.text("sha256", "") or None)
     return call.panel.live.load_recipe(known_changes_of(call).files.name, asker)
 
 
@@ -364,7 +364,7 @@ ROUTES = (
     ),
     PanelRoute(
         "POST", f"{_NAME}/load", Role.ENGINEER, _changed(_load),
-        "Judge by an approved recipe from now on.", answer=_HTML,
+        "Judge by an approved recipe from now on.", fields=_SHA256, answer=_HTML,
     ),
     PanelRoute(
         "POST", f"{_NAME}/challenge", Role.ENGINEER, _changed(_challenge),

@@ -187,6 +187,7 @@ ROUTES = (
     PanelRoute(
         "POST", f"{_ONE}/load", Role.ENGINEER, _load,
         "Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason.",
+        fields={"sha256": "hash of the recipe as it was seen; without it, the present one"},
     ),
     PanelRoute(
         "POST", f"{_ONE}/teach", Role.ENGINEER, _teach,

@@ -8,7 +8,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.approval.approval import approve
 from capture.station.cycle.events import RecipeLoaded
-from capture.station.cycle.recipe_request import RecipeRefusal, RecipeRefused
+from capture.station.cycle.recipe_request import Asker, RecipeRefusal, RecipeRefused
 from capture.station.panel.access.roles import Role
 from capture.station.recipe.recipe_file import read_recipe
 from capture.station.recipe.recipe_folder import RecipeFolder
@@ -77,6 +77,22 @@ def test_only_an_approved_recipe_that_does_not_run_has_a_button(
     line.live.tell(RecipeLoaded("example", 2, read_recipe(files.file).sha256))
     assert button not in kim.get("/recipes").text
     assert button not in kim.get("/recipes/example").text
+
+
+def test_the_button_names_the_hash_of_the_recipe_on_the_page(
+    line: RunningPanel, files: RecipeFolder
+) -> None:
+    sha256 = read_recipe(files.file).sha256
+    kim = line.local
+    kim.log_in("kim")
+    for path in ("/recipes", "/recipes/example"):
+        assert f'name="sha256" value="{sha256}"><button aria-label="Load' in kim.get(path).text
+    line.parts(1, line.client(Role.ENGINEER))
+    assert line.bench.recipes is not None
+    assert kim.form("/recipes/example/load", sha256=sha256).status == 303
+    assert line.bench.recipes.asker == Asker("kim", Role.ENGINEER, sha256)
+    assert line.client(Role.ENGINEER).post(f"{API}/load", {"sha256": sha256}).status == 200
+    assert line.bench.recipes.asker == Asker("client-engineer", Role.ENGINEER, sha256)
 
 
 @pytest.mark.browser
