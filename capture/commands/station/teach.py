@@ -107,13 +107,12 @@ def roll_back(
     from capture.station.recipe.recipe_file import read_recipe
 
     with recipe_on_the_terminal(folder, recipe, by) as changes:
-        states = approved_states(changes.files)
+        present, states = read_recipe(changes.files.file), approved_states(changes.files)
         if sha256 is not None:
             named = [each.sha256 for each in states if _begins(each.sha256, sha256)]
             back = changes.roll_back(named[0] if len(named) == 1 else sha256)
             out.print(f"recipe {back.name}: {with_approval(back)}", soft_wrap=True)
             return
-        present = read_recipe(changes.files.file).sha256
     table = new_table("version", "hash", "approved by", "approved (UTC)", "")
     for each in states:
         if each.approval is not None:
@@ -122,7 +121,7 @@ def roll_back(
                 each.sha256[:_DIGITS],
                 each.approval.by,
                 each.approval.utc,
-                "present" if each.sha256 == present else "",
+                "present" if each.sha256 == present.sha256 else "",
             )
     print_table(table)
 

@@ -131,12 +131,14 @@ def remove_from_challenge(folder: Path, file: str, record: Record = lambda *_: N
     InputError
         If the challenge does not contain it, or another program holds the lock.
     """
-    make_folder(folder)
+    missing = InputError(f"{file[:100]!r} is not in the challenge set")
+    if not folder.is_dir():  # the lock needs it
+        raise missing
     with folder_lock(folder, _LOCK):
         sets = challenge_sets(folder)
         before = sets.pop(file, None)
         if before is None:
-            raise InputError(f"{file[:100]!r} is not in the challenge set")
+            raise missing
         record(file, before, None)
         _write(folder, ChallengeSet(sets=sets))
 

@@ -89,7 +89,8 @@ def _start(
             change.ended(None)
 
     job = Job(kind=kind, recipe=changes.files.name, title=change.title, by=changes.who.name)
-    return panel.jobs.start(job, work, arguments, ended)
+    with change.recording_failure():  # another job may have started since `require_free`
+        return panel.jobs.start(job, work, arguments, ended)
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:

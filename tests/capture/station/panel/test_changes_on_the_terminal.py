@@ -62,6 +62,9 @@ def test_approving_and_rolling_back_have_rows(
     for wrong in ("0" * 8, "x", ""):
         refused = ps4rig("station", "roll-back", station, wrong)
         assert (refused.exit_code, "no approved state has hash" in refused.stderr) == (2, True)
+    unknown = ps4rig("station", "roll-back", station, "0" * 8, "--recipe", "nobody")
+    assert (unknown.exit_code, "no such recipe" in unknown.stderr) == (2, True)
+    assert not (station / "recipes/nobody").exists()
     assert len(rows(station)) == 3
 
 

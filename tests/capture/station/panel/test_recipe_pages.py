@@ -3,15 +3,18 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.cycle.events import RecipeLoaded
 from capture.station.panel.access.roles import Role
+from capture.station.panel.background_jobs import Job
 from capture.station.recipe.recipe import Recipe
 from capture.station.recipe.recipe_file import read_recipe
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
+from tests.capture.station.panel.quick_jobs import wait
 
 PAGE, API = "/recipes/example", "/api/v1/recipes/example"
 
@@ -200,6 +203,33 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
         ("recipe example: challenge part part-000002.ome.tif", None, "FAIL"),
         ("recipe example: challenge part part-000002.ome.tif", "FAIL", None),
     ]
+
+
+def test_of_two_engineers_who_start_jobs_at_once_the_second_has_a_row_of_the_end(
+    line: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs, log = line.panel.jobs, line.panel.changes
+    record = log.record
+
+    def record_while_another_starts(*row: Any) -> None:
+        monkeypatch.setattr(log, "record", record)
+        jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait, (), lambda _: None)
+        record(*row)
+
+    monkeypatch.setattr(log, "record", record_while_another_starts)
+    assert line.client(Role.ENGINEER).post(f"{API}/challenge").status == 409
+    begun = "Replay the challenge set, 2 parts"
+    refused = f"{begun}: Teach 3 parts: is running; wait for its end, or end it"
+    assert [row[3] for row in changes(line)] == [begun, refused]
+
+
+def test_a_part_of_an_unknown_recipe_leaves_no_folder_when_it_is_taken_out(
+    line: RunningPanel,
+) -> None:
+    client = line.client(Role.ENGINEER)
+    answer = client.ask("DELETE", "/api/v1/recipes/nobody/challenge/parts/part-000001.ome.tif")
+    assert (answer.status, "not in the challenge set" in answer.text) == (400, True)
+    assert not line.panel.folder.recipe_files("nobody").folder.exists()
 
 
 def test_an_operator_sees_all_and_may_change_nothing(line: RunningPanel) -> None:
