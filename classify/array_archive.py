@@ -1,7 +1,7 @@
 """Files of one JSON header and plain numpy arrays: a zip, stored unpacked, read without trust.
 
-A library and a calibration are such files. A stored array can be mapped into memory: a library of
-100,000 references opens at once, and only the signatures that a match needs are read.
+Libraries, calibrations and defect models are such files. A stored array can be mapped into memory:
+a library of 100,000 references opens at once, and only the signatures that a match needs are read.
 """
 
 import json
@@ -32,8 +32,8 @@ Header = TypeVar("Header", bound=BaseModel)
 _MAX_PACKING = 16
 _PACKING_SLACK_BYTES = 2**20
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
-# What zipfile, zlib, json and numpy raise for a damaged file; RuntimeError stands for encrypted
-# members and JSON nested too deep, the last four for a broken numpy header.
+# Errors of zipfile, zlib, json and numpy for a damaged file: RuntimeError for encrypted members and
+# JSON nested too deep, the last four for a broken numpy header.
 _UNREADABLE = (
     zipfile.BadZipFile, zlib.error, OSError, ValueError, EOFError, RuntimeError, struct.error,
     tokenize.TokenError, SyntaxError, TypeError, MemoryError,
@@ -197,6 +197,6 @@ def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[st
         archive.writestr(kind.header, header)
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                # `ascontiguousarray` would make a list of a single number.
+                # `ascontiguousarray` would turn a single number into an array of one dimension.
                 plain = np.asarray(array, order="C")
                 np.lib.format.write_array(member, plain, allow_pickle=False)

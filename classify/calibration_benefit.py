@@ -1,4 +1,4 @@
-"""What a calibration buys: errors of normals with and without it, from the faults it measured."""
+"""Benefit of a calibration: errors of normals with and without it, from the faults it measured."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,12 +15,12 @@ from .solvers.solver import photometric_stereo
 
 FloatArray = npt.NDArray[np.float64]
 
-# The part is an egg crate of rms slope 0.3, as that of the table in classify/README.md, on a frame
-# of so many pixels; its period is no multiple of a pixel, so that all slopes occur.
+# The part is an egg crate of this slope. Its period is no multiple of a pixel, so that all slopes
+# occur.
 _LONGER_SIDE_PX, _SLOPE, _PERIOD_PX = 128, 0.3, 7.3
 # Brightest value of the part as a share of full scale: the exposure that the doctor proposes.
 _BRIGHTEST = 0.8
-_DRAWS = 4  # of the errors that the calibration itself has
+_DRAWS = 4  # random draws of the errors that the calibration states
 _STEPS = (
     ("response", "and the response"),
     ("flat_field", "and the flat field"),

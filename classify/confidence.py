@@ -1,4 +1,4 @@
-"""What a number of trials shows: exact bounds of shares, and tolerance limits."""
+"""Exact confidence bounds of shares from counts, and tolerance limits."""
 
 import math
 
@@ -13,8 +13,8 @@ CONFIDENCE = 0.95
 def share_at_most(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
     """Return the exact upper bound of a share, after Clopper and Pearson (1934).
 
-    Of processes in which the event is more frequent, fewer than 1 - `confidence` show so few of
-    them; 1 without trials.
+    If the true share were larger, so few events would come with a probability below
+    1 - `confidence`. The bound is 1 without trials.
 
     >>> round(share_at_most(0, 149), 3)
     0.02
@@ -42,8 +42,8 @@ def trials_to_show(share: float, confidence: float = CONFIDENCE) -> int:
 def tolerance_factor(count: int, coverage: float = 0.99, confidence: float = CONFIDENCE) -> float:
     """Return the k of the one-sided tolerance limit mean + k standard deviations.
 
-    With `confidence`, a share `coverage` of a normal distribution lies below it when mean and
-    standard deviation are those of `count` values (Owen 1968).
+    With `confidence`, a share `coverage` of a normal distribution lies below this limit if mean and
+    standard deviation are estimated from `count` values (Owen 1968).
 
     Raises
     ------

@@ -20,8 +20,8 @@ _PREFIX = ".writing-"
 # Without locks, a temporary file that was not written to for this time is that of a killed writer.
 # The longest work on one output, the figures of ps4rig reproduce, takes half an hour.
 _ABANDONED_S = 86_400.0
-# What systems and file systems answer that cannot force the entries of a folder to disk. Windows
-# opens no folder, and some network file systems refuse the call.
+# Errors of systems that cannot force the entries of a folder to disk: Windows opens no folder, and
+# some network file systems refuse the call.
 _NO_FOLDER_SYNC = {
     errno.EACCES, errno.EPERM, errno.EISDIR, errno.EBADF, errno.EINVAL, errno.ENOSYS, errno.ENOTSUP,
 }  # fmt: skip

@@ -7,8 +7,8 @@ from typing import BinaryIO
 
 from .errors import InputError
 
-# Opening a pipe without a writer would block without O_NONBLOCK; a terminal must not become ours.
-# Windows has neither among its files.
+# Without O_NONBLOCK, opening a pipe without a writer blocks; without O_NOCTTY a terminal could
+# become the controlling one. Windows has neither flag.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 _PIECE_BYTES = 1 << 20

@@ -11,7 +11,7 @@ from classify.errors import InputError
 FloatArray = npt.NDArray[np.float64]
 Frames = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
-# Along each side of the frame. Over a block of a 512 px frame a mean has 1/32 of a pixel's noise.
+# Blocks along each side. On a 512 px frame the mean of a block has 1/32 of the noise of a pixel.
 BLOCKS = 16
 # Clipping this share of a block's values changes its mean by 0.003 and its variance by 0.03 of the
 # noise (of a normal distribution). It is also the share of hot pixels that `dark_of` accepts.

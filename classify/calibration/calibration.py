@@ -110,7 +110,7 @@ class Calibration:
     def noise_of(self, sensor: SensorNoise | None, *, has_ambient: bool) -> SensorNoise | None:
         """Return the noise of `corrected` images from that of the camera's; None if unknown.
 
-        The variance of pixel values says nothing of what a curved response makes of them.
+        A curved response changes the variance with the pixel value, so the noise is then unknown.
         """
         if sensor is None or self._applied_response is not None:
             return None

@@ -19,11 +19,12 @@ FloatArray = npt.NDArray[np.float64]
 
 # Inner corners along a side: fewer show no distortion, OpenCV needs three.
 _CORNERS = (3, 64)
-# A placement tilted by less lies on the plane of the part. Its scale is that along the axis of the
-# tilt, which a tilt does not shorten; beyond this its height is too uncertain (a board of 50 mm
-# rises by 9 mm).
+# A placement tilted by less counts as lying in the plane of the part; its scale is measured along
+# the axis of the tilt, which a tilt does not shorten. At a larger tilt the height of the board is
+# too uncertain: one end of 50 mm rises by 9 mm.
 _FLAT_DEG = 10.0
-# From one picture a tilt is known to about 3 degrees: they shorten a length by 0.1 %.
+# Tilts below this are not corrected: one picture shows a tilt to about 3 degrees, and 3 degrees
+# shorten a length by 0.1 %.
 _SEEN_TILT_DEG = 5.0
 # Corners are found to 0.02 to 0.2 px on sharp pictures. A model that misses them by more is wrong.
 _WORST_RESIDUAL_PX = 1.0
@@ -40,6 +41,7 @@ _SEEN = 3.0
 _KNOWN_FOCAL = 0.05
 # Error of a scale that is fitted together with distortion (test_checkerboard.py has up to 0.04 %).
 _WITH_DISTORTION = 0.0003
+# Least number of tilted placements that determine the focal length (Zhang 2000).
 _TILTED_FOR_FOCAL = 2
 
 
@@ -50,7 +52,7 @@ class CheckerboardScale:
     Attributes
     ----------
     tilts_deg
-        (J,) tilt of each placement against the image plane, to about 3 degrees.
+        (J,) tilt of each placement from the image plane, known to about 3 degrees.
     distortion_px
         The most by which distortion moves a pixel of the frame.
     covered
@@ -178,7 +180,7 @@ def scale_of_boards(
     is_tilted = tilts_deg[flat] > _SEEN_TILT_DEG
     lengths = np.where(is_tilted, largest, np.sqrt(largest * smallest))
     px_per_mm = float(lengths.mean())
-    # Of a length between two sets of corners, of how tilts are corrected, and between placements.
+    # Relative errors: of the corners, of the correction of tilts, and between placements.
     extent_px = px_per_mm * float(np.sqrt((board**2).sum(axis=1).mean()))
     noise = fit.residual_px / np.sqrt(len(board)) / extent_px
     shortened = 0.5 * (1.0 - float((smallest / largest).min()))

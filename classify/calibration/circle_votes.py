@@ -14,9 +14,11 @@ from .circle import Circle
 FloatArray = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 
-_RADIUS_STEP = 1.05
 # Gradients point to the centre within about this angle, in radians.
 _VOTE_SCATTER = 0.05
+# Ratio of neighbouring radii: half a step is within the scatter of the votes.
+_RADIUS_STEP = 1.05
+# Circles that `sphere_outline` compares; the time of the search is proportional to it.
 _CANDIDATES = 12
 
 

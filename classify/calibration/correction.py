@@ -48,7 +48,7 @@ def linear(stack: ImageStack, response: Response, full_scale: float) -> ImageSta
 
 
 def without_offset(images: Array, offset: float, full_scale: float) -> npt.NDArray[np.float32]:
-    """Images less `offset`, except that saturated pixels stay saturated."""
+    """Subtract `offset` from images; saturated pixels stay saturated."""
     raw = images.astype(np.float32)
     return np.where(raw < full_scale, raw - np.float32(offset), raw)
 

@@ -12,8 +12,9 @@ from .dark import Dark
 
 FloatArray = npt.NDArray[np.float64]
 
-# Times the noise of one frame, rounding included. A pixel that differs from its block by less
-# disturbs no image more than noise does; normal noise of 16 frames never gets there.
+# Deviation of a hot pixel from its block, in standard deviations of one frame (with rounding). A
+# smaller deviation disturbs an image less than noise does; the mean of 16 frames of normal noise
+# never reaches it.
 _HOT = 6.0
 _ROUNDING_VARIANCE = 1.0 / 12.0
 # Good industrial sensors have fewer than one hot pixel in a thousand.
@@ -24,10 +25,11 @@ _MOST_HOT = 0.01
 _MOST_OFFSET, _MOST_STRUCTURE = 0.25, 0.02
 # Share of full scale by which a light may raise a block: less than the least signal of an LED.
 _LEAK = 0.002
-# Standard errors of a difference that is not noise: one block of 256 in 10 million.
+# Standard errors of a difference that is not noise: any of 256 blocks exceeds them by chance in one
+# of four million sets.
 _SIGNIFICANT = 6.0
-# A share of values at 0 beyond which offset and noise are those of a clipped distribution: 0.1 %
-# of normal noise lies more than 3.1 standard deviations below its mean.
+# With a larger share of values at 0, offset and noise are those of a clipped distribution: 0.1 % of
+# normal noise lies more than 3.1 standard deviations below its mean.
 _CLIPPED = 0.001
 
 

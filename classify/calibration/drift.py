@@ -23,13 +23,14 @@ FloatArray = npt.NDArray[np.float64]
 DriftKind = Kind | Literal["unexplained"]
 Status = Literal["ok", "warning", "fault"]
 
-# Blocks along a side are joined to so many: changes are smooth, and the model has 7 per light.
+# Joined blocks along each side of the frame: changes are smooth, and need no more of them.
 _JOINED = 8
-# A distant light as a position, in half of the longer side: it falls off by 0.3 % over the frame.
+# Distance that stands for a distant light, in half of the longer side: its light falls off by 0.3 %
+# over the frame.
 _DISTANT = 1e3
 # Ratios that vary less over the frame are those of distant lights, at more than 50 fields of view.
 _EVEN = 0.01
-_FEWEST_LIGHTS = 3  # that `fit_led_positions` takes
+_FEWEST_LIGHTS = 3  # least number that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
 # light there, and its angle is known to 0.6 degrees (test_drift.py). What a check resolves at
@@ -42,10 +43,10 @@ _MAGNIFICATION = (0.05, 0.10)
 _SHEET_TILT_DEG = (2.5, 5.0)
 # A brighter or darker corner is common to all lights: it changes the albedo only.
 _VIGNETTING = (0.05, math.inf)
-# No two white sheets differ so much. A common factor changes no slope; beyond twice, the noise and
-# the hot pixels are not those of the calibration.
+# White sheets differ by less. A common factor changes no slope; beyond twice the brightness, the
+# noise and the hot pixels are not those of the calibration.
 _BRIGHTNESS = (0.25, 1.0)
-# Ratios of lights: what 1 % leaves unexplained tilts normals by a third of a degree.
+# Residual of the ratios of lights; 1 % tilts normals by a third of a degree.
 _UNEXPLAINED = (0.005, 0.01)
 
 
@@ -56,11 +57,11 @@ class DriftCause:
     Attributes
     ----------
     kind, light
-        What has changed; the index of the light, None for what all lights share.
+        What has changed; the index of the light, None for a change that all lights share.
     status
         ``warning``, or ``fault`` where the calibration does not hold any more.
     seen, advice
-        In words, with numbers.
+        What was found, with numbers, and what to do.
     """
 
     kind: DriftKind
@@ -77,14 +78,14 @@ class Drift:
     Attributes
     ----------
     causes
-        What has changed by more than a warning is worth, the worst first.
+        Changes beyond the limit of a warning, the worst first.
     level_changes
-        (N,) change of each light against what all share: -0.1 for 10 % less light.
+        (N,) change of each light relative to the change that all share: -0.1 for 10 % less light.
     brightness
         Brightness that all lights share, as a multiple of that at the calibration; None if that is
         unknown.
     sheet_tilt_deg
-        How the sheet lies; it needs no cause if it is small.
+        Tilt of the sheet; a small tilt needs no cause.
     error_deg
         rms tilt that a level part would seem to have, solved with this calibration.
     residual
@@ -131,8 +132,8 @@ def plate_drift(
 
     Returns
     -------
-    `Drift`. Lights and camera that have moved can be told where the light falls off over the frame:
-    with distant lights, a moved light shows only in its level.
+    `Drift`. A light or a camera that has moved is found only where the light falls off over the
+    frame; a distant light that has moved shows only in its level.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """How the pictures of a sheet change when a rig changes, and which causes explain a change.
 
 The change is the logarithm of a picture over the flat field, for each light and block of the frame.
-What may always differ has a normal distribution: noise, and how another sheet lies. To that each
-cause adds a few numbers, with a wider distribution. Causes are added as long as they make the
-change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter 28).
+Changes that need no cause, such as noise and the place of the sheet, have normal distributions.
+Each cause adds a few numbers with wider normal distributions. Causes are added as long as they make
+the change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter 28).
 """
 
 import math
@@ -34,11 +34,12 @@ _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # table does not. test_drift.py counts which causes are mistaken for others.
 _AGAINST, _AGAINST_TILT = 3.0, 6.0
 _MOST_CAUSES = 3
-# Gauss-Newton in standard deviations of the numbers: for derivatives, and where it ends.
+# Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
+# longest step; and the largest number of steps.
 _SHIFT, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
 _LEVEL: FloatArray = np.zeros(2)
 _MAD = 1.4826  # from the median absolute deviation to the standard deviation of normal noise
-_LOWEST_LIGHT = 0.02  # z of a unit vector: no light of a fit sinks below the plane
+_LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Cause:
     Attributes
     ----------
     light
-        Index of the light, None for what all lights share.
+        Index of the light, None for a change that all lights share.
     spreads
         Standard deviations of its numbers.
     change
@@ -153,7 +154,7 @@ class DriftModel:
     def _best(
         self, change: FloatArray, chosen: tuple[Cause, ...], numbers: FloatArray
     ) -> tuple[tuple[Cause, ...], float, FloatArray]:
-        """`chosen`, whose numbers are about these, and the cause that explains most of the rest."""
+        """Add to `chosen` the cause that explains most of the rest; `numbers` are start values."""
         tried = []
         for cause in self._causes:
             if cause not in chosen:
@@ -244,6 +245,7 @@ class DriftModel:
                 yield (_CURVATURE_SPREAD * light * term).ravel()
 
     def _all_causes(self) -> Iterator[Cause]:
+        # The spreads are at least the limits of a fault in `drift`, so that the pictures decide.
         for light in range(len(self.positions)):
             yield Cause("led level", light, (0.3,), self._level_change(light))
             yield Cause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
@@ -320,7 +322,7 @@ def led_strength(
 
 
 def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
-    """(3,) position after two turns about the middle of the frame and a change of distance.
+    """(3,) position after two rotations about the middle of the frame and a change of distance.
 
     The first angle is along the tilt, the second raises the light; both in radians.
     """
@@ -335,6 +337,6 @@ def moved_light(position: FloatArray, numbers: FloatArray) -> FloatArray:
 
 
 def _without(numbers: FloatArray, causes: Sequence[Cause], place: int) -> FloatArray:
-    """`numbers` of the causes but for that at `place`."""
+    """Remove the numbers of the cause at `place`."""
     ends = np.cumsum([len(cause.spreads) for cause in causes])
     return np.delete(numbers, slice(ends[place] - len(causes[place].spreads), ends[place]))

@@ -51,12 +51,12 @@ _LEAST_RISE = 0.2
 # Share of full scale by which a value may fall at a longer exposure: more than noise of means.
 _FALL = 0.005
 # Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
-# exposures that are kept 0.04 % at most. Blocks scatter by noise: with a larger rms residual the
-# curve is no better than the 0.5 % asked for.
+# exact exposures at most 0.04 %. Blocks scatter by noise: with a larger rms residual the curve
+# would miss the 0.5 % asked for.
 _MAX_MEDIAN, _MAX_ERROR = 0.002, 0.005
-# The solved slopes change by less than 0.1 degrees if this departure from a straight line is left
-# (tests/classify/calibration/test_exposure_ladder.py). It counts if it also exceeds the error by
-# three standard errors.
+# A camera is linear up to the larger of two departures from a straight line: a share of full scale,
+# which changes the solved slopes by less than 0.1 degrees
+# (tests/classify/calibration/test_exposure_ladder.py), and this many rms errors of the curve.
 _NEGLIGIBLE, _SIGNIFICANT = 0.002, 3.0
 
 
@@ -71,7 +71,7 @@ class ExposureLadder:
     departure
         Largest distance of the curve from a straight line, as a share of full scale.
     offset
-        Pixel value without light, to which shorter and shorter exposures tend.
+        Pixel value without light: the limit of ever shorter exposures.
     lowest, highest
         Range of the pixel values that the ladder covers; the curve beyond them is a continuation.
     """

@@ -14,8 +14,8 @@ __all__ = ["FittedFlatField", "FlatField", "fit_flat_field"]
 
 FloatArray = npt.NDArray[np.float64]
 
-# The degree is raised while that lowers the square error of predicting left-out parts of the frame
-# to this share; classify/README.md has the errors of each degree.
+# The degree is raised while the squared error of predicting left-out parts of the frame falls below
+# this share; classify/README.md has the errors of each degree.
 _DEGREES, _BETTER = (2, 4, 6), 0.98
 # Tukey's biweight with this constant has 95 % of the efficiency of least squares.
 _TUKEY = 4.685
@@ -34,19 +34,19 @@ class FittedFlatField:
     flat_field
         Of geometric mean 1 over the lights and the blocks that were used.
     degree
-        Of the ratios of the lights, and of their mean.
+        Degrees of the polynomials of the ratios of the lights, and of their mean.
     ratio_residual, mean_residual
         Robust standard deviations of the blocks from the fit, as shares: of the ratios of the
         lights, which relief and gloss raise, and of their mean, which uneven reflectance raises.
     error
-        Standard error of the flat field that follows from it, as a share.
+        Standard error of the flat field that follows from the residuals, as a share.
     unused
         Share of the blocks that do not fit: dust, relief or gloss.
     ratios, weights
         (N, 32, 32) logarithms of the ratio of each light to the geometric mean of all, over all
         placements; (32, 32) their weights, 0 where a block does not fit or is not usable.
     offsets
-        (S, N) logarithms by which a light is brighter in a placement than in all, of mean 0.
+        (S, N) log brightness of each light in each placement, less the mean over the placements.
     """
 
     flat_field: FlatField
@@ -131,7 +131,7 @@ class _Fit:
             coefficients,
             chosen,
             scale,
-            # A higher degree that predicts not clearly better may leave a bias.
+            # 1 - _BETTER: a bias remains where the next degree is better, but not clearly.
             scale * float(np.sqrt(terms / max(counted, 1.0) + 1.0 - _BETTER)),
             1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
             _unfolded(fitted + np.where(weights > 0.0, means, plain)),
@@ -168,8 +168,8 @@ def _combined(
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
     """Means (C, folds, blocks) over the placements, their weights, offsets (S, C), robust scale.
 
-    Each placement may be brighter or darker, and tilted: then each value has an offset of its own,
-    and those of all placements cancel.
+    A placement that is brighter, darker or tilted shifts all values of a light by an offset. The
+    offsets of all placements have the mean 0.
     """
     offsets = np.zeros(residuals.shape[:2])
     weights = usable

@@ -25,11 +25,12 @@ Aim = Literal["centre", "down"]
 _STARTS, _START_SLANT_DEG = (3.0, 10.0), 45.0
 # A lobe narrower than cos^20, 25 degrees, lights no frame.
 _NARROWEST = 20.0
-# Along the frame: blocks that are fitted, and parts whose residuals are taken to be independent.
-# Half as many blocks for many lights, whose Jacobian would need gigabytes.
+# Blocks along the frame that are fitted, parts along it whose residuals count as independent, and
+# the lights above which half as many blocks are fitted: the Jacobian would need gigabytes.
 _BLOCKS, _PARTS, _MANY_LIGHTS = 16, 8, 16
-# On the standard errors: without it 12 % of 40 rendered sheets were beyond two of them, instead of
-# 5 % (random lights, lobes, dust and tilts as in tests/classify/calibration/test_led_positions.py).
+# Factor on the standard errors: without it 12 % of the errors on 40 rendered sheets exceeded two
+# standard errors, instead of 5 % (random lights, lobes, dust and tilts as in
+# tests/classify/calibration/test_led_positions.py).
 _MARGIN = 1.4
 
 
@@ -146,10 +147,10 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, found: Any) -> tuple[FloatArray, FloatArray]:
-        """(N,) standard errors of v along itself and across; infinite where nothing tells v.
+        """(N,) standard errors of v along itself and across; infinite where v is undetermined.
 
-        Clustered by parts of the frame (Cameron and Miller 2015, equation 11): what the model does
-        not explain is smooth, so that blocks are not independent measurements.
+        Clustered by parts of the frame (Cameron and Miller 2015, equation 11): the residuals are
+        smooth, so that blocks are not independent measurements.
         """
         lights = len(self.data)
         columns, rows = (np.floor((each + 1.0) * 0.5 * _PARTS) for each in (self.x, self.y))

@@ -13,11 +13,11 @@ from classify.errors import CalibrationRejected
 
 from .sphere import FloatArray, Sphere
 
-# Closer to the outline an error of it changes the normal most: 0.2 px of 50 px are 1.4 degrees at
-# 0.9 of the radius, and 4 degrees at 0.99.
+# Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
+# 50 px are 1.4 degrees at 0.9 of the radius, and 4 degrees at 0.99.
 _INSIDE = 0.9
-# Share of the light on the brightest pixel below which a pixel may be in shadow, or lit by what
-# the surroundings return.
+# Share of the light on the brightest pixel below which a pixel may be in shadow, or lit by its
+# surroundings.
 _LIT = 0.25
 _SATURATED = 0.995
 # With less of the sphere below full scale its brightest part, which shows the light best, is gone.
@@ -25,9 +25,8 @@ _LEAST_UNSATURATED = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
 _LEAST_USED = 0.2
 _MOST_PIXELS = 3000
-# What vignetting and the response leave, which leaving out sectors does not show: half of the
-# lights of matt spheres in masks are within 0.2 degrees, and 90 % within 0.65
-# (test_sphere_rates.py).
+# Error that vignetting and the response leave; fits without a sector do not show it. Half of the
+# lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (test_sphere_rates.py).
 _MODEL_DEG = 0.3
 _SECTORS = 8
 _ROUNDS = 4
@@ -180,7 +179,7 @@ def _kept(
 
 
 def _shading(cosine: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of the shading as a function of n . l, and what it leaves."""
+    """Coefficients of the shading as a function of n . l, and the residuals."""
     coefficients = np.polyfit(cosine, values, _POWERS)
     return coefficients, values - np.polyval(coefficients, cosine)
 

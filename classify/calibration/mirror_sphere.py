@@ -13,12 +13,12 @@ from classify.errors import CalibrationRejected
 
 from .sphere import FloatArray, Sphere
 
-# A highlight covers the pixels of which it is more than this share; more where it is at full scale,
-# because walls beside the lamp then come near it: to 0.7 in a test.
+# A pixel belongs to a highlight if more than this share of it shows the lamp. The share is higher
+# for a highlight at full scale, which lit walls beside the lamp approach (to 0.7 in a test).
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
-# And its brightest pixel is all light; a lit wall or a glossy table is not as bright as the lamp.
+# Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
 _ALL_LIGHT = 0.9
-# Beyond this share of the radius an outline's own blur and background mix in.
+# Share of the radius that is used; beyond it the blurred outline and the background mix in.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
@@ -31,9 +31,9 @@ _LOWEST_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
 # lit wall or an overexposed picture.
 _LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
-# Position of a highlight's centre within its own size: a lamp is not brightest in its middle.
+# Error of a highlight's centre as a share of its size: a lamp is not brightest in its middle.
 _CENTRE_SHARE = 0.1
-# Of a highlight of a few pixels, whose light is cut at full scale.
+# Error in px of the centre of a highlight of a few pixels, whose light is clipped at full scale.
 _PIXEL = 0.15
 
 
@@ -42,8 +42,8 @@ def mirror_directions(
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[str]]:
     """Find the light of each picture by its image in a mirror sphere.
 
-    What the pictures have in common is the room. What is left of each is its light, at
-    l = 2 (n . v) n - v, averaged over the highlight with its light as weight: equal areas of the
+    The pictures share the room; the rest of each picture is its light. Its direction
+    l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
     picture of a mirror sphere are equal solid angles, 4 / radius^2.
 
     Parameters
@@ -131,7 +131,7 @@ def _lit_share(values: FloatArray, room: FloatArray, light: int) -> tuple[FloatA
     """Share of each pixel, 0 to 1, that shows the light and not the room; least of a highlight.
 
     A highlight is often at full scale. It then adds less to a bright window than to a dark wall
-    beside it, and the share is of what is left up to full scale.
+    beside it, so the change is divided by the difference of the room from full scale.
     """
     change = values - room
     highest = float(change.max())

@@ -69,7 +69,7 @@ def photon_transfer(
     Parameters
     ----------
     levels
-        Of frames at several exposures.
+        Levels of blocks at several exposures.
     black_level_dn
         Pixel value without light.
     full_scale
@@ -93,7 +93,8 @@ def photon_transfer(
     known = None
     if dark_noise_dn is not None and dark_noise_dn**2 >= _LEAST_VARIANCE:
         known = dark_noise_dn**2
-    # Noise of the variances must not select them: at first by their mean, then by the line.
+    # Selected by expected variances, not by the noisy ones: first by the mean of similar blocks,
+    # then by the line.
     selected = _smoothed(means, variances) >= _LEAST_VARIANCE
     for _ in range(2):
         seen = means[selected]
@@ -114,7 +115,7 @@ def photon_transfer(
     read_noise = np.sqrt(max(0.0, float(line[0]) - _ROUNDING_VARIANCE))
     read_error = None
     if known is None:
-        # That of a root, or near 0 the root of the error.
+        # Error of a square root, or near 0 the square root of the error.
         variance_error = float(np.hypot(np.sqrt(covariance[0, 0]), _ROUNDING_ERROR))
         read_error = min(variance_error / max(2.0 * read_noise, 1e-12), np.sqrt(variance_error))
     sensor = SensorNoise(float(1.0 / line[1]), float(read_noise), black_level_dn)
@@ -142,7 +143,7 @@ def _fit(
             covariance[1, 1] = 1.0 / (weights @ np.square(means))
             line = np.array([known, covariance[1, 1] * (weights * means @ (variances - known))])
         expected = np.maximum(line @ terms, _LEAST_VARIANCE)
-    # The scatter beyond that of the variances themselves, as of flickering light.
+    # Scatter beyond the noise of the variances, for example by flickering light.
     excess = float(np.mean(np.square(variances - line @ terms) * weights))
     return line, covariance * max(1.0, excess)
 

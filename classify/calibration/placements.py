@@ -38,7 +38,7 @@ def are_turned(blocks: PlateBlocks, flat_field: FlatField) -> bool:
     """Whether any two placements of a sheet differ in where its grain and dust lie."""
     y, x = powers(blocks.y, TERMS), powers(blocks.x, TERMS)
     uneven = blocks.logs.mean(axis=1) - y @ flat_field.coefficients.mean(axis=0) @ x.T
-    # Less the mean of the four neighbours, which a bias of the polynomial passes.
+    # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.
     grain, seen = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
     for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
         near = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]

@@ -1,4 +1,4 @@
-"""What pictures of a white matt sheet give: flat field and LED positions, or why they do not."""
+"""Flat field and LED positions from pictures of a white matt sheet, or the reason of a refusal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,26 +19,29 @@ from .plate_blocks import PlateBlocks
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# classify/README.md has what sheets, parts and textures reach of each of these.
+# Limits of the checks; "What is refused" in classify/README.md has the figures of sheets, parts and
+# textures.
 _MOST_SATURATED = 1e-3
 _DARKEST = 0.05
 _FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
 _STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
 _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
-# Tilt of a sheet by how the lights change when it is turned; by how the measured lights differ from
-# those configured; and by the levels of distant lights, where 10 % look like 6 degrees.
+# Largest tilt of a sheet, by three estimates: the change of the lights when it is turned; the
+# difference of measured and configured lights; the levels of distant lights, of which 10 % look
+# like 6 degrees.
 _MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
-# Share of the differences that a tilt must leave unexplained at most to be blamed for them.
+# A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
 _LEFT_OF_DIRECTIONS, _LEFT_OF_LEVELS = 0.5, 0.05
-# Positions with larger standard errors are no better than the configured directions. Near light
-# changes slopes by the inverse of the distance: 20 % of it cost less than the angles.
+# Positions with larger standard errors are no better than the configured directions. An error of
+# 20 % in the distance changes normals less than 3 degrees in the direction.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
-# Of the model of LEDs: sheets 0.03 %, `gelsight_groove6` 0.8 %, a broad highlight of 30 % 2.8 %.
+# Largest residual of the model of LEDs: sheets have 0.03 %, `gelsight_groove6` 0.8 %, a broad
+# highlight of 30 % has 2.8 %.
 _WORST_RESIDUAL = 0.015
 # cos(88 degrees): no solver can use lights below this elevation.
 _LOWEST = 0.035
-# A sheet that lies on a table is taken to be level to this; turned by half a turn to 10 degrees, a
-# sixth of its tilt remains.
+# A sheet on a table is taken to be level to this. Rotated by half a turn to within 10 degrees, it
+# leaves a sixth of its tilt. A single placement may be tilted by the last value.
 _TABLE_DEG, _TURN = 0.3, 0.17
 _SINGLE_TILT_DEG = 1.0
 
@@ -214,7 +217,7 @@ def _tilts_deg(offsets: FloatArray, lighting: Lighting) -> FloatArray:
 def _checked_tilt_deg(
     tilts_deg: FloatArray, fitted: FittedFlatField, measured: Lighting | None, given: Lighting
 ) -> float:
-    """Tilt of all placements by what the lights differ from those configured; refused if large."""
+    """Tilt that all placements share, by how measured and configured lights differ; checked."""
     if tilts_deg.max() > _MOST_TILTED_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "

@@ -14,8 +14,8 @@ from classify.lights.flat_field import coordinates
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Along each side of the frame, and the most cells along the side of a block. A block of LEDs at two
-# fields of view bends by 0.01 % of its mean within 1/32 of the frame.
+# Blocks along each side of the frame, and the most cells along the side of a block. Within a block
+# the light of LEDs at two fields of view departs from a plane by 0.01 %.
 BLOCKS, _CELLS = 32, 16
 # Cells further from the median of their block than this multiple of its robust standard deviation
 # are dust.
@@ -24,7 +24,7 @@ _DUST = 4.0
 _MAD = 1.4826
 # Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
 _DARK = 0.05
-# A block counts if so large a share of it is usable.
+# Least usable share of a block that counts.
 _USABLE = 0.5
 
 

@@ -23,11 +23,13 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Image = npt.NDArray[np.float32]
 
-# The search reduces frames to this, and the last fit to spheres of this radius: 0.1 px is then
-# 0.03 degrees of a normal.
+# The search reduces frames to this longer side, the last fit reduces spheres to this radius: 0.1 px
+# is then 0.03 degrees of a normal.
 _SEARCH_PX, _FIT_RADIUS_PX = 320, 200.0
 # At 12 px an outline known to 0.2 px gives lights to 2 degrees.
 _SMALLEST_RADIUS_PX = 12.0
+# Candidates that are fitted, rays from the centre, sectors of a score, edges kept on a ray, and
+# random circles of each fit. More take more time; test_sphere_rates.py prints the errors.
 _FINALISTS = 5
 _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
@@ -41,11 +43,11 @@ _LOWEST_SCORE = 0.05
 _LOWEST_FINE_SCORE = 0.04
 # Added to shares of full scale: in a black background of 8 bits, noise of one digit is no edge.
 _FLOOR = 0.02
-# Three lights without the brightest are two.
+# Least number of lights for a ratio: the brightest is left out, and two remain.
 _RATIO_LIGHTS = 3
 # Systematic error of an outline from edges: 0.2 px, and this share of the radius, divided by the
-# score. A mirror reflects its background in its rim, so that the last edge that is seen is inside
-# (40 spheres of tests/sphere_pictures.py in four kinds of background).
+# score. A mirror reflects its background in its rim, so that the outermost visible edge is inside
+# the outline (40 spheres of tests/sphere_pictures.py in four kinds of background).
 _SYSTEMATIC_PX, _SYSTEMATIC_SHARE = 0.2, 0.002
 # A circle around the best one is the outline if it has this share of its score: windows and lamps
 # in a mirror are small circles too.
@@ -55,7 +57,7 @@ _OUTER_SHARE, _OUTER_RADIUS = 0.4, 1.5
 _SAME_CENTRE, _LARGER = 0.02, 1.05
 # A circle of about the same radius with this share of the score may be the outline as well. Of 96
 # rendered mirrors (tests/sphere_pictures.py, four kinds of background) the two whose circle is off
-# by more than 0.05 of the radius have such a rival, those below it in 0.9 of the cases none.
+# by more than 0.05 of the radius have such a rival, and nine in ten of the others have none.
 _RIVAL_SHARE, _RIVAL_RADIUS = 0.85, 1.3
 # rms deviation of a mask from a circle, as a share of the radius. Perspective gives 0.01 at 15
 # degrees from the axis, a square 0.08.
@@ -137,7 +139,7 @@ def outline_of_mask(mask: BoolArray) -> Outline:
 def find_outline(images: npt.NDArray[Any], *, is_mirror: bool = True) -> Outline:
     """Find the outline of the one sphere in (N, H, W) pictures under N lights.
 
-    Of a matt sphere the differences between lights do not count: they are largest at the edges of
+    For a matt sphere the differences between lights are not used: they are largest at the edges of
     its attached shadows.
 
     Raises
@@ -232,7 +234,7 @@ def _reduced(features: list[Image], factor: float) -> list[Image]:
 
 
 def _rank(outline: Outline) -> float:
-    # Longer outlines meet more edges of other things by chance, but say more.
+    # A longer outline is better evidence, but meets more edges of other things by chance.
     return outline.score * float(outline.circle.radius**0.25)
 
 

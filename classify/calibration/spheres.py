@@ -26,8 +26,8 @@ SphereKind = Literal["mirror", "matte"]
 # distant. Near light at five fields of view costs 10 degrees (table of faults, classify/README.md),
 # of which a distance 15 % off leaves 1.5.
 _KNOWN_DISTANCE = 0.15
-# Condition from which rays are parallel but for the rounding of float64. Distances known to
-# _KNOWN_DISTANCE have the square of how much less they are known than directions: to 1e-5 rad, 1e8.
+# Condition number above which rays are parallel within the rounding of float64. It is the squared
+# ratio of the errors of distance and direction: 1e8 for `_KNOWN_DISTANCE` and 1e-5 rad.
 _PARALLEL = 1e12
 # Errors beyond this are not worth keeping: four lights 10 degrees off turn the normals as far.
 _WORST_ERROR_DEG = 10.0
@@ -177,7 +177,7 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     if not 0.0 < diameter_mm < np.inf:
         raise InputError(f"diameter of {diameter_mm:g} mm; give that of the sphere")
     radii = np.array([each.radius_px for each in spheres])
-    # Of an outline, and between the outlines of one sphere.
+    # The error of an outline, and the scatter of the outlines of one sphere.
     error_px = float(np.hypot(max(each.error_px for each in spheres), radii.std()))
     return Scale(
         mm_per_px=diameter_mm / (2.0 * float(radii.mean())),

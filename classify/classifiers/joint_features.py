@@ -41,7 +41,7 @@ SPECTRAL_SHARE = "spectral_share"
 # A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
 # without a cap the highest frequencies, which hold most of the noise, would outvote all others.
 _CAP_BINS = 8.0
-# Of libraries of file version 4 and earlier, which do not contain it.
+# Share in libraries of file version 4 and earlier, which do not contain it.
 _EARLIER_SPECTRAL_SHARE = 2.0 / 3.0
 # Share of the power of relief that counts as power of albedo. Penumbra, gloss and LEDs that are
 # 5 % weaker than assumed leak about as much of the relief into the albedo.
@@ -63,9 +63,9 @@ class JointObservation(Observation):
     curl_density
         Mean density of the curl, which a relief does not have: the error of the gradient.
     statistics
-        Of the frame and its quarters.
+        Local statistics of the frame and its quarters.
     pixels
-        In the frame.
+        Number of pixels of the frame.
     segment_px
         Side of the segments of the spectra.
     """

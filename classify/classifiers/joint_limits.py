@@ -31,10 +31,11 @@ _MEDIAN = 0.82
 _CLASS_SPREAD = 0.35
 _PATCH_SPREAD = 0.27
 _DEVIATIONS = 2.33
-# Smaller frames tell textures apart less: the limit falls with the eighth root of the side.
+# Below this side the limit falls with the eighth root of the side: smaller frames distinguish
+# textures less well.
 _SUFFICIENT_PX = 256
-# Sets of one class, and references of lowest bound, that are compared: more would take minutes and
-# change little.
+# Most sets of one class, and most references of lowest bound, that are compared: more would take
+# minutes and change little.
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
@@ -82,7 +83,7 @@ def class_limits(
     Parameters
     ----------
     labels, sets, single
-        Of each reference: its class, the number of its set, the limit of that set alone.
+        Class of each reference, number of its set, and limit of that set alone.
     lower_bounds, nearest
         Bounds on the distances of a reference to others, and the distance to the nearest of them.
     """

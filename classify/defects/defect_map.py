@@ -26,13 +26,13 @@ class DefectMap:
     Attributes
     ----------
     relief, albedo
-        Share of single spots and lines in the relief and in the logarithm of the albedo.
+        Part of the score from single spots and lines, in the relief and in the log albedo.
     texture
-        Share of the local statistics of both, the mean of those of octaves and windows: another
-        texture, or none.
+        Part of the score from local statistics, the mean of those of octaves and of windows:
+        another texture, or a missing one.
     score
-        The sum of all shares, which may exceed the limit although none of them does. Models of
-        version 1 have the largest of the kinds instead.
+        relief + albedo + 2 texture, which may exceed 1 although none of them does. Models of
+        version 1 have the largest of the three instead.
     shape
         Rows and columns of the frame, px.
     """
@@ -62,8 +62,9 @@ class DefectRegion:
     Attributes
     ----------
     kind
-        The kind of the largest share where the score is highest. A spot or line that exceeds 1.0
-        alone is of the relief or albedo: it changes the local statistics, too.
+        The kind with the largest part of the score, where that is highest. If spots and lines of
+        the relief or the albedo alone exceed 1.0, theirs is the kind: they change the local
+        statistics, too.
     box
         x, y, width, height in pixels of the frame: column and row of the upper left corner.
     area_px

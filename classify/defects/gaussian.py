@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from classify.surface.estimate import FloatMap
 
-# Share of the variance of each statistic that is added to it: keeps directions in which few parts
-# happen to agree from deciding.
+# Share of the variance of each statistic that is added to it, so that directions in which a few
+# parts agree by chance do not decide.
 _RIDGE = 0.01
 # A statistic that does not vary, as of an albedo without noise, must not decide.
 _LEAST_VARIANCE = 1e-6

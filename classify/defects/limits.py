@@ -14,7 +14,7 @@ from .defect_map import CELL_PX
 _TILE = 64 // CELL_PX
 # Share of the tile maxima, or at least this many, to which the tail is fitted.
 _TAIL_SHARE, _LEAST_TAIL = 0.2, 10
-# One begins the tail, and one is in it.
+# Two tile maxima: one at which the tail begins, and one in the tail.
 _LEAST_TILES = 2
 # Bounds of the tail's shape: never shorter than exponential, and of finite variance.
 _LONGEST_TAIL = 0.4
@@ -23,8 +23,8 @@ _LEAST_LIMIT = 1e-3
 
 # Quantile of the normal distribution at 95 %.
 _CONFIDENCE_BOUND = 1.645
-# Spread of the log part maxima before any part is seen, with the weight of so many parts. It was
-# 0.2 to 0.3 on most textures of `ps4rig reproduce --defects`.
+# Prior of the standard deviation of the parts' log maxima, and the number of parts that it counts
+# as. The deviation was 0.2 to 0.3 on most textures of `ps4rig reproduce --defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
 Maxima = npt.NDArray[np.float64]

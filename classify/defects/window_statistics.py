@@ -1,4 +1,4 @@
-"""Local statistics of slopes and log albedo, not whitened: another texture, or none."""
+"""Local statistics of slopes and log albedo, not whitened, which another texture changes."""
 
 import cv2
 import numpy as np

@@ -38,7 +38,7 @@ class ImageStack:
     def checked(
         cls, images: Images, lights: int, ambient: npt.NDArray[Any] | None = None
     ) -> ImageStack:
-        """Check what a caller gives.
+        """Check images and ambient image, and make them contiguous.
 
         Raises
         ------

@@ -18,9 +18,10 @@ class Sieve:
     class_indices
         (n,) class of each reference.
     first
-        References that are compared first, and again of other classes than the nearest of them.
+        Number of references of the lowest bounds that are compared first, and then as many of other
+        classes.
     most
-        References that are compared after that at most, which bounds the time. On 100,000
+        Largest number of references compared after that, which bounds the time. On 100,000
         references the nearest is among them in 99.9 % of queries (``ps4rig bench``).
     """
 

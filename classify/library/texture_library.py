@@ -58,7 +58,7 @@ class TextureLibrary(LibraryContents):
             raise LibraryError("nothing to train on; give at least one set")
         solved = {(surface.method, surface.planar): label for label, surface, _ in rows}
         if len(solved) > 1:
-            each = (f"{_solver(*how)} ({label})" for how, label in solved.items())
+            each = (f"{_solver(*solver)} ({label})" for solver, label in solved.items())
             raise LibraryError(f"training sets are solved {', '.join(each)}; solve all alike")
         method = rows[0][1].method
         segment_px = min(segment_for(surface.shape) for _, surface, _ in rows)

@@ -5,10 +5,10 @@ matt surface without shadow, whatever its slope and albedo. If light k has anoth
 assumed, sum_k w_k nul_k i_k is zero instead, with w_k the inverse of that level. The images of a
 surface with relief span three of four dimensions, and so determine w up to a common factor.
 
-There are two estimates. That from the redundancy is exact to parts in a thousand, but only for a
-surface that is matt to half a percent: gloss of a few percent changes it by half of the brightness
-(icon_rti72: 2.4 instead of 1.0). The other one compares the brightness of the images, is good to a
-few percent for any surface, and is used where the first leaves a residual.
+There are two estimates. The first, from the redundancy, is exact to parts in a thousand, but only
+for a surface that is matt to half a percent: gloss of a few percent makes it absurd (icon_rti72:
+2.4 instead of 1.0). The second compares the brightness of the images. It is good to a few percent
+for any surface, and is used where the first leaves a residual.
 """
 
 import math
@@ -44,12 +44,12 @@ _MIN_SAMPLES = 1_024
 _LEVEL_SPREAD = 0.05
 # A larger difference is gloss, a shadow or another direction.
 _MAX_CORRECTION = 0.1
-# The correction must reduce the mean squared residual by this factor at least, to no more than so
-# many times that of noise and a matt surface. Else the levels are not to blame.
+# Levels explain the residual if their correction reduces its mean square by at least the first
+# factor, to at most the second times that of noise and a matt surface.
 _MIN_GAIN = 1.25
 _MAX_MEAN_SQUARE = 2.0
-# Standard deviation of the mean slope of a part, for a flat one and as a share of the spread of its
-# slopes. Parts lie within a degree in a rig; the mean slope of a figurine is as uncertain as that.
+# Standard deviation of the mean slope of a part: that of a flat part, which lies within a degree in
+# a rig, and as a share of the spread of its slopes, for parts such as figurines.
 _MEAN_SLOPE, _MEAN_SLOPE_OF_RELIEF = 0.02, 0.3
 # Half of all residuals of pure noise are below this: 0.67 standard deviations, with a margin.
 _MEDIAN_OF_NOISE = 0.75

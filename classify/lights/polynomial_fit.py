@@ -5,7 +5,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
-# Along each side of the frame. A fold is what cross-validation leaves out at a time.
+# Folds of the cross-validation along each side of the frame; one is left out at a time.
 _FOLDS = 4
 # Share of the trace that is added to the diagonal of the normal equations: a narrow frame does not
 # determine the powers of one coordinate.
@@ -29,13 +29,14 @@ def normal_equations(
 
 
 def solved(gram: FloatArray, right: FloatArray) -> FloatArray:
+    """(..., terms, N) coefficients from normal equations, with a small ridge."""
     terms = gram.shape[-1]
     ridge = _RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] + _TINY
     return np.asarray(np.linalg.solve(gram + ridge * np.eye(terms), right), np.float64)
 
 
 def prediction_error(basis: FloatArray, means: FloatArray, weights: FloatArray) -> float:
-    """Weighted square error of each fold as predicted by the others."""
+    """Weighted sum of squared errors of all folds, each predicted from the others."""
     gram, right = normal_equations(basis, means, weights)
     predicted = basis @ solved(gram.sum(axis=0) - gram, right.sum(axis=0) - right)
     return float((np.square(np.moveaxis(means, 0, -1) - predicted) * weights[..., None]).sum())

@@ -21,8 +21,8 @@ _MAX_SLOPE_ERROR = 0.5
 # be light that the lens scatters (veiling glare, 1 to 5 % by ISO 9358) and that the surface around
 # it reflects (`robust.LEAK`). test_validity.py holds it on photographs with dark backdrops.
 _DARK = 0.06
-# To save time, pixels of a larger albedo are not judged (`dark`), as a multiple of that of a dark
-# pixel that faces the camera.
+# `dark` leaves out pixels whose albedo is above this multiple of the albedo of a dark pixel that
+# faces the camera, which saves time.
 _DARK_ALBEDO = 3.0
 _SAMPLES = 4096
 
@@ -104,7 +104,7 @@ class Problem:
 
     @cached_property
     def shear(self) -> Shear | None:
-        """That of near lights; None for distant ones."""
+        """Difference of near lights from distant ones; None for distant lights."""
         return None if self.lighting.positions_px is None else Shear.of(self.lighting)
 
     @cached_property
@@ -138,9 +138,9 @@ class Problem:
     def dark_level(self) -> np.float32:
         """Mean of the values of a pixel, in units of the albedo, below which it is dark.
 
-        Relative to the brightness of the frame, which is the mean of its pixels weighted by
-        themselves: a dark backdrop of any size hardly changes it. Of each pixel the median of the
-        lights counts, which a highlight under one of them does not change.
+        It is a share of the brightness of the frame: the mean of its pixels, weighted by their own
+        values, so that a dark backdrop of any size hardly changes it. Each pixel counts with the
+        median of its lights, which a highlight under one of them does not change.
         """
         values = self.stack.values_at(sample_pixels(self.shape, _SAMPLES)) * self.gains[:, None]
         typical = np.maximum(_median(values), 0.0)

@@ -118,8 +118,8 @@ class SurfaceEstimate:
     def residual(self) -> FloatMap:
         """(H, W) float32 rms difference between the light images and a Lambertian surface.
 
-        Of the least squares fit to all lights, whatever the method, in units of the albedo. Shadow,
-        highlights, noise and a wrong light order all raise it.
+        It is the residual of a least squares fit to all lights, whatever the method, in units of
+        the albedo. Shadow, highlights, noise and a wrong light order all raise it.
         """
         stack, lighting = self._stack_and_lights
         directions = lighting.directions.astype(np.float32)
