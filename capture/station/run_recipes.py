@@ -1,5 +1,6 @@
 """`RunRecipes`: the recipe by which a run judges, and others of its station that it can load."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +28,11 @@ from .recipe.recipe import Recipe, require_approved
 from .recipe.recipe_file import read_recipe
 from .recipe.recipe_folder import RecipeFolder
 from .results.change_log import ChangeRecord, record_change
-from .results.database import ResultsUnavailable
 from .results.store import ResultStore
 
 _KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (NotApproved, RecipeRefusal.NOT_APPROVED),
     (ChallengeFailed, RecipeRefusal.CHALLENGE),
-    (ResultsUnavailable, RecipeRefusal.DATABASE),
     (Ps4rigError, RecipeRefusal.UNUSABLE),
 )
 
@@ -77,8 +76,12 @@ class RecipeLoader:
                 f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
             ) from error
 
-    def load(self, files: RecipeFolder, by: str = "") -> UsableRecipe:
+    def load(
+        self, files: RecipeFolder, by: str = "", go_on: Callable[[], None] = lambda: None
+    ) -> UsableRecipe:
         """Load a recipe that is approved and meets its challenge set.
+
+        `go_on` is called before each part of the set, and ends the work by what it raises.
 
         Raises
         ------
@@ -92,7 +95,7 @@ class RecipeLoader:
         inspector = Inspector.load(files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
         require_approved(recipe)
-        require_challenge(files, inspector)
+        require_challenge(files, inspector, go_on)
         fields = {
             "recipe": recipe.name,
             "recipe_version": recipe.version,
@@ -152,22 +155,21 @@ class RunRecipes:
         self._folder, self._loader, self._store, self._rig = folder, loader, store, rig
         self.present = first
 
-    def load(self, name: str, by: Asker) -> UsableRecipe:
-        """Load a recipe, and record that it was asked for.
+    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe; `go_on` as in `RecipeLoader.load`.
 
         Raises
         ------
         RecipeRefused
-            If it cannot judge parts, or the change cannot be recorded.
+            If it cannot judge parts.
         """
         try:
             files = self._folder.recipe_files(name)
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: there is none", RecipeRefusal.UNKNOWN)
-            wanted = self._loader.load(files, by.name)
+            wanted = self._loader.load(files, by.name, go_on)
             require_seen(wanted.recipe, by.seen_sha256)
             require_no_fault(self._checks_of(wanted))
-            self._record(wanted, by)
         except RecipeRefused:
             raise
         except Exception as error:
@@ -185,9 +187,23 @@ class RunRecipes:
         """Give the rig, which is closed, the settings of the present recipe again."""
         self.use(self.present)
 
-    def keep(self, recipe: UsableRecipe) -> None:
-        """Make a recipe the present one, with which the station also begins again."""
-        keep_recipe(self._folder, recipe.recipe.name)
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
+        """Record that the rig took a recipe, with which the station also begins again.
+
+        Raises
+        ------
+        RecipeRefused
+            If that cannot be recorded: the present recipe stays.
+        """
+        try:
+            keep_recipe(self._folder, recipe.recipe.name)
+            try:
+                self._record(recipe, by)
+            except Exception:
+                keep_recipe(self._folder, self.present.recipe.name)
+                raise
+        except Exception as error:
+            raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
         self.present = recipe
 
     def checks(self) -> list[Check]:
@@ -199,7 +215,7 @@ class RunRecipes:
         return [*recipe.checks, *check_calibration_age(file, recipe.recipe.calibration)]
 
     def _record(self, wanted: UsableRecipe, by: Asker) -> None:
-        """Write the change into the log of changes, before it is made."""
+        """Write the change into the log of changes."""
         change = ChangeRecord(
             utc=utc_text(timespec="milliseconds"),
             by=by.name,

@@ -1,6 +1,6 @@
 """Replay the challenge set of a recipe, and require that before the recipe runs."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -69,8 +69,12 @@ class Replay(_Record):
         return tuple(part for part in self.parts if part.is_regression)
 
 
-def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[PartOutcome]:
+def replay_challenge(
+    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+) -> Iterator[PartOutcome]:
     """Judge every part of the challenge as if it were captured now with the present calibration.
+
+    `go_on` is called before each part, and ends the replay by what it raises.
 
     Raises
     ------
@@ -78,6 +82,7 @@ def replay_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Part
         If there is no challenge set, or it proves nothing.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
+        go_on()
         path = files.challenge / file
         sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
         verdict, pixels_sha256 = _replayed(path, inspector)
@@ -110,11 +115,14 @@ def keep_replay(
     return replay
 
 
-def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
+def require_challenge(
+    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+) -> Replay:
     """Check that the challenge set was met by exactly what would run; replay it if it was not yet.
 
     All its files are hashed, and its first part is judged, in any case: the first part of the line
-    would else wait for kernels to be loaded.
+    would else wait for kernels to be loaded. `go_on` is called before each file, and ends the check
+    by what it raises: nothing is recorded then.
 
     Raises
     ------
@@ -125,8 +133,8 @@ def require_challenge(files: RecipeFolder, inspector: Inspector) -> Replay:
     """
     _known_sha256.cache_clear()  # what runs now does not depend on times of files
     replay, outcomes = (
-        valid_replay(files, inspector.fingerprint),
-        replay_challenge(files, inspector),
+        valid_replay(files, inspector.fingerprint, go_on),
+        replay_challenge(files, inspector, go_on),
     )
     first = next(outcomes)
     if replay is None or first.is_regression:
@@ -166,8 +174,12 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
         return error_verdict(error), pixels_sha256
 
 
-def valid_replay(files: RecipeFolder, fingerprint: Fingerprint) -> Replay | None:
+def valid_replay(
+    files: RecipeFolder, fingerprint: Fingerprint, go_on: Callable[[], None] = lambda: None
+) -> Replay | None:
     """Return the replay on record, if it was of the present challenge set with this fingerprint.
+
+    `go_on` as in `require_challenge`.
 
     Raises
     ------
@@ -178,11 +190,13 @@ def valid_replay(files: RecipeFolder, fingerprint: Fingerprint) -> Replay | None
     if replay is None or replay.fingerprint != fingerprint:
         return None
     expected = {part.file: part.expected for part in replay.parts}
-    is_present = expected == dict(read_challenge(files.challenge).sets) and all(
-        part.file_sha256 is not None and part.file_sha256 == _sha256(files.challenge / part.file)
-        for part in replay.parts
-    )
-    return replay if is_present else None
+    if expected != dict(read_challenge(files.challenge).sets):
+        return None
+    for part in replay.parts:
+        go_on()
+        if part.file_sha256 is None or part.file_sha256 != _sha256(files.challenge / part.file):
+            return None
+    return replay
 
 
 def _sha256(path: Path) -> str | None:

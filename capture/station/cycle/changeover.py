@@ -63,8 +63,11 @@ class Recipes(Protocol):
     def present(self) -> UsableRecipe:
         """The one that judges now."""
 
-    def load(self, name: str, by: Asker) -> UsableRecipe:
-        """Load a recipe, and record that it was asked for; raises RecipeRefused."""
+    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe; raises RecipeRefused.
+
+        `go_on` is called again and again, and ends the work by what it raises.
+        """
 
     def use(self, recipe: UsableRecipe) -> list[Check]:
         """Give the rig the settings of a recipe, and check what it requires."""
@@ -72,8 +75,8 @@ class Recipes(Protocol):
     def use_present(self) -> None:
         """Give the rig, which is closed, the settings of the present recipe again."""
 
-    def keep(self, recipe: UsableRecipe) -> None:
-        """Make a recipe the present one, with which the station also begins again."""
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
+        """Record that the rig took a recipe, with which the station also begins again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +84,7 @@ class WantedRecipe:
     """A recipe that is loaded and waits for the parts in progress, and the answer to its asker."""
 
     recipe: UsableRecipe
+    by: Asker
     answer: "Future[RecipeLoaded]" = field(default_factory=Future)
 
 
@@ -96,12 +100,17 @@ class Changeover:
         Those of the station; None if it judges no parts.
     publish
         Gets `RecipeLoaded`, and a warning for each recipe that is not loaded.
+    is_stopping
+        Whether the station stops: a recipe that is being loaded is refused then.
     """
 
     def __init__(
-        self, recipes: Recipes | None, publish: Callable[[RecipeLoaded | Warned], None]
+        self,
+        recipes: Recipes | None,
+        publish: Callable[[RecipeLoaded | Warned], None],
+        is_stopping: Callable[[], bool],
     ) -> None:
-        self._recipes, self._publish = recipes, publish
+        self._recipes, self._publish, self._is_stopping = recipes, publish, is_stopping
         self._one = threading.Lock()
         self._wanted: WantedRecipe | None = None
 
@@ -122,22 +131,29 @@ class Changeover:
         Raises
         ------
         RecipeRefused
-            If it cannot be loaded, or another one is being loaded.
+            If it cannot be loaded, the station stops, or another one is being loaded.
         """
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
         if not self._one.acquire(timeout=PATIENCE_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
-            yield WantedRecipe(self._recipes.load(name, by))
+            wanted = WantedRecipe(self._recipes.load(name, by, self._go_on), by)
+            self._go_on()
+            yield wanted
         except RecipeRefused as error:
             self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
             raise
         finally:
             self._one.release()
 
+    def _go_on(self) -> None:
+        if self._is_stopping():
+            raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
+
     def want(self, wanted: WantedRecipe) -> None:
-        """Let the station take a recipe as soon as no part is in progress."""
+        """Let the station take a recipe as soon as no part is in progress, unless it stops."""
+        self._go_on()
         self._wanted = wanted
 
     def refuse(self, reason: str) -> None:
@@ -164,11 +180,12 @@ class Changeover:
                 require(recipes.use(recipe))
                 require(camera.test(is_start=False))
             # Before anybody hears of it: a kill now leaves a recipe that could be taken.
-            recipes.keep(recipe)
+            recipes.keep(recipe, wanted.by)
         except Exception as error:
             camera.close()
             recipes.use_present()
-            wanted.answer.set_exception(RecipeRefused(error_text(error), RecipeRefusal.RIG))
+            refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
+            wanted.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
             raise
         self._publish(recipe.loaded)
         return recipe.judge

@@ -65,14 +65,14 @@ class Station:
     def __init__(
         self, folder: Path, config: StationConfig, equipment: Equipment, count: int | None = None
     ) -> None:
-        self._folder, self._config = folder, config
-        self._equipment = equipment
+        self._folder, self._config, self._equipment = folder, config, equipment
         self._camera, self._judge, self._store = equipment.camera, equipment.judge, equipment.store
         self._prepare, self._clock = equipment.prepare, equipment.clock
         self._publish, self._sensor = equipment.publisher.publish, equipment.sensor
         self._report_alive = equipment.report_alive
         self._self_test = SelfTest(self._publish)
-        self._changeover = Changeover(equipment.recipes, self._publish)
+        self._stopping = threading.Event()
+        self._changeover = Changeover(equipment.recipes, self._publish, self._stopping.is_set)
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
         self._machine = StateMachine(lambda state, why: self._publish(StateChanged(state, why)))
@@ -81,11 +81,9 @@ class Station:
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
         self._set_bytes = 0  # of the last set
-        self._was_ready = False
+        self._was_ready, self._refused = False, 0
         self._announced: Counter[Decision] = Counter()
-        self._refused = 0
         self._error: BaseException | None = None
-        self._stopping = threading.Event()
         self._next: queue.SimpleQueue[tuple[BegunPart, str | None, float]] = queue.SimpleQueue()
         self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
 
@@ -128,9 +126,8 @@ class Station:
         """
         with self._changeover.loading(name, by) as wanted:
             with self._lock:
-                if self.is_stopping or self._machine.state not in (State.READY, State.EXECUTING):
-                    reason = "the station stops" if self.is_stopping else self._reason
-                    raise RecipeRefused(f"not ready: {reason}", RecipeRefusal.NOT_READY)
+                if self._machine.state not in (State.READY, State.EXECUTING):
+                    raise RecipeRefused(f"not ready: {self._reason}", RecipeRefusal.NOT_READY)
                 self._changeover.want(wanted)
                 self._become_free()
             return wanted.answer.result()
@@ -186,6 +183,7 @@ class Station:
         try:
             while self._exposing or not self.is_stopping:
                 self._report_alive("capture")
+                self._equipment.publisher.wait_for_room(self._stopping.is_set)
                 if not self._exposing and not self._is_open():
                     self._become_ready()
                 elif self._machine.state is State.INITIALIZED:
@@ -260,8 +258,7 @@ class Station:
         return self.is_stopping
 
     def _expose(self, begun: BegunPart, step: str | None, triggered_s: float) -> None:
-        captured, error = None, None
-        exposed_s = triggered_s
+        captured, error, exposed_s = None, None, triggered_s
         try:
             captured, exposed_s = self._camera.capture(begun.number)
         except BaseException as raised:
@@ -377,19 +374,22 @@ class Station:
 
     def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
         """Record a trigger that cannot be served. Never raises."""
+        self._equipment.publisher.wait_for_room(self._stopping.is_set)
         with self._lock:
             self._refused += 1
         self._publish(self._equipment.refused(trigger, reason))
         return Refused(reason, kind)
 
     def _become_free(self) -> None:
-        """Take the next trigger, if the camera and a buffer are free."""
+        """Take another recipe or the next trigger, if the camera is free."""
         with self._lock:
-            is_free = not self._exposing and self._waiting < self._config.buffers
-            if is_free and self._machine.state is State.EXECUTING and not self.is_stopping:
-                self._machine.change(Change.FREE)
-            if is_free and self._machine.state is State.READY and self._changeover.is_wanted:
+            state, has_buffer = self._machine.state, self._waiting < self._config.buffers
+            if self._exposing or state not in (State.READY, State.EXECUTING):
+                return
+            if self._changeover.is_wanted:
                 self._machine.change(Change.RECIPE)
+            elif has_buffer and state is State.EXECUTING and not self.is_stopping:
+                self._machine.change(Change.FREE)
 
     def _fail(self, reason: str) -> None:
         with self._lock:

@@ -3,6 +3,7 @@
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -15,7 +16,8 @@ from .states import State
 
 _log = logging.getLogger(__name__)
 # Events of some hundred parts: a subscriber so far behind hangs.
-_MOST_EVENTS = 1000
+MOST_EVENTS = 1000
+_POLL_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -143,14 +145,17 @@ class Publisher:
     """Passes events to all subscribers, one after the other, from a thread of its own.
 
     A subscriber may therefore call the station. An error of a subscriber is logged and concerns
-    neither the station nor other subscribers. `publish` waits if subscribers are `_MOST_EVENTS`
-    behind: results are not lost, and memory is bounded. Within a ``with`` block; at its end all
-    events have been passed on.
+    neither the station nor other subscribers. Within a ``with`` block; at its end all events have
+    been passed on.
+
+    `publish` never waits, so that it may be called under a lock, where the order of events is
+    known. No event is lost. Memory is bounded because the station waits in `wait_for_room`, without
+    a lock, before it takes further work.
     """
 
     def __init__(self, *subscribers: Subscriber) -> None:
         self._subscribers = subscribers
-        self._events: queue.Queue[Event | None] = queue.Queue(_MOST_EVENTS)
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="station events")
 
     def __enter__(self) -> Self:
@@ -164,6 +169,16 @@ class Publisher:
     def publish(self, event: Event) -> None:
         """Pass an event on to every subscriber."""
         self._events.put(event)
+
+    def wait_for_room(self, is_over: Callable[[], bool]) -> None:
+        """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
+
+        A subscriber that calls this would wait for itself: it does not wait.
+        """
+        while self._events.qsize() >= MOST_EVENTS and not is_over():
+            if threading.current_thread() is self._thread:
+                return
+            time.sleep(_POLL_S)
 
     def _run(self) -> None:
         while (event := self._events.get()) is not None:

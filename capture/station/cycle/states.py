@@ -36,6 +36,7 @@ TRANSITIONS: dict[tuple[State, Change], State] = {
     (State.READY, Change.RECIPE): State.INITIALIZED,
     (State.READY, Change.FAILED): State.ERROR,
     (State.EXECUTING, Change.FREE): State.READY,
+    (State.EXECUTING, Change.RECIPE): State.INITIALIZED,
     (State.EXECUTING, Change.FAILED): State.ERROR,
     (State.ERROR, Change.OPENED): State.INITIALIZED,
     (State.ERROR, Change.FAILED): State.ERROR,

@@ -86,8 +86,8 @@ STATUS_MEANINGS = {
     Status.WRONG_ACK: "`ack_number` was not `result_number`; until ResultsAck falls",
     Status.SIMULATED: "the rig is simulated: no result is of a real part",
     Status.RECIPE_LOADED: "the recipe `selected` is loaded; until SelectRecipe falls",
-    Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`, and the "
-    "one of before holds; until SelectRecipe falls",
+    Status.RECIPE_REFUSED: "the recipe `selected` is not loaded because of `select_error`; "
+    "until SelectRecipe falls",
 }
 COMMAND_MEANINGS = {
     Command.TRIGGER: "its rise says that a part lies below the camera",

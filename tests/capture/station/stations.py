@@ -112,6 +112,7 @@ class FakeRecipes:
 
     def __init__(self) -> None:
         self.on_load: Callable[[str], None] = lambda _: None
+        self.go_on: Callable[[], None] = lambda: None
         self.on_use: Callable[[str], None] = lambda _: None
         self.on_keep: Callable[[str], None] = lambda _: None
         self.present: UsableRecipe
@@ -125,8 +126,8 @@ class FakeRecipes:
         recipe = Recipe(name=name, passes=("rock",))
         return UsableRecipe(self._judge_of(name), recipe, by=by)
 
-    def load(self, name: str, by: Asker) -> UsableRecipe:
-        self.asker = by
+    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
+        self.asker, self.go_on = by, go_on
         self.on_load(name)
         return self.usable(name, by.name)
 
@@ -137,7 +138,7 @@ class FakeRecipes:
     def use_present(self) -> None:
         self.use(self.present)
 
-    def keep(self, recipe: UsableRecipe) -> None:
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:  # noqa: ARG002
         self.on_keep(recipe.recipe.name)
         self.present = recipe
 

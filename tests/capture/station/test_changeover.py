@@ -24,11 +24,14 @@ from capture.station.folder import StationFolder
 from capture.station.last_recipe import FILE, first_recipe, keep_recipe
 from classify.errors import InputError
 from rig import HardwareError
+from tests.capture.station.plc.lines import until_so
 from tests.capture.station.stations import (
     FIRST,
+    PASSED,
     Bench,
     FakeRecipes,
     Manual,
+    Said,
     bench,
     small_set,
 )
@@ -129,8 +132,9 @@ def test_parts_in_progress_keep_the_recipe_of_their_trigger(station: Bench) -> N
     assert judged_by(station) == [FIRST, FIRST, "brass"]
     check_order(station)
     states = [each.state for each in station.of(StateChanged)]
+    # No Ready between the part in progress and the change: a trigger would be refused.
     assert states[-6:] == [
-        State.READY, State.INITIALIZED, State.READY, State.EXECUTING, State.READY,
+        State.EXECUTING, State.INITIALIZED, State.READY, State.EXECUTING, State.READY,
         State.PREOPERATIONAL,
     ]  # fmt: skip
     [refused] = station.of(TriggerRefused)
@@ -168,6 +172,31 @@ def test_no_part_is_judged_by_a_mixture_whenever_triggers_and_changes_come(
     check_order(station)
     assert [each.name for each in station.of(RecipeLoaded)] == [FIRST, *names]
     assert judged_by(station)[-1] == names[-1]
+
+
+def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(station: Bench) -> None:
+    judging, go_on = threading.Event(), threading.Event()
+
+    def inspect(_: CapturedSet) -> Said:
+        judging.set()
+        assert go_on.wait(WAIT_S)
+        return Said(PASSED)
+
+    station.inspector.inspect = inspect
+
+    def feed(target: TriggerTarget) -> None:
+        ready(target)
+        trigger(target)
+        assert judging.wait(WAIT_S)
+        asking = Asking(target)
+        states = [State.EXECUTING, State.INITIALIZED]
+        until_so(lambda: [each.state for each in station.of(StateChanged)][-2:] == states)
+        go_on.set()
+        asking.join(WAIT_S)
+        assert asking.answer.name == "brass"
+
+    station.run(Manual(feed), buffers=1)
+    check_order(station)
 
 
 @pytest.mark.parametrize("kind", [RecipeRefusal.NOT_APPROVED, RecipeRefusal.CHALLENGE])
@@ -292,6 +321,31 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
         assert "stops" in str(each.answer)
     assert judged_by(station) == [FIRST]
     assert recipes_of(station).present.recipe.name == FIRST
+
+
+def test_a_stop_ends_the_loading_of_a_recipe(station: Bench) -> None:
+    loading = threading.Event()
+    recipes = recipes_of(station)
+    answers: list[Asking] = []
+
+    def replay(_: str) -> None:
+        loading.set()
+        until_so(lambda: bool(recipes.go_on()))  # type: ignore[func-returns-value]
+
+    recipes.on_load = replay
+
+    def feed(target: TriggerTarget) -> None:
+        ready(target)
+        answers.append(Asking(target))
+        assert loading.wait(WAIT_S)
+
+    station.run(Manual(feed))
+    [asking] = answers
+    asking.join(WAIT_S)
+    assert (str(asking.answer), asking.answer.kind) == (
+        "the station stops",
+        RecipeRefusal.NOT_READY,
+    )
 
 
 def test_a_station_in_error_or_without_recipes_loads_none(station: Bench) -> None:
