@@ -1,4 +1,4 @@
-"""Times in files and logs: ISO 8601 in UTC, with a Z at the end."""
+"""Times in UTC: ISO 8601 with a Z at the end for files and logs, and a form for sentences."""
 
 from datetime import UTC, datetime
 from typing import Literal
@@ -22,3 +22,8 @@ def utc_text(
         .isoformat(timespec=timespec)
         .replace("+00:00", "Z")
     )
+
+
+def readable_utc(text: str) -> str:
+    """Return a time of `utc_text` as people read it, to the minute: ``2026-05-04 13:05 UTC``."""
+    return f"{text[:10]} {text[11:16]} UTC"

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
+from capture.process.utc_time import readable_utc
 from rig.doctor.check import Check, collected
 from rig.doctor.diagnosis import diagnose
 
@@ -49,7 +50,9 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
     seen = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
     yield Check("recipe", "ok", f"{seen}; fails {', '.join(recipe.fails) or 'no known texture'}")
     if recipe.is_approved and recipe.approval is not None:
-        yield Check("approval", "ok", f"by {recipe.approval.by}, {recipe.approval.utc}")
+        yield Check(
+            "approval", "ok", f"by {recipe.approval.by}, {readable_utc(recipe.approval.utc)}"
+        )
     else:
         state = "was changed since" if recipe.approval else "is not approved"
         yield Check("approval", "fault", state, "run ps4rig station approve")

@@ -9,6 +9,7 @@ import typer
 
 from capture.commands import options
 from capture.console import new_table, out, print_json, print_table, progress, reported
+from capture.process.utc_time import readable_utc
 
 if TYPE_CHECKING:
     from capture.session.plan import PlannedSet
@@ -65,9 +66,11 @@ def status(
         table.add_row(specimen.id, str(captured), ", ".join(angles) or "-")
     print_table(table)
     for run in session.journal.runs:
-        ended = run.ended_utc or "was killed, or still runs"
+        ended = ", killed or still running"
+        if run.ended_utc is not None:
+            ended = f" to {readable_utc(run.ended_utc)}"
         out.print(
-            f"run {run.started_utc} to {ended}: {run.finish or '-'}"
+            f"run {readable_utc(run.started_utc)}{ended}: {run.finish or '-'}"
             + (f" ({run.reason})" if run.reason else ""),
             soft_wrap=True,
         )

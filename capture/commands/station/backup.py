@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from capture.console import complain, out, progress, reported
+from capture.process.utc_time import readable_utc
 
 from .teach import Station
 
@@ -48,8 +49,8 @@ def restore(
         for _ in progress(opened.restore(folder), len(manifest.files), "restore"):
             pass
     out.print(
-        f"{folder}: station {manifest.station} of {manifest.utc}: {manifest.parts} parts, "
-        f"{manifest.sets} sets",
+        f"{folder}: station {manifest.station} of {readable_utc(manifest.utc)}: "
+        f"{manifest.parts} parts, {manifest.sets} sets",
         soft_wrap=True,
     )
     named = StationFolder(folder).config.results

@@ -9,6 +9,7 @@ import typer
 
 from capture.commands import options
 from capture.console import complain, new_table, out, print_json, print_table, reported
+from capture.process.utc_time import readable_utc
 
 _DIGITS = 8  # of a hash that is shown
 
@@ -113,14 +114,14 @@ def roll_back(
             back = changes.roll_back(named[0] if len(named) == 1 else sha256)
             out.print(f"recipe {back.name}: {with_approval(back)}", soft_wrap=True)
             return
-    table = new_table("version", "hash", "approved by", "approved (UTC)", "")
+    table = new_table("version", "hash", "approved by", "approved", "")
     for each in states:
         if each.approval is not None:
             table.add_row(
                 str(each.version),
                 each.sha256[:_DIGITS],
                 each.approval.by,
-                each.approval.utc,
+                readable_utc(each.approval.utc),
                 "present" if each.sha256 == present.sha256 else "",
             )
     print_table(table)

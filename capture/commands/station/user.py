@@ -10,6 +10,7 @@ import typer
 
 from capture.commands.group import command_group
 from capture.console import new_table, out, print_table, reported
+from capture.process.utc_time import readable_utc
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
@@ -98,9 +99,9 @@ def list_tokens(folder: Folder) -> None:
     from capture.station.folder import StationFolder
     from capture.station.panel.access.tokens import Tokens
 
-    table = new_table("client", "role", "since (UTC)")
+    table = new_table("client", "role", "since")
     for client in Tokens(StationFolder(folder).path).all():
-        table.add_row(client.name, client.role, client.created_utc)
+        table.add_row(client.name, client.role, readable_utc(client.created_utc))
     print_table(table)
 
 

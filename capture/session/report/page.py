@@ -8,6 +8,7 @@ from html import escape
 from capture.maps import pictures
 from capture.maps.figures import number_text, tile_html
 from capture.page.skeleton import image_html, page_html, simulated_notice, table_html
+from capture.process.utc_time import readable_utc
 from capture.session.folder import SessionFolder
 from capture.session.plan import Specimen
 
@@ -52,7 +53,7 @@ def _facts(folder: SessionFolder) -> Iterator[tuple[str, str]]:
     yield "orientations", str(len(folder.plan.orientations_deg))
     yield "sets", f"{captured} captured, {skipped} left out, {missing} missing"
     if journal.runs:
-        yield "runs", f"{len(journal.runs)}, from {journal.runs[0].started_utc}"
+        yield "runs", f"{len(journal.runs)}, from {readable_utc(journal.runs[0].started_utc)}"
         yield "rig", journal.runs[-1].rig
     yield "size", f"{folder.bytes_of_sets() / 1e6:.0f} MB"
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture.calibration.lookup import read_calibration
+from capture.process.utc_time import readable_utc
 from capture.station.challenge.challenge import Replay, last_replay, valid_replay
 from capture.station.challenge.challenge_set import read_challenge
 from capture.station.inspection.fingerprint import Fingerprint
@@ -46,7 +47,7 @@ class RecipeState:
             return "not approved"
         if not self.recipe.is_approved:
             return f"changed since {approval.by} approved it"
-        return f"approved by {approval.by}, {approval.utc}"
+        return f"approved by {approval.by}, {readable_utc(approval.utc)}"
 
 
 def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
@@ -78,6 +79,6 @@ def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
     elif valid.regressions:
         said = f"{len(valid.regressions)} of {parts} parts got another verdict"
     else:
-        said = f"all {parts} parts got their verdict, {valid.utc}"
+        said = f"all {parts} parts got their verdict, {readable_utc(valid.utc)}"
     has_met = valid is not None and not valid.regressions
     return RecipeState(recipe, None, said, has_met, replay)

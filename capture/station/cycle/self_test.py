@@ -9,6 +9,7 @@ from pathlib import Path
 from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.rig_check import checks_of_drift, drift_of_rig
+from capture.process.utc_time import readable_utc
 from capture.station.challenge.challenge import replay_challenge
 from capture.station.folder import PARTS
 from capture.station.inspection.inspector import Inspector
@@ -129,13 +130,13 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     if last is None:
         yield Check("clock", "ok", "there is no earlier result")
         return
-    last_utc = last.result.decided_utc
-    behind = datetime.fromisoformat(last_utc) - datetime.now(UTC)
+    last_at = readable_utc(last.result.decided_utc)
+    behind = datetime.fromisoformat(last.result.decided_utc) - datetime.now(UTC)
     if behind > _CLOCK_TOLERANCE:
-        seen = f"{behind.total_seconds():.0f} s behind the last result, of {last_utc}"
+        seen = f"{behind.total_seconds():.0f} s behind the last result, of {last_at}"
         yield Check("clock", "warning", seen, "set the clock; numbers of parts keep their order")
         return
-    yield Check("clock", "ok", f"after the last result, of {last_utc}")
+    yield Check("clock", "ok", f"after the last result, of {last_at}")
 
 
 def check_judge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:

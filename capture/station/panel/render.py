@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, JSONResponse
 
+from capture.process.utc_time import readable_utc
+
 if TYPE_CHECKING:
     from .routes import Call
 
@@ -18,13 +20,15 @@ STATIC = _HERE / "static"
 
 @cache
 def _environment() -> Environment:
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader(_HERE / "templates"),
         autoescape=True,  # of every template, whatever its name
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["utc"] = readable_utc
+    return made
 
 
 class JsonAnswer(JSONResponse):

@@ -1,5 +1,6 @@
 """Changes by commands have the rows that the same changes in the panel have."""
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -46,6 +47,7 @@ def test_approving_and_rolling_back_have_rows(
     listed = ps4rig("station", "roll-back", station).stdout
     assert first.sha256[:8] in listed
     assert second.sha256[:8] in listed
+    assert re.search(r"Ada +20\d\d-\d\d-\d\d \d\d:\d\d UTC\b", listed)
     back = ps4rig("station", "roll-back", station, first.sha256[:8], "--by", "Eve")
     assert back.stdout == f"recipe example: {named}, approved by Ada\n"
     assert read_recipe(files.file).sha256 == first.sha256
