@@ -1,8 +1,9 @@
 """Lower bounds on the distances of the joint classifier, from numbers that no rotation changes.
 
-A reference and its changes by blur are a path through points. It is known on a few directions, in
-which the references of a library change most, and of the rest only how long it is: a bound is the
-distance on these directions, with the rest of the difference shortened by the rest of the change.
+A reference and its changes by blur form a path in feature space. A few directions are kept, along
+which the references of a library change most; of the rest of each change only its length is kept. A
+bound is the distance along these directions, with the rest of the difference shortened by the
+length of the rest of the change.
 """
 
 from functools import partial

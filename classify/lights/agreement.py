@@ -29,8 +29,8 @@ BoolArray = npt.NDArray[np.bool_]
 # sets. tests/classify/lights/test_agreement.py holds the first, tests/capture/acquisition/
 # test_clean_sets.py and test_fault_matrix.py both.
 
-# Columns that are compared, while all rows are: a camera mixes frames by rows. Then rows, while
-# all columns are, as turned images must give the same result.
+# Columns that are compared in every row, because a camera mixes frames by rows; and rows that are
+# compared in every column, because rotated images must give the same result.
 _MAX_COLUMNS = 256
 _MIN_SAMPLES = 200
 # These determine levels to 0.3 % (test_a_matt_surface_agrees_with_itself); more take more time.
@@ -103,9 +103,8 @@ def light_agreement(
     """Compare the images of four lights with one another.
 
     The redundancy residual sum_k nul_k i_k (see `led_levels`) is fitted by LED levels over the
-    whole frame and over its halves: the same levels everywhere are weak LEDs. Rows, columns
-    and bands of them with a residual beyond that are of frames that are torn, mixed, or of another
-    light.
+    whole frame and over its halves: the same levels everywhere are weak LEDs. A larger residual in
+    rows, columns or bands of them comes from frames that are torn, mixed, or of another light.
 
     `images` (4, H, W) are in the order of the lighting, `ambient` (H, W) is subtracted from them,
     and their noise is estimated if it is None.
@@ -296,7 +295,7 @@ def _variance_of_difference(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _spread_out(size: int) -> IndexArray:
-    """Indices of the rows or columns that are compared where the other ones all are."""
+    """Indices of about `_MAX_COLUMNS` rows or columns, symmetric about the middle."""
     return symmetric_samples(size, max(1, -(-size // _MAX_COLUMNS)))
 
 

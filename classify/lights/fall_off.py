@@ -37,9 +37,9 @@ _SAMPLES, _BLOCKS = 128, 16
 _ROUNDS = 4
 _DEGREE, _HIGHER_DEGREE = 2, 4
 _TERMS = _HIGHER_DEGREE + 1
-# The higher degree is taken where its error of prediction is below this share of the lower one's,
-# and at least so large a part of the smooth ratio cannot be relief. classify/README.md has both
-# figures for photographs and materials.
+# The higher degree is taken where its error of prediction is below the first share of the lower
+# one's, and at least the second share of the smooth ratio cannot be relief. classify/README.md has
+# both figures for photographs and materials.
 _CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
 # Tukey's biweight with this constant has 95 % of the efficiency of least squares.
 _TUKEY = 4.685
@@ -268,7 +268,7 @@ def _positions(count: int) -> npt.NDArray[np.intp]:
 
 
 def _no_relief(lighting: Lighting, means: FloatArray, weights: FloatArray) -> bool:
-    """Whether the residuals of even lights contain what no relief can make.
+    """Whether relief cannot explain the residuals of even lights.
 
     Relief cancels in combinations of four or more lights.
     """

@@ -96,7 +96,7 @@ class FlatField:
 
     @property
     def shared(self) -> "FlatField":
-        """For each light the geometric mean of all: vignetting, and fall-off that they share."""
+        """The geometric mean of all lights, for each: vignetting, and fall-off that they share."""
         lights = len(self.coefficients)
         coefficients, bounds = (
             np.repeat(each.mean(axis=0, keepdims=True), lights, axis=0)

@@ -155,7 +155,7 @@ def _scales(
 ) -> Iterator[tuple[list[npt.NDArray[Any]], BoolArray]]:
     """The middle of the frame at full, half, quarter ... resolution.
 
-    A pixel is usable if all that it is the mean of are.
+    A mean of pixels is usable if all of them are.
     """
     while True:
         rows, columns = usable.shape
@@ -308,10 +308,7 @@ def _opposite(lighting: Lighting) -> Order | None:
 
 @lru_cache(maxsize=8)
 def _alike(opposite: Order) -> tuple[BoolArray, BoolArray]:
-    """(24, 24) which orders have the same pairs of images whose lights are opposite each other.
-
-    And which are the same or rotated by 180 degrees.
-    """
+    """(24, 24) each: orders with the same pairs of opposite lights; orders equal up to 180 deg."""
 
     def pairs(order: Order) -> set[frozenset[int]]:
         return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}

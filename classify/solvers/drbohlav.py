@@ -133,8 +133,8 @@ def _replace(
     Dark lights go first. Of five lights and more, the one goes whose absence leaves the smallest
     residuals. Of four lights any three agree: there the darkest goes if it is dark, else the
     darkest light that is too dark or the brightest that is too bright: the one without which the
-    surface is flatter (see `robust._gate`). Lights of which no majority agrees are not in shadow or
-    highlights but not known well enough: then all that are not dark are used.
+    surface is flatter (see `robust._gate`). If no majority of the lights agrees, the lights are not
+    known well enough, rather than in shadow or highlights: then all that are not dark are used.
 
     With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its absence takes
     e^2 / (1 - h) off the sum of squared residuals and the factor 1 - h off the determinant of

@@ -17,9 +17,10 @@ Array = npt.NDArray[Any]
 FloatArray = npt.NDArray[np.float32]
 
 # The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
-# of the albedo that it can add to an image. Below the first limit it is left alone: 0.06 degrees
-# at most. Least squares of all lights tell its b . X, but for pixels in shadow; from the second
-# limit on these are off by more than 0.1 degrees, and the solution tells it (test_near_light.py).
+# of the albedo that it can add to an image. Below the first limit it is not subtracted: it changes
+# normals by 0.06 degrees at most. Above it, b . X comes from least squares of all lights, which is
+# wrong for pixels in shadow. Above the second limit that would cost them more than 0.1 degrees, so
+# b . X is then taken from the solution (test_near_light.py).
 _LEAST_EXCESS, _LARGE_EXCESS = 1e-3, 3e-3
 # 1 - c . X of a pixel so near to the plane of the lights that its slope across it is not known.
 _NEAR_PLANE = np.float32(0.05)
@@ -36,7 +37,8 @@ class NearRows:
     x, y
         Coordinates in px of the columns and of these rows.
     inner
-        b . X times whose excess was subtracted from the images; one row where it is not kept.
+        b . X with which the excess was subtracted from the images; a single row where it is not
+        kept, none where nothing was subtracted.
     """
 
     problem: Problem

@@ -114,7 +114,7 @@ def _gate(
     least_bz
         A slope is valid where bz^2 >= least_bz sigma rho, sigma that of the redundancy residual.
     corrections
-        (3, 4) pinv / null: what b changes by if a light is left out, per unit of the residual.
+        (3, 4) pinv / null: change of b if a light is left out, per unit of the residual.
     unlit
         Out: 0 where a pixel is solved, `LOST` where noise makes its slope too uncertain, else
         the bits of the lights in shadow or saturated, which leave fewer than three.

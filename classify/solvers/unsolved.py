@@ -82,11 +82,12 @@ def link(
 ) -> None:  # fmt: skip
     """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0).
 
-    The squared steps of slope and of albedo between neighbours, and the squared curl around each
-    four pixels by the trapezoid rule, have their least sum, at one pixel with the others held,
-    where p is a weighted mean: of the mean of p at the four neighbours with weight 1, and of
-    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4
-    with weight 4 curl_weight; likewise for q.
+    The sum to be minimised is that of the squared steps of slope and of albedo between neighbours,
+    and of the squared curl around each four pixels by the trapezoid rule. At one pixel, with all
+    others held, the minimum of p is a weighted mean of the mean of p at the four neighbours, with
+    weight 1, and, with weight 4 curl_weight, of
+    (2 (p_n + p_s - p_w - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4;
+    likewise for q.
     """
     factors = neighbour_factors(curl_weight)
 

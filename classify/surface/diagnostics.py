@@ -14,8 +14,8 @@ Array = npt.NDArray[Any]
 # the second number times the albedo: the counterpart of the shadow rule. tests/classify/surface/
 # test_diagnostics.py holds both.
 _HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
-# It exceeds that of a typical pixel under this light by so many robust standard deviations: of 72
-# lights of a matt surface, one exceeds it at 0.2 % of the pixels.
+# Its ratio to the prediction also exceeds that of a typical pixel under its light by this many
+# robust standard deviations; of 72 lights of a matt surface one does so at 0.2 % of the pixels.
 _HIGHLIGHT_DEVIATIONS = 4.0
 
 

@@ -30,11 +30,11 @@ from itself (test_joint_blur.py).
 MAX_BLURRIER_PX, MAX_SHARPER_PX = math.sqrt(KNOTS_PX2[2]), math.sqrt(KNOTS_PX2[1])
 """Bounds of the blur of a test against a reference, and of a reference against a test.
 
-The second is smaller, because statistics of a reference sharper than it is are extrapolated.
+The second is smaller, because the statistics of the reference are then extrapolated.
 """
 
 EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
-"""Change of the statistics up to the second point of a sharper reference over that to the first."""
+"""Extrapolation to a sharper reference: its change at the second knot, over that at the first."""
 
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
@@ -126,8 +126,8 @@ def path_products(
 ) -> tuple[Any, Any]:
     """Squared differences at six points of the path, and products of five neighbouring pairs.
 
-    A blurrier test is compared with the blurred reference. A sharper test is compared after its
-    rings are blurred, which are known, while the statistics of the reference are extrapolated.
+    A blurrier test is compared with the blurred reference. For a sharper test its rings are
+    blurred, and the statistics of the reference are extrapolated.
     """
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero

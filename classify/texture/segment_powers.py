@@ -25,7 +25,7 @@ def segment_powers(fields: TextureFields, side: int) -> FloatMap:
     """Mean powers of overlapping segments, for each wave vector of half a plane.
 
     The thesis does not specify window, segments and mean. Here segments overlap by half or a little
-    more to cover the frame. Each is reduced by its mean and multiplied by a circular Hann window,
+    more to cover the frame. The mean of each is subtracted and a circular Hann window applied,
     because a square window does not rotate with the surface.
 
     Returns
@@ -104,7 +104,7 @@ def _cut(
     planes: tuple[Array, ...], corners: Array, window: Array, weight: np.float32,
     slopes: Array, albedos: Array,
 ) -> None:  # fmt: skip
-    """Cut one segment or two from all fields, reduce them by their mean, apply the window."""
+    """Cut one segment or two from all fields, subtract their mean, apply the window."""
     p, q, albedo = planes
     for n in range(len(corners)):
         _pair(p, corners[n], q, corners[n], window, weight, slopes[n])
