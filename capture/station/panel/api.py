@@ -15,7 +15,6 @@ from capture.station.results.history_table import counts_of, csv_pieces, record_
 from classify.errors import InputError
 
 from .access.roles import Role
-from .awaiting import awaited
 from .filters import FILTERS, selection_of
 from .metrics import MEDIA_TYPE, metrics_text
 from .overriding import override_part
@@ -146,9 +145,8 @@ def _parts_csv(call: Call) -> Response:
 async def _part(call: Call) -> Response:
     """Answer with a part, as soon as it has a result, within the time that the client gives."""
     wait_s = _seconds(call.query.get("wait_s", "0"))
-    live, loop = call.panel.live, asyncio.get_running_loop()
-    subscription, changed = awaited(live)
-    try:
+    loop = asyncio.get_running_loop()
+    with call.panel.awaiting.subscribed() as (subscription, changed):
         ends_s = loop.time() + wait_s
         while True:
             changed.clear()
@@ -162,9 +160,6 @@ async def _part(call: Call) -> Response:
                 await asyncio.wait_for(changed.wait(), max(ends_s - loop.time(), 0.0))
             except TimeoutError:
                 continue
-    finally:
-        if subscription is not None:
-            live.unsubscribe(subscription)
 
 
 def _seconds(text: str) -> float:

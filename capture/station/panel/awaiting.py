@@ -1,23 +1,53 @@
-"""Subscriptions for coroutines, which must not wait in a thread."""
+"""`Awaiting`: subscriptions for coroutines, which must not wait in a thread."""
 
 import asyncio
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 
 from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import Subscription
 
 
-def awaited(
-    live: LiveStation, most: int | None = None
-) -> tuple[Subscription | None, asyncio.Event]:
-    """Return a subscription, and the event that is set when it has something to take.
+class Awaiting:
+    """Subscriptions of the coroutines of one event loop.
 
-    The subscription is None if there are `most` already.
+    One call of the loop wakes all of them, because each call costs the station's thread a system
+    call.
     """
-    loop, changed = asyncio.get_running_loop(), asyncio.Event()
 
-    def wake() -> None:
+    def __init__(self, live: LiveStation) -> None:
+        self._live = live
+        self._all: set[asyncio.Event] = set()
+        self._is_due = False
+
+    @contextmanager
+    def subscribed(
+        self, most: int | None = None
+    ) -> Iterator[tuple[Subscription | None, asyncio.Event]]:
+        """Yield a subscription, and the event that is set when it has something to take.
+
+        The subscription is None if there are `most` already.
+        """
+        changed = asyncio.Event()
+        wake = partial(self._wake, asyncio.get_running_loop())
+        subscription = self._live.subscribe(wake, most)
+        self._all.add(changed)
+        try:
+            yield subscription, changed
+        finally:
+            self._all.discard(changed)
+            if subscription is not None:
+                self._live.unsubscribe(subscription)
+
+    def _wake(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._is_due:
+            return
+        self._is_due = True
         with suppress(RuntimeError):  # the loop is closed at the end of the run
-            loop.call_soon_threadsafe(changed.set)
+            loop.call_soon_threadsafe(self._set_all)
 
-    return live.subscribe(wake, most), changed
+    def _set_all(self) -> None:
+        self._is_due = False  # first: what comes from now on wakes again
+        for each in self._all:
+            each.set()

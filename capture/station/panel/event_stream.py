@@ -12,7 +12,7 @@ from capture.station.live.live_station import LiveSnapshot, LiveStation
 from capture.station.live.subscription import LiveEvent
 
 from .access.roles import Role
-from .awaiting import awaited
+from .awaiting import Awaiting
 from .guard import identity_of
 from .routes import Call, PanelRoute
 from .security import Denied
@@ -45,20 +45,19 @@ async def events(call: Call) -> Response:
             return False
         return who is not None and who.role.includes(Role.OPERATOR)
 
-    stream = _messages(live, last, may_go_on)
+    stream = _messages(live, call.panel.awaiting, last, may_go_on)
     # Without buffering by a proxy.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
 
 
 async def _messages(
-    live: LiveStation, last: str, may_go_on: Callable[[], Awaitable[bool]]
+    live: LiveStation, awaiting: Awaiting, last: str, may_go_on: Callable[[], Awaitable[bool]]
 ) -> AsyncIterator[str]:
     # Not before the stream begins: one that never does would keep its subscription.
-    subscription, changed = awaited(live, MOST_STREAMS)
-    if subscription is None:
-        return
-    try:
+    with awaiting.subscribed(MOST_STREAMS) as (subscription, changed):
+        if subscription is None:
+            return
         yield f"retry: {_RETRY_MS}\n\n"
         texts, sent = _missed(live, last)
         for text in texts:
@@ -86,8 +85,6 @@ async def _messages(
             texts += [_message(live.run, event) for event in waiting if event.id > sent]
             if texts:
                 yield "".join(texts)
-    finally:
-        live.unsubscribe(subscription)
 
 
 def _missed(live: LiveStation, last: str) -> tuple[list[str], int]:

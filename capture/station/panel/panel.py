@@ -10,9 +10,11 @@ from .access.change_log import ChangeLog
 from .access.sessions import LoginLimit, Sessions
 from .access.tokens import Tokens
 from .access.users import Users
+from .awaiting import Awaiting
 from .background_jobs import BackgroundJobs
 from .part_pictures.picture_maker import PictureMaker
 from .results_access import ResultsAccess
+from .shared_answers import SharedAnswers
 from .triggering import KeyedTriggers
 
 
@@ -38,8 +40,12 @@ class Panel:
         Users, API clients and sessions, and the limit of failed logins.
     triggers
         Passes triggers of HTTP to the station.
+    awaiting
+        Subscriptions of open pages to the events of the station.
     pictures
         Makes pictures of stored parts.
+    answers
+        Answers with pictures that are being made.
     """
 
     folder: StationFolder
@@ -51,9 +57,11 @@ class Panel:
     tokens: Tokens
     sessions: Sessions
     triggers: KeyedTriggers
+    awaiting: Awaiting
     pictures: PictureMaker
     jobs: BackgroundJobs = field(default_factory=BackgroundJobs)
     logins: LoginLimit = field(default_factory=LoginLimit)
+    answers: SharedAnswers = field(default_factory=SharedAnswers)
 
     @classmethod
     def of(cls, folder: StationFolder, live: LiveStation, settings: PanelConfig) -> "Panel":
@@ -69,5 +77,6 @@ class Panel:
             tokens=Tokens(folder.path),
             sessions=Sessions(users),
             triggers=KeyedTriggers(live, results),
+            awaiting=Awaiting(live),
             pictures=PictureMaker(folder),
         )

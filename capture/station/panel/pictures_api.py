@@ -4,7 +4,6 @@ import asyncio
 import base64
 from concurrent.futures import BrokenExecutor, Future
 from dataclasses import asdict
-from functools import lru_cache
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
@@ -34,15 +33,18 @@ _SIZE = "; ".join(f"{name}: at most {px} px" for name, px in SIZES.items()) + ";
 async def _about(call: Call) -> Response:
     """Answer with the names of the pictures of a part, and its outlined defects."""
     size, has_content = _size(call), _has_content(call)
-    entry = await run_in_threadpool(entry_of, call)
-    made = await _made(call, entry)
-    part_id, defects = entry.result.part_id, entry.result.defects
-    listing = _listing(made, part_id, defects, size, has_content=has_content)
-    return Response(listing, media_type=JsonAnswer.media_type)
+
+    async def listing() -> bytes:
+        entry = await run_in_threadpool(entry_of, call)
+        made = await _made(call, entry)
+        part_id, defects = entry.result.part_id, entry.result.defects
+        return _listing(made, part_id, defects, size, has_content=has_content)
+
+    key = (call.path["part_id"], size, has_content)
+    content = await call.panel.answers.answer(key, listing)
+    return Response(content, media_type=JsonAnswer.media_type)
 
 
-# All open pages ask for one part at a time, and take 2 ms each if its pictures are coded anew.
-@lru_cache(maxsize=4)
 def _listing(
     made: PartPictures, part_id: str, defects: tuple[DefectRecord, ...], size: str, *,
     has_content: bool,
@@ -162,7 +164,7 @@ ROUTES = (
     PanelRoute(
         "GET", f"{V1}/parts/{{part_id}}/pictures/{{name}}", Role.OPERATOR, _picture,
         "A picture of a part, made from its stored set: light-0 and so on, albedo, relief, shadow, "
-        "normals, defects, defect-map; slopes at the large size.",
+        "defects, defect-map; normals and slopes at the large size.",
         query={"size": _SIZE}, answer="image/jpeg",
     ),
 )  # fmt: skip

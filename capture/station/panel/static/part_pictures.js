@@ -2,7 +2,6 @@
 // never waits behind them for a connection. A picture that is older than its part is blanked.
 import { asked, picturesOf, shownIn, waitMs } from "/static/requests.js";
 
-const LEFT_OUT = ["normals"]; // for the page of the part
 const REST_MS = 1500; // until the last part of a fast line counts as the last
 const THUMBNAIL_MS = 250; // between two thumbnails
 const byId = (id) => document.getElementById(id);
@@ -130,10 +129,10 @@ async function loadLast() {
     if (!isWanted()) return;
     const images = [];
     for (const each of about.pictures) {
-      if (LEFT_OUT.includes(each.name)) continue;
-      const content = Uint8Array.from(atob(each.content), (character) => character.charCodeAt(0));
-      const blob = new Blob([content], { type: each.media_type });
-      images.push([each, await shownIn(new Image(), blob)]);
+      const image = new Image();
+      image.src = `data:${each.media_type};base64,${each.content}`; // decoded by the browser itself
+      await image.decode();
+      images.push([each, image]);
     }
     if (!isWanted()) return;
     [shown, problem] = [part, ""];

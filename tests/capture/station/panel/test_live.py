@@ -27,6 +27,7 @@ from capture.station.live.live_station import LiveStation
 from capture.station.live.subscription import MOST_WAITING
 from capture.station.panel import event_stream
 from capture.station.panel.access.roles import Role
+from capture.station.panel.awaiting import Awaiting
 from capture.station.results.part_result import PartResult
 from capture.station.verdict import Cause, Decision, Verdict
 from rig.doctor.check import Check
@@ -153,7 +154,7 @@ def test_a_stream_with_many_events_ends_when_its_user_is_removed(
 def test_a_stream_ends_with_the_last_event() -> None:
     async def kinds() -> list[str]:
         live = live_station()
-        stream = event_stream._messages(live, "", AsyncMock(return_value=True))
+        stream = event_stream._messages(live, Awaiting(live), "", AsyncMock(return_value=True))
         first = [await anext(stream), await anext(stream)]
         live.announce({"event": "stopped"})
         live.close()

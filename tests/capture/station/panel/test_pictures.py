@@ -32,7 +32,7 @@ from tests.capture.station.panel.panels import PictureThread, RunningPanel
 
 UTC = "2026-11-22T17:08:13.042Z"
 NAMES = {f"light-{number}" for number in range(4)} | {
-    "albedo", "relief", "shadow", "normals", "defects",
+    "albedo", "relief", "shadow", "defects",
 }  # fmt: skip
 
 
@@ -60,6 +60,8 @@ def test_a_stored_part_has_all_its_pictures(panel: RunningPanel) -> None:
         assert answer.headers["cache-control"] == "private, no-cache"
         assert decoded(answer.body).shape == (32, 32, 3)
         assert each["caption"]
+    large = panel.local.get(f"/api/v1/parts/{part_id}/pictures?size=large").json
+    assert {each["name"] for each in large["pictures"]} == NAMES | {"normals", "slopes"}
     # The station's recipe is not taught: the page says how the pictures differ from a judgement.
     assert "solved by default" in about["notes"][0]
 

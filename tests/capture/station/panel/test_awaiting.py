@@ -1,0 +1,84 @@
+"""Coroutines that wait for events of a station, and answers that they share."""
+
+import asyncio
+import threading
+
+import pytest
+
+from capture.station.live.live_station import LiveStation
+from capture.station.live.subscription import MOST_WAITING
+from capture.station.panel.awaiting import Awaiting
+from capture.station.panel.security import Denied
+from capture.station.panel.shared_answers import SharedAnswers
+
+READERS = 5
+EVENTS = MOST_WAITING - 1  # none is lost, however late a reader is
+LONGEST_S = 30.0
+
+
+def test_no_reader_misses_an_event_that_a_thread_announces() -> None:
+    async def seen() -> list[list[int]]:
+        live = LiveStation("line-1", simulated=True)
+        awaiting = Awaiting(live)
+
+        async def read() -> list[int]:
+            numbers: list[int] = []
+            with awaiting.subscribed() as (subscription, changed):
+                assert subscription is not None
+                reading.release()
+                while len(numbers) < EVENTS:
+                    await asyncio.wait_for(changed.wait(), LONGEST_S)
+                    changed.clear()
+                    events, lost = subscription.take()
+                    assert not lost
+                    numbers += [each.fields["number"] for each in events]
+            return numbers
+
+        def announce() -> None:
+            for _ in range(READERS):
+                assert reading.acquire(timeout=LONGEST_S)
+            for number in range(EVENTS):
+                live.announce({"event": "override", "number": number})
+
+        reading = threading.Semaphore(0)
+        announcing = threading.Thread(target=announce)
+        announcing.start()
+        found = await asyncio.gather(*(read() for _ in range(READERS)))
+        announcing.join(LONGEST_S)
+        assert live.snapshot().subscribers == 0
+        return found
+
+    assert asyncio.run(seen()) == [list(range(EVENTS))] * READERS
+
+
+def test_an_answer_is_made_once_for_all_who_wait_for_it() -> None:
+    async def answers() -> list[bytes]:
+        shared, made, may_end = SharedAnswers(), [], asyncio.Event()
+
+        async def make() -> bytes:
+            made.append(1)
+            await may_end.wait()
+            return b"%d" % len(made)
+
+        asking = [asyncio.create_task(shared.answer("part-1", make)) for _ in range(3)]
+        await asyncio.sleep(0)
+        asking[0].cancel()  # a client that leaves
+        may_end.set()
+        with pytest.raises(asyncio.CancelledError):
+            await asking[0]
+        found = [await each for each in asking[1:]]
+        return [*found, await shared.answer("part-1", make)]  # made anew: nothing is kept
+
+    assert asyncio.run(answers()) == [b"1", b"1", b"2"]
+
+
+def test_all_who_wait_hear_of_an_error() -> None:
+    async def fail() -> bytes:
+        raise Denied(404, "part-1: there is no result of it")
+
+    async def errors() -> list[str]:
+        shared = SharedAnswers()
+        asking = (shared.answer("part-1", fail) for _ in range(3))
+        return [str(each) for each in await asyncio.gather(*asking, return_exceptions=True)]
+
+    assert asyncio.run(errors()) == ["part-1: there is no result of it"] * 3
